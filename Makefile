@@ -1,10 +1,12 @@
 # make demo    run the ground-vehicle mission, with a picture, a film and logs under out/
 # make test    run the tests
+# make test-processes   the tests of teams in real processes: whole missions, killed, repaired, migrated, in lockstep
 # make attack  attacks on live engines: each has to be held
 # make lint    style, format and types
 # make test-modeler   walk the README's tutorial in a real browser; needs npm and chromium
 # make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
 #
+# PYTEST has further options for pytest, such as PYTEST=--last-failed.
 # Everything is installed into a virtual environment of its own on first use. PYTHON names another interpreter.
 
 PYTHON ?= python3
@@ -15,12 +17,12 @@ DEMO := out/ground_vehicles
 
 ROS_PYTHON := .venv-ros/bin/python
 ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test_service_tasks.py test_engine_processes.py \
-	test_ros.py test_ros_parameters.py test_ros_package.py test_gazebo.py)
+	test_ros.py test_ros_parameters.py test_ros_package.py test_gazebo.py test_node_parameters.py test_lockstep.py)
 
 # What Camunda Modeler is made of, as a file for browsers.
 MODELER := camunda-bpmn-js@5.35.0
 
-.PHONY: demo test attack test-modeler test-ros lint clean
+.PHONY: demo test test-processes attack test-modeler test-ros lint clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/ground_vehicles.yaml --picture $(DEMO).png --animate $(DEMO).gif \
@@ -28,7 +30,10 @@ demo: $(VENV)/sim.installed
 	@ls $(DEMO).*
 
 test: $(VENV)/dev.installed
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 3 --dist worksteal -m "not processes" $(PYTEST)
+
+test-processes: $(VENV)/dev.installed
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m processes $(PYTEST)
 
 attack: $(VENV)/dev.installed
 	$(BIN)/python benchmarks/attack.py --again
@@ -45,7 +50,7 @@ test-ros: $(ROS_PYTHON)
 	cmake -S tests/ros_workspace/farm_msgs -B out/ros/build -DCMAKE_INSTALL_PREFIX=$(CURDIR)/out/ros/install
 	cmake --build out/ros/build --target install
 	. out/ros/install/share/farm_msgs/local_setup.sh && ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 \
-		$(ROS_PYTHON) -m pytest -m ros -rs -W default $(ROS_TESTS)
+		$(ROS_PYTHON) -m pytest -m ros -rs -W default $(PYTEST) $(ROS_TESTS)
 
 lint: $(VENV)/dev.installed
 	$(BIN)/ruff check
@@ -64,4 +69,4 @@ $(BIN)/python:
 
 $(ROS_PYTHON):
 	python3 -m venv --system-site-packages .venv-ros
-	.venv-ros/bin/pip install --quiet --editable '.[sim]' 'cryptography>=42' 'pytest>=8'
+	.venv-ros/bin/pip install --quiet --editable '.[sim,dds]' 'cryptography>=42' 'pytest>=8'

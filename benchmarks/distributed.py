@@ -8,7 +8,7 @@ start         of one engine, until it is there: processor time, memory
 deployment    from the first word to the last robot's "started", by two phases; the first one of engines apart
 twenty        engines started at once: until all have been found, and until all run their process; beside it how much
               else the machine had to do, and what went over loopback
-hundred       the same with a hundred, only if it is asked for
+hundred       the same with a hundred, only if it is asked for; engines:30 with another number
 messages      how many messages a second go from one process to another
 idle          an engine whose process waits: share of a core, memory
 redeployed    the same engine after 10 and after 1000 new processes: memory, threads, files, DDS entities
@@ -38,7 +38,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import dds
+import trips
 
 from fame.bpmn.library import Library
 from fame.bpmn.reader import read, read_text
@@ -51,7 +51,7 @@ from fame.scenario.process import PARENT, connect, scheduler_for
 ROOT = Path(__file__).resolve().parents[1]
 DOMAIN = 1 + os.getpid() % 90
 ROUNDS, TRIPS = 6, 1000
-PATIENCE = 60.0
+PATIENCE = 180.0
 REST = 5.0  # s after which engines have loaded what they will need
 BYTECODE: dict[str, str] = {}
 MIDDLEWARE = ["dds"]
@@ -92,7 +92,7 @@ PING_PONG = f"""{HEAD} targetNamespace="t">{SIGNALS}<collaboration id="c">
 <participant id="A" name="A" processRef="pa"/><participant id="B" name="B" processRef="pb"/></collaboration>
 <process id="pa">{_event("startEvent", "sa", "go")}
 <scriptTask id="begin"><script>import time
-text, times = "{dds.PAYLOAD}", [time.perf_counter_ns()]</script></scriptTask>
+text, times = "{trips.PAYLOAD}", [time.perf_counter_ns()]</script></scriptTask>
 <exclusiveGateway id="again"/>{_event("intermediateThrowEvent", "ask", "ping", "${text}")}
 {_event("intermediateCatchEvent", "answered", "pong")}
 <scriptTask id="note"><script>times.append(time.perf_counter_ns())</script></scriptTask>
@@ -109,7 +109,7 @@ text, times = "{dds.PAYLOAD}", [time.perf_counter_ns()]</script></scriptTask>
 
 
 def _waiting(name: str, pool: str) -> str:
-    """A process that waits for ever at an event `name`."""
+    """A process that waits forever at an event `name`."""
     return f"""{HEAD} targetNamespace="t"><signal id="S" name="never"/><collaboration id="c">
 <participant id="P" name="{pool}" processRef="p"><participantMultiplicity minimum="1"/></participant></collaboration>
 <process id="p"><startEvent id="s"/><intermediateCatchEvent id="{name}"><signalEventDefinition signalRef="S"/>
@@ -170,6 +170,7 @@ class Field:
             ended=lambda deployment: self.scheduler.stop(),
             only=only,
             library=Library(),
+            patience=PATIENCE,
         )
         sent.begin()
         while not sent.done:
@@ -220,18 +221,20 @@ def round_trip() -> Iterator[Row]:
 
         name = "bare Zenoh"
     else:
-        plain, name = dds, "bare Cyclone"
-    echo = subprocess.Popen([sys.executable, plain.__file__, "bare", str(plain.DOMAIN)])
+        import dds as plain
+
+        name = "bare Cyclone"
+    echo = subprocess.Popen([sys.executable, plain.__file__, "bare", str(trips.DOMAIN)])
     try:
         with field("A", "B") as team:
             team.deploy(read_text(PING_PONG, file="ping_pong.bpmn"))
-            trips: dict[str, Callable[[int], list[int]]] = {name: plain.bare(), "engines": partial(_trips, team)}
+            kinds: dict[str, Callable[[int], list[int]]] = {name: plain.bare(), "engines": partial(_trips, team)}
             if find_spec("rclpy") is not None:
-                trips["rclpy"] = rclpy_trips()
+                kinds["rclpy"] = rclpy_trips()
             time.sleep(1)
-            times: dict[str, list[int]] = {kind: [] for kind in trips}
+            times: dict[str, list[int]] = {kind: [] for kind in kinds}
             for number in range(ROUNDS + 1):
-                for kind, trip in trips.items():
+                for kind, trip in kinds.items():
                     taken = trip(TRIPS)
                     times[kind] += taken if number else []  # the first round warms up
     finally:
@@ -266,7 +269,7 @@ def _trips(team: Field, number: int) -> list[int]:
     return taken[:number]
 
 
-def rclpy_trips() -> dds.Trips:
+def rclpy_trips() -> trips.Trips:
     """A ping-pong between two processes of plain rclpy nodes."""
     import atexit
 
@@ -290,7 +293,7 @@ def rclpy_trips() -> dds.Trips:
         taken = []
         for _ in range(number):
             began = time.perf_counter_ns()
-            publisher.publish(String(data=dds.PAYLOAD))
+            publisher.publish(String(data=trips.PAYLOAD))
             heard.clear()
             while not heard:
                 executor.spin_once()
@@ -354,6 +357,11 @@ def hundred() -> Iterator[Row]:
     yield from _many(100, found=15, running=30)
 
 
+def engines(number: int) -> Iterator[Row]:
+    """As many as are asked for, with goals in proportion to those for a hundred."""
+    yield from _many(number, found=max(5, 15 * number // 100), running=max(10, 30 * number // 100))
+
+
 def _many(number: int, found: int, running: int) -> Iterator[Row]:
     robots = [f"R_{number}" for number in range(1, number + 1)]
     yield Row("load of the machine before", round(os.getloadavg()[0], 1))
@@ -364,6 +372,7 @@ def _many(number: int, found: int, running: int) -> Iterator[Row]:
         used = sum(_cpu(engine.pid) for engine in team.engines.values())
         yield Row(f"{number} engines, processor time of each until then", round(used / number, 2), "s")
         yield Row(f"{number} engines, discovery traffic of each", round(sent / 1000), "kB")
+        yield Row(f"{number} engines, of that for each other engine", round(sent / 1000 / (number - 1), 2), "kB")
         took = team.deploy(read_text(_waiting("here", "R"), file="many.bpmn"))
         team.until(lambda: all(report.instances for report in team.last.values()))
         total = time.monotonic() - team.began
@@ -393,7 +402,7 @@ def messages() -> Iterator[Row]:
     try:
         middleware.wait_matched(["/many", "/taken"], PATIENCE)
         time.sleep(1)
-        message = create(STRING, dds.PAYLOAD)
+        message = create(STRING, trips.PAYLOAD)
         for _ in range(number):
             publisher.publish(message)
         scheduler.run(scheduler.now + 30 * SECOND)
@@ -510,6 +519,9 @@ def main() -> None:
     if words == ["rclpy-echo"]:
         rclpy_echo()
         return
+    for word in words:
+        if word.startswith("engines:"):
+            CASES[word] = partial(engines, int(word.removeprefix("engines:")))
     unknown = [word for word in words if word not in CASES]
     if unknown:
         print(f"no case {', '.join(unknown)}; there are {', '.join(CASES)}", file=sys.stderr)

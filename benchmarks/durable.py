@@ -6,6 +6,7 @@ restores its engine, model included. `fsync` is the median time of one write to 
 
     python benchmarks/durable.py
     python benchmarks/durable.py --only throw --rounds 15
+    python benchmarks/durable.py --cases 500        # instead: engines killed at 500 seeded records (`durable_cases.py`)
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import fame
 from fame.bpmn import read_text
-from fame.robot.durable import Recorder, restored
+from fame.robot.durable import Recorder
 from fame.robot.journal import Journal, StateDirectory
+from fame.robot.restoring import restored
 from models import CASES, VARIABLES, Case, Drawing, file, started
 
 ROWS = ("sequence", "throw and catch", "throw and catch, typed", "event sub-process, outside", "instances")
@@ -140,13 +142,33 @@ def rows(arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
         yield disk()
 
 
+def kill(cases: int, seed: int) -> int:
+    """Kill engines at seeded records. Returns 1 if something was different afterwards."""
+    import durable_cases
+
+    different = False
+    for row in durable_cases.rows(cases, seed):
+        print(json.dumps(row), flush=True)
+        different = different or bool(row["different"])
+    return int(different)
+
+
 def main() -> None:
     """Run the rows."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--only", default="", metavar="TEXT", help="rows with this in their name")
     parser.add_argument("--rounds", type=int, default=7, help="turns of each (default: 7)")
+    parser.add_argument(
+        "--cases",
+        type=int,
+        metavar="N",
+        help="kill engines at N seeded records of two missions; exit code 1 on a difference",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of the records (default: 1)")
     arguments = parser.parse_args()
     print(json.dumps({"load": os.getloadavg()[0]}))
+    if arguments.cases is not None:
+        sys.exit(kill(arguments.cases, arguments.seed))
     for row in rows(arguments):
         print(json.dumps(row), flush=True)
 

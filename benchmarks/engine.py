@@ -38,7 +38,8 @@ from fame.bpmn import read_text
 from fame.bpmn.model import Definitions, Expression
 from fame.engine import Engine, compile_program
 from fame.log import logging_to
-from fame.scripting import compile_expression, compile_script, interface
+from fame.scripting import compile_expression, compile_script
+from fame.scripting.interface import interface
 from models import CASES, VARIABLES, Case, loop, sequence
 
 ROUNDS = 7

@@ -18,7 +18,8 @@ from fame.bpmn.model import Expression, Language
 from fame.clock import Scheduler
 from fame.engine.data import Variables
 from fame.middleware.local import LocalMiddleware
-from fame.scripting import Runner, compile_expression, compile_script, interface
+from fame.scripting import Runner, compile_expression, compile_script
+from fame.scripting.interface import interface
 
 ROUNDS = 7
 SECONDS = 0.15

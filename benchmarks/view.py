@@ -22,7 +22,7 @@ from typing import Any
 from playwright.sync_api import sync_playwright
 
 from fame.bpmn.reader import read
-from fame.log.recorder import RecordingFile
+from fame.log.recording_file import RecordingFile
 from fame.view import Replay, Server
 
 MODEL = Path(__file__).parent.parent / "models" / "agriculture.bpmn"

@@ -1,4 +1,4 @@
-"""The `fame` command, also as ``python -m fame``: a Ctrl-C is told in one line from its first import on."""
+"""The `fame` command, also as ``python -m fame``. A Ctrl-C is reported in one line, also during imports."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _PATIENCE = 0.5
 
 
 def main() -> int:
-    """Do what the command line says and return the exit code. See `fame.cli`."""
+    """Run the command line and return the exit code. See `fame.cli`."""
     try:
         from fame import cli
     except KeyboardInterrupt:
@@ -31,7 +31,7 @@ def _without_waiting(code: int) -> int:
             thread.join(_PATIENCE)
     if left := [thread.name for thread in others if not thread.daemon and thread.is_alive()]:
         with suppress(OSError):
-            print(f"fame: ended while threads were at work: {', '.join(left)}", file=sys.stderr, flush=True)
+            print(f"fame: ended while threads were running: {', '.join(left)}", file=sys.stderr, flush=True)
             sys.stdout.flush()
         os._exit(code)
     return code

@@ -11,6 +11,7 @@ from fame.errors import UnavailableError
 
 _EXTRAS = {
     "PIL": ("animations need Pillow", "sim"),
+    "orjson": ("--state needs orjson", "all"),
     "joblib": ("campaigns need joblib", "campaign"),
     "distributed": ("--backend dask needs distributed", "dask"),
     "ray": ("--backend ray needs ray", "ray"),

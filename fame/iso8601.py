@@ -14,7 +14,6 @@ from calendar import monthrange
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, tzinfo
-from fractions import Fraction
 from functools import lru_cache
 from itertools import count
 
@@ -134,6 +133,9 @@ def parse_duration(text: str) -> Duration:
         raise ValueError(f"{text!r} has a fraction before its last part: ISO 8601 allows one in the last part only")
     if any("." in parts.get(unit, "") for unit in _MONTHS):
         raise ValueError(f"{text!r} has a fraction of a year or month, which has no fixed length: give days")
+
+    from fractions import Fraction  # with decimal it takes longer to import than all the rest of FAME's clock
+
     months = sum(int(parts.get(unit, 0)) * factor for unit, factor in _MONTHS.items())
     return Duration(months, round(sum(Fraction(parts.get(unit, 0)) * factor for unit, factor in _NANOSECONDS.items())))
 

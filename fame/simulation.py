@@ -157,7 +157,7 @@ class Simulation:
         Scripts that wait start again when the file is loaded. Raises ConfigError for a file that cannot be written, and
         for a variable that cannot be stored.
         """
-        from fame.robot.durable import save
+        from fame.robot.restoring import save
 
         self._begin()
         mission = self.node.mission
@@ -188,8 +188,8 @@ class Simulation:
         The model is read again from its file, unless it is given. Raises ConfigError for a file that is damaged or is
         no such state, and for the state of another model.
         """
-        from fame.robot.durable import load
         from fame.robot.journal import read_segment
+        from fame.robot.restoring import load
 
         found = read_segment(Path(path))
         header = found.header

@@ -1,10 +1,9 @@
-"""Text that came from elsewhere, made fit to be printed, and what it may have meant."""
+"""Text from elsewhere: make it printable, and suggest similar names."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from difflib import get_close_matches
 
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 NAMES = "letters, digits and _, not starting with a digit"
@@ -23,6 +22,8 @@ def printable(text: str) -> str:
 
 def suggestion(word: str, known: Iterable[str]) -> str:
     """What to use instead of `word`: the closest of the known words, else all of them."""
+    from difflib import get_close_matches
+
     words = list(known)
     close = get_close_matches(word, words, n=1)
     return f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(words) or 'none'}"

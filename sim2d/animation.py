@@ -301,7 +301,7 @@ _PAUSE = 3000
 
 
 def write_gif(frames: Iterator[Image], path: str, fps: float) -> None:
-    """Write a GIF that repeats for ever."""
+    """Write a GIF that repeats forever."""
     from PIL import Image
 
     colours = Image.new("P", (1, 1))

@@ -228,9 +228,9 @@ BUILT_IN = {
     "car": "robots.vehicles:Car",
     "carrier": "robots.vehicles:Carrier",
     "drone": "robots.drone:Drone",
-    "mh5": "robots.arm.cutter:Cutter",
+    "mh5": "robots.arm.mh5:Cutter",
     "tractor": "robots.vehicles:Tractor",
-    "ur5e": "robots.arm.handler:Handler",
+    "ur5e": "robots.arm.ur5e:Handler",
 }
 """Where the types are that come with FAME, in the form of an entry point."""
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fame.config.values import Point
@@ -23,8 +25,8 @@ if TYPE_CHECKING:
     from sim2d.config import WorldConfig
     from sim2d.world import World
 
-Put = Callable[[str, int, str], object]
-"""Takes a topic, a time (ns) and JSON."""
+Put = Callable[[str, int, Callable[[], str]], object]
+"""Takes a topic, a time (ns), and what makes the message (JSON), which can be pickled: in another process, perhaps."""
 
 _RATE = 10.0
 _FRAME = "world"
@@ -41,7 +43,7 @@ class SceneRecorder:
     def __init__(self, world: World, put: Put, wanted: Callable[[], bool] = lambda: True) -> None:
         self._put, self._wanted = put, wanted
         self._every = max(1, math.floor(1 / (_RATE * world.step) + 0.5))
-        self._outlines = {name: _outline(robot, number) for number, (name, robot) in enumerate(world.robots.items())}
+        self._text = SceneText([Shown.of(robot, number) for number, robot in enumerate(world.robots.values())])
         self._last: list[Appearance] = []
         self._changes: object = None
         world.watchers.append(self._watch)
@@ -52,23 +54,46 @@ class SceneRecorder:
         changes = _changes(world)
         if changes != self._changes:
             self._changes = changes
-            self._put("/fame/ground", world.scheduler.now, ground_scene(world))
+            text = ground_scene(world)
+            self._put("/fame/ground", world.scheduler.now, partial(str, text))
         if not self._wanted():
             self._last = []
             return
         looks = [robot.appearance for robot in world.robots.values()]
         if looks != self._last:
             self._last = looks
-            self._put("/fame/world", world.scheduler.now, self._scene(world, looks))
+            self._put("/fame/world", world.scheduler.now, partial(self._text.scene, world.now, looks))
 
-    def _scene(self, world: World, looks: Sequence[Appearance]) -> str:
-        now = _time(world.now)
-        entities = ",".join(
-            self._entity(robot, look, now) for robot, look in zip(world.robots.values(), looks, strict=True)
-        )
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What does not change of how a robot is shown: its outline (m), JSON of this and of its name."""
+
+    name: str
+    type: str
+    outline: list[list[float]]
+    line: str
+    label: str
+
+    @classmethod
+    def of(cls, robot: SimulatedRobot, number: int) -> Shown:
+        """Of one robot, the `number`-th of its world."""
+        return cls(robot.name, robot.type, _rounded(robot.outline), *_outline(robot, number))
+
+
+class SceneText:
+    """Makes the messages of robots, as they looked at one time."""
+
+    def __init__(self, robots: Sequence[Shown]) -> None:
+        self._robots = robots
+
+    def scene(self, now: float, looks: Sequence[Appearance]) -> str:
+        """The message of a time (s)."""
+        time = _time(now)
+        entities = ",".join(self._entity(robot, look, time) for robot, look in zip(self._robots, looks, strict=True))
         return f'{{"deletions":[],"entities":[{entities}]}}'
 
-    def _entity(self, robot: SimulatedRobot, look: Appearance, now: str) -> str:
+    def _entity(self, robot: Shown, look: Appearance, now: str) -> str:
         """One robot: its outline, its name above it, and its appearance."""
         x, y, heading = look.pose
         half = heading / 2
@@ -77,13 +102,12 @@ class SceneRecorder:
             f'"orientation":{{"x":0,"y":0,"z":{math.sin(half):.5f},"w":{math.cos(half):.5f}}}}}'
         )
         name = _encode(robot.name)
-        line, text = self._outlines[robot.name]
         look_text = _encode(_encode(appearance(robot, look)))
         return (
             f'{{"timestamp":{now},"frame_id":"{_FRAME}","id":{name},"lifetime":{{"sec":0,"nsec":0}},'
             f'"frame_locked":false,"metadata":[{{"key":"appearance","value":{look_text}}}],'
-            f'"arrows":[],"cubes":[],"spheres":[],"cylinders":[],"lines":[{line % pose}],"triangles":[],'
-            f'"texts":[{text % pose}],"models":[]}}'
+            f'"arrows":[],"cubes":[],"spheres":[],"cylinders":[],"lines":[{robot.line % pose}],"triangles":[],'
+            f'"texts":[{robot.label % pose}],"models":[]}}'
         )
 
 
@@ -94,7 +118,7 @@ def _changes(world: World) -> object:
     return cut, doors, [(parcel.at, parcel.carrier) for parcel in world.parcels.all]
 
 
-def appearance(robot: SimulatedRobot, look: Appearance) -> dict[str, Any]:
+def appearance(robot: Shown, look: Appearance) -> dict[str, Any]:
     """How a robot looks, as plain data: m, rad; what is as usual is left out."""
     x, y, heading = look.pose
     data: dict[str, Any] = {"type": robot.type, "x": round(x, 4), "y": round(y, 4), "heading": round(heading, 4)}
@@ -125,7 +149,7 @@ def appearance(robot: SimulatedRobot, look: Appearance) -> dict[str, Any]:
         ]
     if look.note:
         data["note"] = look.note
-    data["outline"] = _rounded(robot.outline)
+    data["outline"] = robot.outline
     return data
 
 
@@ -202,7 +226,7 @@ def _points(points: Iterable[Sequence[float]]) -> list[Point]:
 
 
 def ground_data(world: World) -> dict[str, Any]:
-    """What stands and lies on the ground, as plain data: m."""
+    """The objects on the ground, as plain data: m."""
     config = world.config
     warehouse: dict[str, Any] = {}
     if config.stations:

@@ -114,7 +114,7 @@ class World:
         self._next = self.scheduler.soon(self._sense, Kind.WORLD)
 
     def stop(self) -> None:
-        """Stop stepping; `start` goes on."""
+        """Stop stepping; `start` continues."""
         if self._next is not None:
             self._next.cancel()
             self._next = None

@@ -8,7 +8,7 @@ A robot is a list of steps::
     "run x = 1"     a script                         "person"       a user task
     ("and", A, B)   branches in parallel             ("or", A, B)   one of them, by an unknown value
     ("if", C, A, B) A if condition C, else B         ("race", A, B) the first whose catch or timer comes
-    ("loop", A)     again and again, or not          ("while", A)   for ever
+    ("loop", A)     again and again, or not          ("while", A)   forever
     ("scope", A, x, H)  a sub-process A with an interrupting event sub-process H for signal x
     "stop"          terminate                        "end"          an end event in a branch
 

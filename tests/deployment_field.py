@@ -26,7 +26,7 @@ def definitions(*content: str) -> str:
 
 
 def patrol(mark: int) -> str:
-    """A process that sets `mark` and then waits for a signal for ever."""
+    """A process that sets `mark` and then waits for a signal forever."""
     return definitions(
         '<signal id="S" name="stop"/>',
         process(
@@ -111,7 +111,7 @@ def kill(deployment: Deployment) -> None:
         entry.cancel()
 
 
-def made(field: Field, text: str, id: str, sequence: int) -> Deployment:
+def made(field: Field, text: str, id: str, sequence: int, **options) -> Deployment:
     """A deployment to A and B that has not begun."""
     return Deployment(
         read_text(text, file="team.bpmn"),
@@ -121,4 +121,5 @@ def made(field: Field, text: str, id: str, sequence: int) -> Deployment:
         middleware=field.middleware,
         ended=lambda deployment: None,
         robots=["A", "B"],
+        **options,
     )

@@ -6,16 +6,19 @@ import json
 import shutil
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import fame
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
-from fame.robot.durable import Recorder, restored
+from fame.robot import RobotNode
+from fame.robot.durable import Recorder
 from fame.robot.journal import Contents, Journal, StateDirectory
+from fame.robot.restoring import restored
 from fame.robot.state_tables import fold
+from fame.scenario.run import Run
 
 Step = Callable[[fame.Simulation], bool]
 
@@ -132,3 +135,54 @@ class Do:
     def __call__(self, simulation: fame.Simulation) -> bool:
         getattr(simulation, self.method)(*self.arguments)
         return True
+
+
+class DurableRun(Run):
+    """A run whose engines keep journals; `kill` ends one as its process would, and starts it again."""
+
+    folder: Path
+
+    def begin(self) -> None:
+        self.keepers: dict[str, tuple[StateDirectory, Recorder]] = {}
+        self.kills = 0
+        for node in self.nodes:
+            directory = StateDirectory(self.folder / node.name)
+            recorder = Recorder(node, Journal(directory, {"robot": node.name}))
+            recorder.begin()
+            self.keepers[node.name] = directory, recorder
+        super().begin()
+
+    def kill(self, robot: str) -> None:
+        """Kill the engine of a robot now, and start it again."""
+        place, old = next((place, node) for place, node in enumerate(self.nodes) if node.name == robot)
+        if not old.engine.instances:
+            return
+        self.kills += 1
+        directory, recorder = self.keepers[robot]
+        recorder._quiet = True
+        recorder.journal.close()
+        for task in old.runner._tasks.values():
+            if task.due is not None:
+                task.due.cancel()
+        old.runner._tasks.clear()
+        old.runner._untils.clear()
+        old.host.timers.close()
+        old.node.close()
+        new = self._alone(robot)
+        found = directory.read()
+        assert found is not None
+        tables = restored(new, found)
+        again = Recorder(new, Journal.resume(directory, found))
+        self.keepers[robot] = directory, again
+        self.nodes[place] = new
+        again.go_on(tables, 0.0)
+
+    def _alone(self, robot: str) -> RobotNode:
+        """A node of one robot, loaded."""
+        team = self.scenario
+        self.scenario = replace(team, cast={robot: team.cast[robot]})
+        try:
+            (node,) = self._build_nodes(strict=False)
+        finally:
+            self.scenario = team
+        return node

@@ -22,7 +22,7 @@ from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.interface import Middleware, Node
 from fame.middleware.local import LocalMiddleware
 
-TIMEOUT = 10.0
+TIMEOUT = 30.0
 _SLICE = SECOND // 200
 _QUIET = SECOND // 20
 
@@ -48,7 +48,7 @@ class World(Protocol):
     scheduler: Scheduler
     warnings: list[str]
 
-    def node(self, name: str, namespace: str = "") -> Node: ...
+    def node(self, name: str, namespace: str = "", part: str = "") -> Node: ...
 
     def connect(self, *topics: str) -> None:
         """Wait until all ends of the topics are connected."""
@@ -76,8 +76,8 @@ class LocalWorld:
     def warnings(self) -> list[str]:
         return list(map(str, self.middleware.warnings))
 
-    def node(self, name: str, namespace: str = "") -> Node:
-        return self.middleware.node(name, namespace)
+    def node(self, name: str, namespace: str = "", part: str = "") -> Node:
+        return self.middleware.node(name, namespace, part)
 
     def connect(self, *topics: str) -> None:
         pass
@@ -105,10 +105,10 @@ class WallWorld:
         self.middlewares: list[Any] = []
         self._make, self._apart = make, apart
 
-    def node(self, name: str, namespace: str = "") -> Node:
+    def node(self, name: str, namespace: str = "", part: str = "") -> Node:
         if self._apart or not self.middlewares:
             self.middlewares.append(self._make(self.scheduler, on_warning=self._warn))
-        node: Node = self.middlewares[-1].node(name, namespace)
+        node: Node = self.middlewares[-1].node(name, namespace, part)
         return node
 
     def connect(self, *topics: str) -> None:

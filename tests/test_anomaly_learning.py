@@ -17,10 +17,11 @@ from sklearn.svm import SVC, OneClassSVM
 
 from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import _HOMES, TRAIN, VALIDATION, OutputMatrix, expand_candidates, render, rows
-from fame.monitor.anomaly.learn import Interface, best, learn
+from fame.monitor.anomaly.learn import Interface, best, checked, learn
 from fame.monitor.anomaly.learning_file import load
+from fame.monitor.anomaly.live import RunMonitor
 from fame.monitor.anomaly.model import DataPersist, DataProcess, data_hash, load_model, save_model
-from fame.monitor.anomaly.recording import join, of_runs, write_csv
+from fame.monitor.anomaly.recording import Recording, join, of_runs, read_csv, write_csv
 from fame.monitor.model_card import card_of
 from fame.monitor.storage import write_artefact
 
@@ -289,13 +290,13 @@ def test_a_corrupt_file_and_a_missing_one_are_refused(folder: Path):
         ),
         ("reduction: 2", "reduction: 9", r"reduction: expected 0 \(none\) or 1 to"),
         ("class: SVC", "class: Magic", "two: expected a class of .*, got 'Magic'"),
-        ("{gamma: 20, C: 100}", "{gama: 20}", "SVC does not take that: .*gama"),
+        ("{gamma: 20, C: 100}", "{gama: 20}", "SVC rejects its parameters: .*gama"),
         ("threshold: 0.5", "threshold: 5", r"Classifiers\[0\].threshold: expected a number from 0 to 1, got 5"),
         ("both.csv", "benign.csv", "has benign points only"),
         ("folds: 3", "folds: 9", "at least 9 are needed"),
         ("folds: 3", "folds: 1", r"Split\.folds: expected 0 \(no validation\) or at least 2, got 1"),
         ("reduction: 2", "scaling: log", r"Operations\.scaling: expected a scaling, got 'log'; .*minmax"),
-        ("nu: 0.1", "nu: 7", r"benign\.csv: OneClassSVM does not learn from that: .*'nu'"),
+        ("nu: 0.1", "nu: 7", r"benign\.csv: OneClassSVM cannot be trained on these data: .*'nu'"),
         ("Split: {folds: 3}", "Grid: {reduction: 2}", r"Grid\.reduction: expected a list of values to try such as"),
         ("Split: {folds: 3}", "Grid: {two: {gamma: 5}}", r"Grid\.two\.gamma: expected a list of values to try, got 5"),
         (
@@ -420,3 +421,115 @@ def test_the_threshold_is_told_in_points_and_the_card_says_what_was_learned(fold
     assert card["Threshold"]["in points"] == model.alarm_text()
     assert card["Data"]["sha256"] == model.data
     assert any("sees single points" in text for text in card["Limits"])
+
+
+# ---- a stated rate of false alarms, and classifiers together ---------------------------------------------------------
+
+TOGETHER = """
+Classifiers:
+  - {name: one, class: OneClassSVM, parameters: {nu: 0.1, gamma: 5}, threshold: 0.5}
+  - {name: two, class: SVC, parameters: {gamma: 20, C: 100}, threshold: 0.2}
+  - {name: either, class: "any of one, two"}
+  - {name: both, class: "all of one, two"}
+Split: {folds: 3}
+"""
+
+
+def test_thresholds_promise_a_rate_of_false_alarms(folder: Path):
+    (folder / "learning.yaml").write_text(FILES + CLASSIFIERS + "FalseAlarms: 0.2 per run\n")
+    one, two = learn(load(folder / "learning.yaml"))
+    for item in (one, two):
+        calibration = item.model.calibration
+        assert calibration.promised == pytest.approx(1 / 7)  # 6 runs
+        held = item.on(VALIDATION)
+        benign = [score for score, label in zip(held.scores, held.labels, strict=True) if label == 1]
+        assert item.model.threshold == max(benign + ([0.5] if item is one else []))  # a given one is the least
+    card = card_of(one.model)
+    assert card["False alarms"]["promise"] == "at most 0.14 false alarms per run, by 6 runs (asked for: 0.2)"
+    assert card["False alarms"]["measured per run"] == 0.0
+
+
+def test_a_rate_that_the_runs_cannot_promise_is_told(folder: Path):
+    (folder / "learning.yaml").write_text(FILES + CLASSIFIERS + "FalseAlarms: 0.01 per run\n")
+    for item in learn(load(folder / "learning.yaml")):
+        assert "6 runs promise 0.14 per run at best, 99 are needed" in item.note
+        assert card_of(item.model)["False alarms"]["promised per run"] is None
+
+
+def test_classifiers_complement_each_other(folder: Path):
+    (folder / "learning.yaml").write_text(FILES + TOGETHER)
+    one, two, either, both = learn(load(folder / "learning.yaml"))
+    for item, combine in ((either, max), (both, min)):
+        members = zip(one.on(VALIDATION).scores, two.on(VALIDATION).scores, strict=True)
+        wanted = [combine(a / 0.5, b / 0.2) for a, b in members]
+        assert item.on(VALIDATION).scores == pytest.approx(wanted)
+        assert item.model.threshold == 1.0
+        assert tuple(item.on(VALIDATION).runs)[:2] == (6, 0)
+
+
+def test_a_combination_is_stored_and_scores_run_by_run_as_before(folder: Path, tmp_path: Path):
+    (folder / "learning.yaml").write_text(FILES + TOGETHER + "FalseAlarms: 0.2 per run\n")
+    *_, either, _ = learn(load(folder / "learning.yaml"))
+    save_model(either.model, tmp_path / "either.skops")
+    again = load_model(tmp_path / "either.skops")
+    assert again.calibration.promised == either.model.calibration.promised
+    assert "any of one: alarm from" in again.alarm_text()
+    assert card_of(again)["Model"]["detector"] == "either (any of one, two)"
+    test = either.evaluations[-1]
+    for run, score, label in zip(read_csv(folder / "test.csv"), test.scores, test.labels, strict=True):
+        monitor = RunMonitor(again, rule="signal")
+        monitor.begin()
+        for row in run.values.tolist():
+            monitor.step(0.0, row)
+        report = monitor.end()
+        assert report.score == pytest.approx(score)
+        assert report.above == (label == -1)
+
+
+@pytest.mark.parametrize("wrong", ["any of one", "any of one, three", "all of either, one"])
+def test_a_combination_of_what_is_not_there_is_refused(folder: Path, wrong: str):
+    (folder / "learning.yaml").write_text(FILES + TOGETHER.replace("all of one, two", wrong))
+    with pytest.raises(ConfigError, match=r"two or more classifiers of this file \(one, two\)") as error:
+        load(folder / "learning.yaml")
+    assert error.value.line
+
+
+def test_a_rate_needs_held_out_runs(folder: Path):
+    text = FILES + CLASSIFIERS.replace("folds: 3", "folds: 0") + "Threshold: 0.2\nFalseAlarms: 0.2 per run\n"
+    (folder / "learning.yaml").write_text(text)
+    with pytest.raises(ConfigError, match="FalseAlarms needs held-out benign runs"):
+        learn(load(folder / "learning.yaml"))
+
+
+# ---- data that are odd -----------------------------------------------------------------------------------------------
+
+
+def odd(runs: list[np.ndarray], labels: list[int]) -> Recording:
+    names = ("a", "b", "c")
+    return replace(
+        join([of_runs([run], label, names) for run, label in zip(runs, labels, strict=True)]), source="x.csv"
+    )
+
+
+def test_joints_that_never_move_and_runs_of_other_tasks_are_told():
+    random = np.random.default_rng(5)
+    runs = [np.column_stack([random.normal(size=(points, 2)), np.ones(points)]) for points in (20, 60)]
+    first, second = checked(odd(runs, [1, 1])).notes[-2:]
+    assert first == "x.csv: c never moved"
+    assert second == "x.csv: runs have from 20 to 60 points: are they of the same task?"
+
+
+def test_where_nothing_moves_there_is_nothing_to_learn():
+    with pytest.raises(ConfigError, match="no joint ever moves"):
+        checked(odd([np.ones((20, 3))] * 2, [1, 1]))
+
+
+def test_labels_that_contradict_each_other_are_refused():
+    random = np.random.default_rng(6)
+    run, other = random.normal(size=(20, 3)), random.normal(size=(20, 3))
+    with pytest.raises(ConfigError, match="runs 0 and 2 are the same points, one labelled 1, the other -1"):
+        checked(odd([run, other, run], [1, 1, -1]))
+    mixed = odd([run, other], [1, 1])
+    mixed.labels[30:] = -1
+    with pytest.raises(ConfigError, match="run 1 has points of both labels"):
+        checked(mixed)

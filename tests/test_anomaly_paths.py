@@ -174,19 +174,63 @@ def test_a_start_from_another_pose_is_tolerated_and_told(number: int):
 
 @pytest.mark.parametrize("number", [5, 13, 21])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_lost_samples_without_stamps_are_at_most_a_speed(number: int, seed: int):
+def test_lost_samples_without_stamps_are_at_most_sampling(number: int, seed: int):
     values = recording(BENIGN).select([number]).values
     kept = np.random.default_rng(seed).random(len(values)) > 0.02
     readings = learned().follow(run_of(values[kept]))
-    assert {reading.kind for reading in readings} <= {"", "speed"}
+    assert {reading.kind for reading in readings} <= {"", "sampling"}
 
 
-def test_a_constant_offset_is_drift():
+def test_sag_is_drift():
     values = recording(BENIGN).select([13]).values
     places = MH5.places(values) - [0.0, 0.0, 5e-5]
     anomalous, found = changes(MH5.quantised(inverse(MH5, places, MH5.orientations(values), values)))
     assert anomalous == 0
     assert found["drift"] > 2e-5
+
+
+def test_encoder_noise_is_tolerated_and_told():
+    values = recording(BENIGN).select([13]).values
+    random = np.random.default_rng(4)
+    noisy = MH5.quantised(values + random.normal(0, 3, values.shape) * 2 * np.pi / np.array(MH5.steps))
+    anomalous, found = changes(noisy)
+    assert anomalous <= 1  # two raise the alarm
+    assert 1e-5 < found["noise"] < 8e-5
+
+
+def test_half_the_rate_is_told_as_sampling():
+    readings = learned().follow(run_of(recording(BENIGN).select([13]).values[::2]))
+    kinds = [reading.kind for reading in readings if reading.anomalous]
+    assert len(kinds) > 50
+    assert kinds.count("sampling") > 0.9 * len(kinds)
+
+
+def test_half_the_rate_is_tolerated_where_stamps_tell_the_time():
+    period = 0.025
+    benign = recording(BENIGN).select(range(16, 30, 2))
+    tracker = PathDetector(MH5).fit(replace(benign, stamps=np.arange(len(benign)) * period)).tracker()
+    values = recording(BENIGN).select([21]).values[::2]
+    found = [tracker.step(row, 2 * period * number) for number, row in enumerate(values.tolist())]
+    assert sum(reading.anomalous for reading in found) <= 1
+    (sampling,) = [change for change in tracker.changes() if change.kind == "sampling"]
+    assert sampling.size == pytest.approx(0.5, abs=0.01)
+    assert sampling.tolerated
+
+
+def test_nothing_is_tolerated_with_bounds_of_zero():
+    detector = PathDetector(MH5, speed=0, pause=0, drift=0, noise=0).fit(recording(BENIGN).select(range(0, 30, 2)))
+    values = recording(BENIGN).select([13]).values
+    sagged = MH5.quantised(inverse(MH5, MH5.places(values) - [0.0, 0.0, 5e-5], MH5.orientations(values), values))
+    assert {reading.kind for reading in detector.follow(run_of(sagged)) if reading.anomalous} == {"path"}
+
+
+def test_a_run_that_is_elsewhere_from_its_first_to_its_last_point_is_no_other_start():
+    values = recording(BENIGN).select([13]).values
+    moved = inverse(MH5, MH5.places(values) - [1e-3, 0.0, 0.0], MH5.orientations(values), values)
+    readings = learned().follow(run_of(MH5.quantised(moved)))
+    anomalous = np.flatnonzero([reading.anomalous for reading in readings])
+    assert len(anomalous) > 300
+    assert anomalous[1] < 80
 
 
 def test_beyond_the_bounds_it_is_an_anomaly():

@@ -34,7 +34,7 @@ def test_inverse_kinematics_undo_forward_kinematics():
 
 def test_a_place_out_of_reach_is_named():
     values = np.zeros((1, 6)) + 0.1
-    with pytest.raises(MissionError, match=r"does not reach x 9\.0000"):
+    with pytest.raises(MissionError, match=r"cannot reach x 9\.0000"):
         inverse(MH5, np.array([[9.0, 0.0, 0.0]]), MH5.orientations(values), values)
 
 

@@ -329,7 +329,7 @@ def test_a_splitter_with_keys_takes_signed_diagrams_alone_and_each_once(keys, tm
     assert [reason.split(":")[1].split(";")[0] for reason in reasons] == [
         " not signed",
         " not signed by a key that this robot trusts",
-        " the signature is about something else",
+        " the signature belongs to another message",
         " signed 301 s ago",
     ]
     assert field.engines["A"].running is None
@@ -337,7 +337,7 @@ def test_a_splitter_with_keys_takes_signed_diagrams_alone_and_each_once(keys, tm
     spread(field, text)
     assert [engine.state for engine in field.engines.values()] == ["running", "running"]
     spread(field, text)
-    assert "recorded" in told[-1]
+    assert "replay" in told[-1]
     latched = []
     field.person.subscription("/fame_splitter/deployed", STRING, latched.append, STATUS_QOS)
     field.pass_time(1)

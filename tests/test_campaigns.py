@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 from bpmn_text import process, properties
@@ -141,7 +142,7 @@ def test_each_run_has_its_seed_values_and_measures_and_a_command_that_repeats_it
         assert row["measure.far"] == (None if speed > 0.9 else pytest.approx(2 * speed))
         assert row["measure.none"] is None
     failed = next(row for row in rows if row["status"] == "failed")
-    assert failed["cause"] == "P failed at t (slipped)"
+    assert failed["cause"] == "P failed at t: slipped"
     assert main([*shlex.split(failed["command"])[1:], "--json"]) == 1
     again = json.loads(capsys.readouterr().out)
     assert again["simulated"] == pytest.approx(failed["duration"], abs=1e-6)
@@ -180,6 +181,21 @@ def test_a_broken_model_stops_before_the_first_run(
     assert not out.exists()
 
 
+def test_a_script_that_fails_in_the_first_run_ends_the_campaign(
+    tmp_path: Path, scenario: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "m.bpmn").write_text(
+        process(f'<startEvent id="s"/><scriptTask id="t"><script>x = [][0]</script></scriptTask>{FLOW}')
+    )
+    scenario.write_text("model: m.bpmn\ncomputers: [P]\n")
+    out = tmp_path / "out"
+    assert main(["campaign", str(scenario), "--runs", "1000", "--jobs", "1", "-o", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert f"a script fails in the first run: P failed at t: script; see fame run {scenario} --seed 1" in said
+    assert len(Folder(out).rows()) == 1
+    assert f"to continue nevertheless: fame campaign --resume {out}" in said
+
+
 def test_a_process_that_dies_is_tried_again(scenario: Path, tmp_path: Path) -> None:
     script = f"""import os
 if {str(tmp_path / "died")!r} not in [str(one) for one in __import__('pathlib').Path({str(tmp_path)!r}).iterdir()]:
@@ -213,6 +229,29 @@ def test_a_campaign_goes_on_where_it_was_interrupted(scenario: Path, tmp_path: P
     rows = run_campaign(folder.campaign(), folder)
     assert sorted(row["run"] for row in rows) == list(range(1, 9))
     assert len(folder.rows()) == 8
+
+
+def test_ctrl_c_in_the_middle_of_a_run_ends_the_campaign_and_that_run_is_done_again(
+    scenario: Path, tmp_path: Path
+) -> None:
+    script = f"""import os, pathlib, signal
+begun = pathlib.Path({str(tmp_path / "begun")!r})
+begun.write_text("x" + (begun.read_text() if begun.exists() else ""))
+if begun.read_text() == "xxx":
+    os.kill(os.getpid(), signal.SIGINT)
+await sleep(1)
+"""
+    (tmp_path / "m.bpmn").write_text(
+        process(f'<startEvent id="s"/><scriptTask id="t"><script>{script}</script></scriptTask>{FLOW}')
+    )
+    scenario.write_text("model: m.bpmn\ncomputers: [P]\n")
+    campaign, folder = Campaign(scenario=str(scenario), runs=5, workers=1), Folder(tmp_path / "out")
+    folder.begin(campaign)
+    with pytest.raises(KeyboardInterrupt):
+        run_campaign(campaign, folder)
+    assert [(row["run"], row["status"]) for row in folder.rows()] == [(1, "completed"), (2, "completed")]
+    rows = run_campaign(campaign, folder)
+    assert [(row["run"], row["status"]) for row in rows] == [(number, "completed") for number in range(1, 6)]
 
 
 def test_it_stops_when_the_interval_is_narrow_enough(scenario: Path, tmp_path: Path) -> None:
@@ -287,8 +326,10 @@ def test_the_command_writes_rows_and_reports(
     assert len(lines) == 11
     assert "variables.P.speed" in lines[0]
     assert "<svg" in (out / "index.html").read_text()
+    for plot in ("success", "duration", "parameters"):
+        assert ElementTree.parse(out / f"{plot}.svg").getroot().tag == "{http://www.w3.org/2000/svg}svg"
     assert main(words) == 2
-    assert "has a campaign already: --resume goes on with it" in capsys.readouterr().err
+    assert "has a campaign already; use --resume to continue it" in capsys.readouterr().err
     assert main(["campaign", "--resume", str(out), "--jobs", "1", "--parquet"]) == 0
     assert "probability of completion: " in capsys.readouterr().out
     pandas = pytest.importorskip("pandas")

@@ -138,7 +138,7 @@ def test_a_topic_that_nobody_publishes_ends_the_run_at_its_duration(tmp_path: Pa
     assert main(["run", str(tmp_path / "s.yaml"), "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     assert (told["status"], told["simulated"]) == ("timeout", 3.0)
-    assert "P waits at t for receive on topic /P/battery, which nobody else publishes" in told["messages"]
+    assert "P waits at t for receive on topic /P/battery, which no other node publishes" in told["messages"]
 
 
 WORLD = "{{size: [4, 4], obstacles: [{{name: rock, at: [3, 3], radius: 0.5}}], robots: {{{robots}}}}}"

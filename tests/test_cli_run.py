@@ -278,7 +278,7 @@ def test_who_waits_for_somebody_is_told_how_to_reach_it(tmp_path: Path, capsys) 
     mission.write_text(process('<userTask id="u"/>', attributes='name="REX"'))
     assert main(["run", str(mission)]) == 1
     err = capsys.readouterr().err
-    assert "REX waits at u for somebody to complete it\n" in err
+    assert "REX waits at u for a person to complete it\n" in err
     assert "fame: --complete REX@S:u does it at simulated second S; fame complete reaches robots in processes" in err
 
 
@@ -296,7 +296,7 @@ def test_of_what_came_too_early_nothing_is_told_once_it_came_in_time() -> None:
         simulation.run(until=second)
         told.append([wait.text for wait in simulation.node.waiting_tokens()])
         simulation.signal("go")
-    topic = "topic /go, which nobody else publishes"
+    topic = "topic /go, which no other node publishes"
     assert told == [
         ["sleep(1)"],
         [f"{topic} (its last message came 1.5 s ago, before anything waited for it)"],

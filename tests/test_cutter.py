@@ -10,7 +10,7 @@ import pytest
 from grounds import Ground
 
 from fame.errors import UnavailableError
-from robots.arm.cutter import programmed
+from robots.arm.mh5 import programmed
 from robots.arm.task import MH5, TRIANGLE, find_cut
 
 JOINTS, EMPTY, TEXT, NUMBER = (

@@ -480,6 +480,8 @@ def test_after_many_deployments_everything_is_where_it_was(here: WallWorld) -> N
         return topics, threading.active_count(), len(Entity._entities), ends
 
     deploy()
+    last = [f"/{name}/set_parameters_atomically" for name in ("REX/engine", "world")]
+    here.until(lambda: all(middleware.offers(name) for middleware in here.middlewares for name in last))
     here.until(lambda: present()[0] == [1, 1])
     before = present()
     for _ in range(50):

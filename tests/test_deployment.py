@@ -59,7 +59,7 @@ def test_if_one_robot_stays_silent_nobody_starts():
     field = Field("A")
     sent = field.deploy(TEAM, robots=["A", "B"])
     assert sent.failed
-    assert "did not answer" in sent.robots["B"].reason or "nobody came" in sent.robots["A"].reason
+    assert "did not answer" in sent.robots["B"].reason or "not discovered" in sent.robots["A"].reason
     assert field.engines["A"].running is None
     assert field.engines["A"].state == "waiting"
 
@@ -71,7 +71,9 @@ def test_an_engine_tells_whoever_looks_at_it_what_it_refused_and_the_others_why_
     )
     sent = field.deploy(TEAM, robots=["A", "B"])
     assert sent.failed
-    assert {event.detail for event in told} == {"refused: not signed; this robot runs only what a trusted key signed"}
+    assert {event.detail for event in told} == {
+        "refused: not signed; this robot runs only deployments signed with a trusted key"
+    }
     assert sent.robots["B"].reason in ("had not answered yet", "called off because of A")
 
 
@@ -366,7 +368,7 @@ def test_a_report_tells_since_when_tokens_wait_for_which_topic_and_who_publishes
     field.send("A", patrol(1))
     field.pass_time(3)
     assert field.said[-1].waits == [
-        {"element": "c", "for": "topic /stop, which nobody else publishes", "since": 2.0, "topics": {"/stop": 0}}
+        {"element": "c", "for": "topic /stop, which no other node publishes", "since": 2.0, "topics": {"/stop": 0}}
     ]
     field.person.publisher("/stop", "std_msgs/msg/Empty")
     field.pass_time(1)
@@ -381,7 +383,7 @@ def test_a_report_tells_that_a_publisher_was_gone_and_came_back_while_a_token_wa
     field.pass_time(2)
     publisher.close()
     field.pass_time(20)
-    assert field.said[-1].waits[0]["for"] == "topic /stop, which nobody else publishes"
+    assert field.said[-1].waits[0]["for"] == "topic /stop, which no other node publishes"
     publisher = field.person.publisher("/stop", "std_msgs/msg/Empty")
     field.pass_time(3.5)
     (wait,) = field.said[-1].waits

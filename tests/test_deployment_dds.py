@@ -117,4 +117,4 @@ def test_a_task_that_is_too_long_is_refused_before_it_is_read(field):
     tasks = field.person.publisher("/A/bpmn_task", deploy.STRING)
     field.world.connect("/A/bpmn_task")
     tasks.publish(messages.create(deploy.STRING, "x" * 1_000_001))
-    assert "at most 1000000 are taken" in field.answer("refused").reason
+    assert "at most 1000000 are accepted" in field.answer("refused").reason

@@ -27,7 +27,7 @@ def test_robots_whose_sender_died_before_it_told_anybody_to_start_keep_what_they
     field.pass_time(10)
     assert [field.engines[name].running for name in "AB"] == kept
     reasons = [report.reason for report in field.said if report.answer == "aborted"]
-    assert ["nobody was told to start" in reason for reason in reasons] == [True, True]
+    assert ["before it told any robot to start" in reason for reason in reasons] == [True, True]
 
 
 def test_a_robot_whose_sender_died_after_it_told_another_to_start_starts_too():

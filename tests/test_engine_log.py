@@ -13,7 +13,7 @@ from fame.deploy import EngineNode
 from fame.log import Recording
 from fame.log.channels import EVENTS, KEY
 from fame.log.engine_log import EngineLog
-from fame.log.recorder import RecordingFile
+from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.robot.live import ElementFeed
 from tests.test_live_team import Field

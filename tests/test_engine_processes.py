@@ -12,6 +12,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -72,6 +73,42 @@ def test_an_engine_gets_its_process_waits_goes_on_and_leaves(
     told("complete", "REX", "wait", *over)
     engine.send_signal(signal.SIGINT)
     assert engine.wait(timeout=20) == 0
+
+
+DIAGRAM = """
+import sys
+from fame.deploy.splitter_node import DIAGRAM
+from fame.middleware.messages import create
+from fame.scenario.process import connect, scheduler_for
+scheduler = scheduler_for(sys.argv[1])
+middleware = connect(sys.argv[1], scheduler)
+publisher = middleware.node("modeler").publisher(DIAGRAM, "std_msgs/msg/String")
+assert middleware.wait_matched([DIAGRAM], 20) == []
+publisher.publish(create("std_msgs/msg/String", open(sys.argv[2]).read()))
+scheduler.run(scheduler.now + 500_000_000)
+middleware.close()
+"""
+"""Publishes a file for the splitter."""
+
+
+@pytest.mark.processes
+def test_a_splitter_deploys_the_diagram_that_is_published(
+    middleware: str, engine: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    (tmp_path / "wait.bpmn").write_text(MODEL)
+    over = ("--middleware", middleware)
+    words = fame("splitter", "--insecure", *over)
+    splitter = subprocess.Popen(words, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
+    try:
+        publish = [sys.executable, "-c", DIAGRAM, middleware, str(tmp_path / "wait.bpmn")]
+        subprocess.run(publish, env=ENVIRONMENT, timeout=60, check=True)
+        deadline = time.monotonic() + 40
+        while '"wait"' not in told("status", "--json", *over):
+            assert time.monotonic() < deadline
+        told("complete", "REX", "wait", *over)
+    finally:
+        splitter.kill()
+        splitter.wait()
 
 
 def refused(*words: str) -> str:

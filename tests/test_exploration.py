@@ -238,7 +238,7 @@ def test_a_single_fault_that_leaves_another_robot_waiting() -> None:
     assert [str(step) for step in fault.run][-2:] == ["DINGO receives /target_found", 'DINGO\'s "Go To" fails: blocked']
     outcomes = {name: outcome for search in result.searches for name, _, outcome in search.faults}
     assert outcomes["REX's engine dies"] == "the others complete"
-    assert "for ever" in outcomes["/done to REX is lost"]
+    assert "forever" in outcomes["/done to REX is lost"]
 
 
 # ---- bad input -------------------------------------------------------------------------------------------------------
@@ -269,3 +269,17 @@ def test_a_condition_that_raises_is_an_error_finding() -> None:
     result = found({"A": ["run n = 0", ("if", "1 // n == 1", ["work"], ["work"])]})
     (one,) = (one for one in result.findings if one.kind == "error")
     assert "ZeroDivisionError" in one.text
+
+
+def test_an_unknown_value_may_be_unpacked() -> None:
+    result = explore(
+        team({"A": ["run place = robot.now", "run x, y = place", ("if", "x > 1", ["work"], [])]}), delivery="run"
+    )
+    assert not result.findings
+
+
+def test_a_single_fault_is_not_followed_by_another_one() -> None:
+    """REX goes on if one of its behaviours never ends beside the others; only DINGO could keep it waiting."""
+    result = explore("models/ground_vehicles.bpmn", faults=True, delivery="run")
+    outcomes = {name: outcome for search in result.searches for name, _, outcome in search.faults}
+    assert outcomes['REX\'s "Go To" (Activity_Explore_GoTo) never ends'] == "the others complete"

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
-from collaborations import text_of
+from collaborations import Steps, text_of
 
 from fame.cli import main
+from fame.log import Recording
 
 
 @pytest.fixture
@@ -51,11 +54,29 @@ def test_traces_are_tests_that_fail_today_and_pass_once_it_is_mended(broken: Pat
     folder = tmp_path / "traces"
     assert main(["check", "--explore", str(broken), "--delivery", "run", "--trace", str(folder)]) == 1
     (test,) = folder.glob("test_*.py")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(test)]
-    assert subprocess.run(command, capture_output=True, check=False).returncode == 1
+    assert 'm = mission.by_hand("../broken.bpmn", lenient=True)' in test.read_text()
+    assert 'm.arrive("B", "/go")   # B misses /go: it does not listen' in test.read_text()
+    command = [sys.executable, "-m", "fame", "test", str(test)]
+    failed = subprocess.run(command, capture_output=True, check=False, text=True, cwd=tmp_path)
+    assert failed.returncode == 1, failed.stderr
+    assert "A: expected to have completed within 60 s" in failed.stdout
     broken.write_text(text_of({"A": ["throw go", "catch done"], "B": ["work", "queue go", "throw done"]}))
-    done = subprocess.run(command, capture_output=True, check=False, text=True)
+    done = subprocess.run(command, capture_output=True, check=False, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stdout
+
+
+def test_traces_are_recordings_of_the_real_engines_and_pictures(tmp_path: Path) -> None:
+    folder = tmp_path / "traces"
+    model = "models/ground_vehicles.bpmn"
+    main(["check", "--explore", model, "--delivery", "run", "--faults", "--trace", str(folder)])
+    test = next(path for path in folder.glob("test_*.py") if 'raises="blocked"' in path.read_text())
+    name = test.stem.removeprefix("test_")
+    assert "DINGO" in (folder / f"{name}.svg").read_text()
+    with Recording(folder / f"{name}.mcap") as recording:
+        events = [(event.robot, event.element, event.what) for event in recording.events()]
+    assert ("DINGO", "Activity_GoTo", "fail") in events
+    assert ("REX", "Event_DoneCaught", "enter") in events
+    assert ("REX", "Event_DoneCaught", "leave") not in events
 
 
 def test_options_that_need_explore(capsys: pytest.CaptureFixture[str]) -> None:
@@ -73,6 +94,91 @@ def test_a_model_with_errors_is_not_explored(tmp_path: Path, capsys: pytest.Capt
     assert "has errors: nothing is explored" in capsys.readouterr().err
 
 
+# ---- bad input -------------------------------------------------------------------------------------------------------
+
+
+def written(path: Path, steps: dict[str, Steps], **options: Any) -> str:
+    path.write_text(text_of(steps, **options))
+    return str(path)
+
+
+def test_no_code_of_a_model_is_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    marker = tmp_path / "marker"
+    (tmp_path / "helper.py").write_text(f"open({str(marker)!r}, 'w')")
+    script = f"run import sys\nsys.path.insert(0, {str(tmp_path)!r})\nimport helper\nx = open({str(marker)!r}, 'w')"
+    model = written(tmp_path / "model.bpmn", {"A": [script, ("if", "x > 5", ["throw go"], []), "throw on"],
+                                              "B": ["catch on"]})  # fmt: skip
+    assert main(["check", "--explore", model]) == 0
+    assert not marker.exists()
+
+
+def test_a_condition_that_raises(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = written(tmp_path / "m.bpmn", {"A": ["run x = []", ("if", "x[3] > 5", ["throw go"], ["work"])],
+                                          "B": ["catch go"]})  # fmt: skip
+    assert main(["check", "--explore", model]) == 0
+    first, _, warning, *rest = capsys.readouterr().out.splitlines()
+    assert first.endswith("every run ends at its start in an error that nothing catches (A, B)")
+    assert re.fullmatch(r"warning: A: A_split_\d+ fails: IndexError: list index out of range", warning)
+    assert not any("never entered" in line for line in rest)
+
+
+def test_a_behaviour_that_cannot_be_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = text_of({"A": ["throw go"], "B": ["catch go"]})
+    call = '<callActivity id="C" name="Dance" calledElement="Dance"/><intermediateThrowEvent'
+    (tmp_path / "m.bpmn").write_text(text.replace("<intermediateThrowEvent", call, 1))
+    for command in ("check", "deploy"):
+        assert main([command, "--explore", str(tmp_path / "m.bpmn")]) == 2
+        said = capsys.readouterr()
+        assert "\"Dance\" (C): called element 'Dance': found neither" in said.out + said.err
+
+
+def test_a_finding_that_its_owner_accepts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    steps: dict[str, Steps] = {"A": ["throw go", "catch done"], "B": ["work", "catch go", "throw done"]}
+    model = written(tmp_path / "m.bpmn", steps, accept={"A": "deadlock: the operator ends it"})
+    assert main(["check", "--explore", model]) == 0
+    said = capsys.readouterr().out
+    assert "note: lost signal: A waits" in said
+    assert "accepted: the operator ends it" in said
+    assert main(["check", "--explore", model, "--json"]) == 0
+    (found,) = (one for one in json.loads(capsys.readouterr().out)["explorations"][0]["findings"] if one["accepted"])
+    assert found["level"] == "note"
+    wrong = written(tmp_path / "m.bpmn", steps, accept={"A": "deadlok: the operator ends it"})
+    assert main(["check", "--explore", wrong]) == 2
+    assert "P_A: accept: expected KIND: REASON, where KIND is one of deadlock, never" in capsys.readouterr().err
+
+
+def test_json_says_that_not_all_was_explored(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "--explore", "models/agriculture.bpmn", "--limit", "20", "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)["explorations"]
+    assert found["exhaustive"] is False
+    assert found["cuts"] == ["the limit of 20 states is reached", "no budget is left for delivery fast"]
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--limit", "0"], "limit: expected a number of states above 0, got 0"),
+        (["--seconds", "0"], "--seconds: expected a number above 0, got '0'"),
+        (["--delivery", "slow"], "--delivery: got 'slow'; known are: run, fast, any"),
+        (["--robots", "Drone=2"], "unknown multi-instance pool 'Drone'; there are: Tractor"),
+        (["--robots", "Tractor=99999999"], "robots of Tractor: expected 1 to 1000, got 99999999"),
+        (["--robots", "Tractor=0"], "robots of Tractor: expected 1 to 1000, got 0"),
+        (["--trace", "/proc/nothing"], "cannot be written"),
+        (["--trace", "x", "--network", "bag"], "--trace drives real engines: expected no --network bag"),
+        (["--fairness", "some"], "--fairness: got 'some'; known are: strong, weak"),
+    ],
+)
+def test_bad_options(options: list[str], text: str, capsys: pytest.CaptureFixture[str], broken: Path) -> None:
+    model = str(broken) if "--trace" in options else "models/agriculture.bpmn"
+    assert main(["check", "--explore", model, *options]) == 2
+    assert text in capsys.readouterr().err
+
+
+def test_paths_are_short(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "--explore", "examples/ground_vehicles.yaml", "--delivery", "run"]) == 0
+    assert capsys.readouterr().out.startswith("models/ground_vehicles.bpmn: all states explored")
+
+
 def test_a_mission_that_may_deadlock_is_not_deployed(broken: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["deploy", "--explore", str(broken)]) == 1
-    assert "nothing is sent: lost signal: A waits at" in capsys.readouterr().err
+    assert "not deployed: lost signal: A waits at" in capsys.readouterr().err

@@ -2,45 +2,90 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from collaborations import Steps, generated, philosophers, team
 
 from fame.bpmn.model import Definitions
 from fame.check.explore import Exploration, Finding
 from fame.check.explore.findings import FAILING
-from fame.scenario.exploration import explore
-from fame.scenario.replay import Replay, replay
+from fame.scenario import Scenario
+from fame.scenario.exploration import cast_of, explore
+from fame.testing.by_hand import MissionByHand
+from fame.testing.explored_runs import play
+
+WITHIN = 30.0
 
 
-def replayed(model: str | Definitions, finding: Finding, **options: object) -> Replay:
-    """Replay the run of a finding."""
-    steps = [(step.robot, step.kind, step.element, step.detail) for step in finding.run]
-    return replay(model, steps, choices=finding.choices, **options)  # type: ignore[arg-type]
+def scenario_of(model: str | Definitions, **options: object) -> Scenario:
+    """The same team as is explored."""
+    definitions, library, cast = cast_of(model, options.get("robots", {}), ())  # type: ignore[arg-type]
+    return Scenario(file=definitions.file, definitions=definitions, library=library, cast=cast, world=None, seed=0,
+                    duration=600.0)  # fmt: skip
+
+
+def played(model: str | Definitions, finding: Finding, folder: Path, **options: object) -> MissionByHand:
+    """The mission after the run of a finding, and after everything that was left has gone on."""
+    mission = play(MissionByHand(scenario_of(model, **options), folder, lenient=True), finding.run)
+    mission.go_on(lambda: not running(mission), WITHIN)
+    return mission
+
+
+def running(mission: MissionByHand) -> set[str]:
+    return {robot for robot in mission.robots if mission.node(robot).engine.instances}
 
 
 def failing(result: Exploration) -> list[Finding]:
     return [one for one in result.findings if one.kind in FAILING]
 
 
-@pytest.mark.parametrize("seed", range(60))
-def test_generated_collaborations(seed: int) -> None:
+@pytest.fixture(params=["run", "fast", "any"])
+def delivery(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_generated_collaborations(seed: int, delivery: str, tmp_path: Path) -> None:
     model = team(generated(seed))
-    for finding in failing(explore(model, delivery="run", timers="ordered", limit=2_000)):
-        outcome = replayed(model, finding)
-        assert not outcome.completed, finding.text
-        early = {kind for _, kind, _, _ in outcome.skipped}
-        assert early <= {"timer"}, "timers that are due together fire together"
+    for finding in failing(explore(model, delivery=delivery, limit=1_000)):
+        mission = played(model, finding, tmp_path)
+        assert mission.skipped == []
+        waiting = running(mission)
+        assert waiting
+        assert finding.kind == "never" or set(finding.robots) <= waiting, finding.text
+        mission.close()
 
 
-def test_philosophers() -> None:
+def test_philosophers(delivery: str, tmp_path: Path) -> None:
     model = team(philosophers(3, ordered=False))
-    (finding,) = failing(explore(model, delivery="run"))
-    assert set(replayed(model, finding).waiting) == {f"{who}{n}" for who in ("Phil", "Fork") for n in range(3)}
+    (finding,) = failing(explore(model, delivery=delivery))
+    everybody = {f"{who}{n}" for who in ("Phil", "Fork") for n in range(3)}
+    mission = played(model, finding, tmp_path)
+    assert running(mission) == everybody == set(finding.robots)
+    mission.close()
 
 
-def test_a_mended_mission_completes_along_the_same_run() -> None:
+def test_a_mended_mission_completes_along_the_same_run(tmp_path: Path) -> None:
     broken: dict[str, Steps] = {"A": ["throw go", "catch done"], "B": ["work", "catch go", "throw done"]}
     (finding,) = failing(explore(team(broken), delivery="run"))
-    assert not replayed(team(broken), finding).completed
     mended = {**broken, "B": ["work", "queue go", "throw done"]}
-    assert replayed(team(mended), finding).completed
+    for steps, waiting in ((broken, {"A", "B"}), (mended, set())):
+        mission = played(team(steps), finding, tmp_path)
+        assert running(mission) == waiting
+        mission.close()
+
+
+@pytest.mark.parametrize("name", ["ground_vehicles", "shuttle", "sabotage", "agriculture_return", "convoy"])
+def test_single_faults_of_shipped_missions(name: str, tmp_path: Path) -> None:
+    """Their scripts decide on values of sensors: as in the run."""
+    model = f"models/{name}.bpmn"
+    result = explore(model, delivery="run", faults=True)
+    faults = [one for one in result.findings if one.kind == "fault"]
+    assert faults
+    assert not failing(result)
+    for finding in faults:
+        mission = played(model, finding, tmp_path)
+        assert mission.skipped == []
+        assert set(finding.robots) <= running(mission), finding.text
+        mission.close()

@@ -12,9 +12,11 @@ import pytest
 
 from fame.bpmn.model import Expression, Language
 from fame.clock import Scheduler
+from fame.engine import Variables
 from fame.errors import ModelError
 from fame.middleware.local import LocalMiddleware
-from fame.scripting import Robot, Runner, Variables, compile_expression, interface, mission_date
+from fame.scripting import Robot, Runner, compile_expression, mission_date
+from fame.scripting.interface import interface
 
 
 @dataclass

@@ -14,8 +14,9 @@ from bpmn_text import process
 from fame.bpmn import read_text
 from fame.bpmn.model import Expression, Language
 from fame.clock import EPOCH
-from fame.scripting import BudgetExceeded, compile_expression, interface, script_names
+from fame.scripting import BudgetExceeded, compile_expression, script_names
 from fame.scripting.feel.functions import FUNCTIONS
+from fame.scripting.interface import interface
 from fame.simulation import Simulation
 
 HERE = Path(__file__).parent

@@ -47,7 +47,7 @@ def test_blocked_wheels_are_noticed_however_noisy_the_odometry_is(
 
 @pytest.mark.parametrize("distance", [0.55, 0.6, 0.65])
 def test_a_thing_just_before_a_corner_of_the_way_is_passed_in_the_end(tmp_path: Path, distance: float) -> None:
-    """It is nearer than a robot drives up to, and not so near that it is in the way: there GoTo crept for ever."""
+    """It is nearer than a robot drives up to, and not so near that it is in the way: there GoTo crept forever."""
     things = {
         "obstacles": [{"name": "wall", "at": [3, 1.2], "size": [0.2, 2.4]}],
         "targets": [{"name": "box", "at": [2.55 + distance, 2.85], "radius": 0.2}],

@@ -1,4 +1,4 @@
-"""What a script in JavaScript cannot do: run for ever, take all memory, reach the host, spoil the scripts of others."""
+"""What a script in JavaScript cannot do: run forever, take all memory, reach the host, spoil the scripts of others."""
 
 from __future__ import annotations
 

@@ -9,6 +9,8 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+import orjson
 import pytest
 
 from fame.errors import ConfigError
@@ -39,6 +41,29 @@ def test_what_was_written_is_read_again(directory: StateDirectory) -> None:
     found = read_segment(written(directory))
     assert (found.state, found.header["robot"]) == ({"state": 0}, "R")
     assert [change["number"] for change in found.changes] == [0, 1, 2, 3, 4]
+
+
+def test_values_that_the_fast_encoder_does_not_know_are_written_all_the_same(directory: StateDirectory) -> None:
+    class Metres(float):
+        pass
+
+    record = {
+        "big": 2**70,
+        "surrogate": "\ud800",
+        "numpy": np.float64(0.1),
+        "metres": Metres(2.5),
+        "sent": orjson.Fragment(b'[{"data":1.5}]'),
+    }
+    journal = Journal(directory, {})
+    journal.begin_segment({})
+    journal.append({"numpy": np.float64(0.1), "sent": record["sent"]})
+    journal.append(record)
+    journal.close()
+    found = directory.read()
+    assert found is not None
+    first, second = found.changes
+    assert first == {"numpy": 0.1, "sent": [{"data": 1.5}]}
+    assert second == {"big": 2**70, "surrogate": "\ud800", "numpy": 0.1, "metres": 2.5, "sent": [{"data": 1.5}]}
 
 
 def test_a_file_cut_at_any_byte_ends_with_the_last_whole_record(directory: StateDirectory) -> None:

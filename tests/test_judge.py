@@ -123,6 +123,18 @@ def test_intervals_of_areas_hold_the_value() -> None:
         assert part["interval"][0] < part["value"] < part["interval"][1]
 
 
+@pytest.mark.parametrize("levels", [3, 1000], ids=["many equal scores", "few"])
+def test_areas_are_those_of_scikit_learn(levels: int) -> None:
+    from sklearn.metrics import average_precision_score, roc_auc_score
+
+    random = np.random.default_rng(2)
+    positive = random.random(50) < 0.3
+    scores = random.integers(0, levels, 50) + 1.0 * positive
+    found = areas(scores, positive)
+    assert found["area under ROC"]["value"] == pytest.approx(roc_auc_score(positive, scores))
+    assert found["average precision"]["value"] == pytest.approx(average_precision_score(positive, scores))
+
+
 # ---- the card --------------------------------------------------------------------------------------------------------
 
 

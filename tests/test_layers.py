@@ -1,4 +1,4 @@
-"""The floors of the house (DESIGN section 1): who may import whom, and what stays light."""
+"""The floors of the house (docs/architecture.md): who may import whom, and what stays light."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import NamedTuple
@@ -80,6 +81,8 @@ def statements(tree: ast.AST, at_load: bool = True) -> Iterator[tuple[ast.Import
         if isinstance(node, ast.Import | ast.ImportFrom):
             yield node, at_load
             continue
+        if isinstance(node, ast.expr):  # has no statements
+            continue
         for_types = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
         inside = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         yield from statements(node, at_load and not for_types and not inside)
@@ -97,7 +100,10 @@ def imports_of(module: str) -> Iterator[Import]:
             yield Import(module, target, node.lineno, at_load)
 
 
-IMPORTS = [item for module in MODULES for item in imports_of(module)]
+@cache
+def imports() -> list[Import]:
+    """All imports of the packages."""
+    return [item for module in MODULES for item in imports_of(module)]
 
 
 def room(module: str) -> str:
@@ -115,14 +121,14 @@ def test_every_module_has_its_floor() -> None:
 
 
 def test_imports_run_downhill_only() -> None:
-    own = [item for item in IMPORTS if ours(item.target) and room(item.source) != "fame"]
+    own = [item for item in imports() if ours(item.target) and room(item.source) != "fame"]
     uphill = [str(item) for item in own if FLOOR[room(item.target)] > FLOOR[room(item.source)]]
     assert uphill == []
     assert len(own) > 100  # or nothing was looked at
 
 
 def test_rooms_import_each_other_in_one_direction() -> None:
-    pairs = {(room(item.source), room(item.target)) for item in IMPORTS if ours(item.target)}
+    pairs = {(room(item.source), room(item.target)) for item in imports() if ours(item.target)}
     graph = {name: {target for source, target in pairs if source == name != target} for name in FLOOR}
     del graph["fame"], graph["fame.__main__"]  # the package itself attaches the names of its rooms
     assert list(TopologicalSorter(graph).static_order())
@@ -130,29 +136,29 @@ def test_rooms_import_each_other_in_one_direction() -> None:
 
 def test_the_engine_knows_nothing_but_the_model() -> None:
     allowed = {"fame.bpmn.model", "fame.errors"}
-    outside = [item for item in IMPORTS if room(item.source) == "fame.engine" != room(item.target)]
+    outside = [item for item in imports() if room(item.source) == "fame.engine" != room(item.target)]
     assert [str(item) for item in outside if ours(item.target) and item.target not in allowed] == []
     foreign = [item for item in outside if not ours(item.target)]
     assert [str(item) for item in foreign if item.target.split(".")[0] not in sys.stdlib_module_names] == []
 
 
 def test_robots_register_themselves_and_are_imported_by_nobody() -> None:
-    users = {str(item) for item in IMPORTS if room(item.target) == "robots" != room(item.source)}
+    users = {str(item) for item in imports() if room(item.target) == "robots" != room(item.source)}
     tools_of_an_arm = {
         user for user in users if user.startswith(("fame.cli.adm", "fame.cli.anomaly_data"))
     }  # not a robot: its task and envelope
     assert users - tools_of_an_arm == set()
-    assert {room(item.source) for item in IMPORTS if room(item.target) == "sim2d"} == {
+    assert {room(item.source) for item in imports() if room(item.target) == "sim2d"} == {
         "sim2d", "robots", "fame.scenario", "fame.cli"
     }  # fmt: skip
 
 
 def test_only_reader_and_writer_know_xml() -> None:
-    assert {room(item.source) for item in IMPORTS if item.target.split(".")[0] == "lxml"} == {"fame.bpmn"}
+    assert {room(item.source) for item in imports() if item.target.split(".")[0] == "lxml"} == {"fame.bpmn"}
 
 
 def test_the_command_line_imports_heavy_parts_where_it_uses_them() -> None:
-    loaded = [item for item in IMPORTS if item.at_load and room(item.source) == "fame.cli" and ours(item.target)]
+    loaded = [item for item in imports() if item.at_load and room(item.source) == "fame.cli" and ours(item.target)]
     assert {room(item.target) for item in loaded} == {"fame.cli", "fame.errors", "fame.text"}
 
 
@@ -171,6 +177,21 @@ def test_an_engine_without_a_process_has_loaded_nothing_that_only_a_process_need
     assert {"fame", "cyclonedds"} <= loaded
     assert loaded & {"fame.bpmn.model", "fame.engine", "fame.scripting", "fame.robot", "fame.check"} == set()
     assert loaded & {"rosbags", "numpy", "yaml", "lxml"} == set()
+
+
+def test_the_command_of_an_engine_loads_no_interpreter_before_there_is_a_process() -> None:
+    code = (
+        "import fame.cli.engine, fame.scripting.budget\n"
+        "from fame.deploy import EngineNode\n"
+        "from fame.deploy.loading import preload\n"
+        "from fame.scenario import serve\n"
+        "import sys; print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert {"fame.deploy.engine_node", "fame.scenario.process"} <= loaded
+    late = {"fame.bpmn.model", "fame.check", "fame.engine.interpreter", "fame.robot.node", "fame.scripting.languages"}
+    assert loaded & {*late, "decimal", "subprocess"} == set()
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from fame.deploy import EngineNode
 from fame.log import Recording
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.live_team import LiveTeam
-from fame.log.recorder import RecordingFile
+from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
@@ -152,6 +152,10 @@ def test_lost_batches_are_counted_and_the_next_key_mends_the_state(field: Field)
     field.run(10)
     team.close()
     assert team.gaps == {"REX": 3}
+    keys = [text for _, topic, text in field.told if topic == KEY and text.startswith('{"gaps"')]
+    assert [json.loads(text)["gaps"] for text in keys] == [{"REX": 3}]
+    reports = [text for _, topic, text in field.told if topic == EVENTS and '"report"' in text]
+    assert ["3 batches of events lost" in text for text in reports] == [True]
     running = field.engines[0].running
     assert running is not None
     assert team.state.robots["REX"].counts["Count"]["leave"] == running.instances[0].visits["Count"]

@@ -24,6 +24,7 @@ from fame.scenario.world_process import LockstepRounds, WorldNode
 from sim2d.config import world_config
 
 ROOT = Path(__file__).parents[1]
+ENVIRONMENT = os.environ | {"ROS_DOMAIN_ID": str(PROCESSES), "PYTHONPATH": os.pathsep.join((str(ROOT), *sys.path))}
 INT = "std_msgs/msg/Int64"
 CAR = {"size": [6, 4], "robots": {"REX": {"type": "car", "at": [1, 1]}}}
 
@@ -94,10 +95,29 @@ def test_an_engine_that_died_is_waited_for_no_more() -> None:
 def test_a_team_of_nobody_is_done_at_once() -> None:
     scheduler, over = Scheduler(), list[int]()
     middleware = LocalMiddleware(scheduler)
-    rounds = LockstepRounds([], scheduler, middleware, middleware.node("world"), lambda: over.append(1))
+    rounds = LockstepRounds([], scheduler, middleware, middleware.node("world"), lambda: over.append(1), list)
     rounds.begin(0)
     scheduler.run(0)
     assert over == [1]
+    rounds.close()
+
+
+def test_a_step_is_repeated_for_an_engine_that_has_come_back_and_did_not_get_it() -> None:
+    scheduler, said = Scheduler(), list[str]()
+    middleware = LocalMiddleware(scheduler)
+    world = middleware.node("world")
+    rounds = LockstepRounds(
+        ["REX"], scheduler, middleware, world, lambda: said.append("over"), lambda: said.append("again")
+    )
+    done = middleware.node("fame_time", "REX").publisher(STEP_DONE, STEP_DONE_TYPE)
+    rounds.begin(0)
+    done.publish(create(STEP_DONE_TYPE, {"frame_id": "REX"}))
+    scheduler.run(SECOND // 2)
+    rounds.begin(SECOND)  # REX ends now, and is back in a moment
+    scheduler.run(3 * SECOND)
+    done.publish(create(STEP_DONE_TYPE, {"stamp": {"sec": 1}, "frame_id": "REX"}))
+    scheduler.run(6 * SECOND)
+    assert said == ["over", "again", "again", "again", "over"]
     rounds.close()
 
 
@@ -109,10 +129,10 @@ def test_a_follower_says_that_it_is_done_when_all_that_was_due_is() -> None:
     world.subscription(STEP_DONE, STEP_DONE_TYPE, lambda done: said.append((done.frame_id, nanoseconds(done.stamp))))
     time.subscribe_in_lockstep(middleware.node("fame_time", "REX"), AtOnce())
     time.at(SECOND, lambda: said.append(("timer", time.now)))
-    for second in (0, 0, 1):
+    for second in (0, 0, 1, 1):
         clock.publish(create("rosgraph_msgs/msg/Clock", {"clock": second}))
         wall.run()
-    assert said == [("REX", 0), ("REX", 0), ("timer", SECOND), ("REX", SECOND)]
+    assert said == [("REX", 0), ("REX", 0), ("timer", SECOND), ("REX", SECOND), ("REX", SECOND)]
 
 
 # ---- messages wait for their step ------------------------------------------------------------------------------------
@@ -136,7 +156,7 @@ def test_held_messages_come_when_they_are_released_by_topic_and_sender(here: Wal
 
     seen: list[tuple[str, int]] = []
     node = here.node("fame_engine", "REX")
-    steps = Lockstep(here.middlewares[0], lambda name: name == "fame_engine")
+    steps = Lockstep(here.middlewares[0], lambda node: node.name == "fame_engine")
     for topic in ("/b", "/a"):
         node.subscription(topic, INT, lambda message, topic=topic: seen.append((topic, message.data)))
     free = here.middlewares[0].node("fame_time", "REX")
@@ -175,31 +195,76 @@ signal("done")
 """
 
 
-@pytest.mark.processes
-@pytest.mark.parametrize("middleware", WIRES)
-def test_a_run_in_lockstep_is_the_same_every_time(tmp_path: Path, middleware: str) -> None:
+def two_cars(folder: Path) -> Path:
+    """A scenario of two cars that drive for some seconds, and listen to their odometry."""
     pools, flow = "", '<sequenceFlow id="{0}1" sourceRef="{0}s" targetRef="{0}t"/>'
     for name in ("REX", "DINGO"):
         task = f'<startEvent id="{name}s"/><scriptTask id="{name}t"><script>{DRIVE.strip()}</script></scriptTask>'
         pools += f'<process id="{name}p" isExecutable="true">{task}{flow.format(name)}</process>'
     shown = "".join(f'<participant id="{name}" name="{name}" processRef="{name}p"/>' for name in ("REX", "DINGO"))
-    (tmp_path / "drive.bpmn").write_text(document(f'<collaboration id="C">{shown}</collaboration>{pools}'))
+    (folder / "drive.bpmn").write_text(document(f'<collaboration id="C">{shown}</collaboration>{pools}'))
     robots = {name: {"type": "car", "at": [1, 1 + row], "heading": 0} for row, name in enumerate(("REX", "DINGO"))}
     scenario = {"model": "drive.bpmn", "world": {"size": [6, 4], "robots": robots}}
-    (tmp_path / "drive.yaml").write_text(json.dumps(scenario))
-    environment = os.environ | {"ROS_DOMAIN_ID": str(PROCESSES), "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "fame", "run", str(tmp_path / "drive.yaml"), "--duration", "20", "--seed", "3"]
-    runs = []
-    for _ in range(2):
-        done = subprocess.run(
-            [*command, "--middleware", middleware, "--lockstep", "--json"],
-            env=environment, capture_output=True, text=True, timeout=60, check=False,
-        )  # fmt: skip
-        said = json.loads(done.stdout)
-        assert (done.returncode, said["status"]) == (0, "completed"), done
-        runs.append(said["world"]["robots"])
-    assert runs[0] == runs[1]
-    assert runs[0]["REX"]["x"] > 1.2
+    (folder / "drive.yaml").write_text(json.dumps(scenario))
+    return folder / "drive.yaml"
+
+
+def places_after_lockstep(scenario: Path, middleware: str) -> Any:
+    """Where the robots are when a run in lockstep has completed."""
+    words = ["run", str(scenario), "--duration", "20", "--seed", "3", "--middleware", middleware, "--lockstep"]
+    done = subprocess.run(
+        [sys.executable, "-m", "fame", *words, "--json"],
+        env=ENVIRONMENT, capture_output=True, text=True, timeout=90, check=False,
+    )  # fmt: skip
+    said = json.loads(done.stdout)
+    assert (done.returncode, said["status"]) == (0, "completed"), done
+    return said["world"]["robots"]
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("middleware", WIRES)
+def test_a_run_in_lockstep_is_the_same_every_time(tmp_path: Path, middleware: str) -> None:
+    scenario = two_cars(tmp_path)
+    first, second = (places_after_lockstep(scenario, middleware) for _ in range(2))
+    assert first == second
+    assert first["REX"]["x"] > 1.2
+
+
+ROS_NODE = """
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.qos import qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
+rclpy.init()
+node, heard = rclpy.create_node("beside"), {"odom": 0, "clock": 0}
+def hear(name, message):
+    heard[name] += 1
+    print(heard, flush=True)
+node.create_subscription(Odometry, "/REX/odom", lambda message: hear("odom", message), qos_profile_sensor_data)
+node.create_subscription(Clock, "/clock", lambda message: hear("clock", message), qos_profile_sensor_data)
+print("ready", flush=True)
+rclpy.spin(node)
+"""
+"""A node of ROS 2 that listens to the robots and to the clock."""
+
+
+@pytest.mark.ros
+@pytest.mark.processes
+@needs("rclpy")
+@needs("cyclonedds")
+def test_a_run_in_lockstep_is_the_same_beside_a_node_of_ros(tmp_path: Path) -> None:
+    scenario = two_cars(tmp_path)
+    alone = places_after_lockstep(scenario, "dds")
+    beside = subprocess.Popen([sys.executable, "-c", ROS_NODE], env=ENVIRONMENT, stdout=subprocess.PIPE, text=True)
+    try:
+        assert beside.stdout is not None
+        assert beside.stdout.readline() == "ready\n"
+        assert places_after_lockstep(scenario, "dds") == alone
+    finally:
+        beside.kill()
+        heard, _ = beside.communicate()
+    assert "'odom': 20" in heard
+    assert "'clock': 20" in heard
 
 
 @pytest.mark.parametrize("words", ["run models/ground_vehicles.bpmn --lockstep"])

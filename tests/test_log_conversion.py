@@ -51,7 +51,20 @@ def test_the_traces_are_those_of_the_runs_own_log(run: Path) -> None:
     assert sorted(written.split("<trace>")) == sorted(own.split("<trace>"))
 
 
-def test_ocel_follows_the_published_schema(run: Path) -> None:
+SCHEMA = json.loads((Path(__file__).parent / "ocel2_schema.json").read_text())
+
+
+def test_ocel_is_valid_by_the_schema_of_its_specification(run: Path) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    log = json.loads(converted(run, ".ocel.json").read_text())
+    validator = jsonschema.Draft202012Validator(SCHEMA, format_checker=jsonschema.FormatChecker())
+    assert not [error.message for error in validator.iter_errors(log)]
+    del log["events"][0]["time"]
+    log["eventTypes"][0]["attributes"].append({"name": "n", "type": "text"})
+    assert len(list(validator.iter_errors(log))) == 2
+
+
+def test_ocel_declares_what_it_uses(run: Path) -> None:
     log = json.loads(converted(run, ".ocel.json").read_text())
     assert log.keys() == {"objectTypes", "eventTypes", "objects", "events"}
     declared: dict[str, dict[str, dict[str, str]]] = {}

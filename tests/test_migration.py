@@ -34,7 +34,7 @@ from engine_models import (
 )
 
 import fame
-from fame.deploy.migration_plan import plan_of, read_plan
+from fame.deploy.migration import plan_of, read_plan
 from fame.errors import ConfigError, MissionError
 from fame.robot.take_over import go_on_after, take_over, timers_of, what_becomes
 
@@ -190,7 +190,8 @@ def test_variables_are_renamed_and_have_defaults_and_functions_stay() -> None:
 def test_a_preview_changes_nothing() -> None:
     old = Run(TWO).run()
     changed = fame.Simulation(model(start() + user("b") + path("s b")), "P", observer=lambda event: None)
-    (token,) = what_becomes(changed.node, old.node, plan_of({}))
+    (token,), state = what_becomes(changed.node, old.node, plan_of({}))
+    assert state is None
     assert str(token) == "a: the new model has no element a"
     assert old.complete("a").waiting == ["b"]
 

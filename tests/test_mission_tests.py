@@ -9,6 +9,7 @@ from action_server import DRIVE
 from bpmn_text import process, properties
 
 from fame.errors import ConfigError, MessageError
+from fame.middleware import codec, messages
 from fame.testing import ExpectationError, MissionLoader, MissionUnderTest
 
 pytest_plugins = ["pytester"]
@@ -89,6 +90,17 @@ def test_variables_are_set_before_and_while_it_runs(mission: MissionLoader, tmp_
     m.expect().waits_at("w").has(x=1)
     m.set(x=4)
     m.expect().completed()
+
+
+def test_variables_that_are_set_before_the_beginning_replace_the_defaults_of_the_model(mission: MissionLoader) -> None:
+    m = mission.load(ROOT / "models" / "sabotage.bpmn")
+    with pytest.raises(ConfigError, match="Arm has no variable 'parts_wantd'; did you mean 'parts_wanted'"):
+        m.set("Arm", parts_wantd=1)
+    for behaviour in ("adm_collect", "adm_learn", "adm_operate"):
+        m.stub(behaviour, after=9)
+    m.set("Arm", parts_wanted=1).run_until("Arm", at="part_cut")
+    m.signal("Arm", "~/part_cut", data=1)
+    m.expect("Arm").completed().has(parts_wanted=1, part=1)
 
 
 def test_people_complete_tasks(mission: MissionLoader, tmp_path: Path) -> None:
@@ -228,6 +240,49 @@ def test_a_fake_topic_says_its_values_at_their_times(mission: MissionLoader, tmp
     m.expect().completed(within=10).has(seen=[(1.5, 0.0), (1.25, 2.0), (1.0, 4.0)])
 
 
+@pytest.mark.parametrize("name", ["bag", "bag/bag.mcap"])
+def test_a_fake_topic_says_what_a_bag_of_ros_has_from_its_first_message_on(
+    mission: MissionLoader, tmp_path: Path, name: str
+) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        connection = bag.add_connection("/P/range", RANGE, typestore=codec.typestore(RANGE))
+        for second, value in ((100, 1.5), (102, 1.25), (104, 1.0)):
+            said = codec.serialize(messages.create(RANGE, {"range": value}))
+            bag.write(connection, second * 10**9, said)
+    m = mission.load(one(tmp_path, LISTEN.replace("now()", "robot.now")))
+    m.fake_topic("/P/range", bag=tmp_path / name)
+    m.expect().completed(within=10).has(seen=[(1.5, 0.0), (1.25, 2.0), (1.0, 4.0)])
+    other = mission.load(one(tmp_path, LISTEN.replace("now()", "robot.now")))
+    other.fake_topic("/P/near", RANGE, bag=tmp_path / name)
+    with pytest.raises(ConfigError, match="has no topic /P/near; it has /P/range"):
+        other.advance(1)
+
+
+def test_a_fake_topic_says_what_a_recording_of_fame_has_at_its_times(
+    mission: MissionLoader, vehicles: MissionUnderTest
+) -> None:
+    vehicles.stub("Explore", after=40, signals={"target_found": {"x": 5.5, "y": 0.6}})
+    vehicles.stub("GoTo", after=1)
+    vehicles.expect("DINGO").completed(within=100)
+    recording = next(line.removeprefix("saved: ") for line in vehicles.save() if line.endswith(".mcap"))
+    m = mission.load(VEHICLES)
+    m.stub("Explore", after=400)
+    go = m.stub("GoTo", after=1)
+    m.fake_topic("/target_found", bag=recording)
+    m.expect("DINGO").completed(within=100).passed("target_found").within(40)
+    assert (go.calls[0].variables["x_goal"], m.now) == (5.5, 41)
+    other = mission.load(VEHICLES)
+    other.fake_topic("/target_found", "std_msgs/msg/String", bag=recording)
+    with pytest.raises(MessageError, match="is in use with geometry_msgs/msg/Vector3"):
+        other.advance(1)
+    broken = mission.load(VEHICLES)
+    broken.fake_topic("/target_found", bag=VEHICLES)
+    with pytest.raises(ConfigError, match=r"ground_vehicles.bpmn: is not a readable bag"):
+        broken.advance(1)
+
+
 def test_a_fake_of_the_wrong_type_is_refused_with_the_field(mission: MissionLoader, tmp_path: Path) -> None:
     m = mission.load(one(tmp_path, LISTEN.replace("now()", "robot.now")))
     m.fake_topic("/P/range", RANGE, values=[{"rnge": 1.5}])
@@ -270,6 +325,20 @@ def test_a_fake_service_answers_after_its_time(mission: MissionLoader, tmp_path:
     assert (m.variables()["answer"].success, m.now, len(enable.requests)) == (True, 1.5, 1)
     with pytest.raises(MessageError, match="sucess"):
         m.fake_service("/enable", "std_srvs/srv/SetBool", response={"sucess": True})
+
+
+def test_a_fake_service_or_action_of_the_wrong_type_is_refused(mission: MissionLoader, tmp_path: Path) -> None:
+    said = properties(service="/enable", type="std_srvs/srv/SetBool", payload="{data: true}")
+    m = mission.load(one(tmp_path, ASK.format(said) + flows("st", "te")))
+    m.fake_service("/enable", "std_srvs/srv/Trigger")
+    with pytest.raises(ConfigError, match=r"'/enable'\): P calls it as std_srvs/srv/SetBool, got std_srvs/srv/Trigger"):
+        m.advance(1)
+    with pytest.raises(MessageError, match=r"std_srvs/srv/Triger: .*did you mean std_srvs/srv/Trigger"):
+        m.fake_service("/disable", "std_srvs/srv/Triger")
+    with pytest.raises(MessageError, match=rf"{DRIVE}_Result: .*drivn"):
+        m.fake_action("/drive", DRIVE, result={"drivn": 3})
+    with pytest.raises(MessageError, match=rf"{DRIVE}_Feedback: .*left"):
+        m.fake_action("/drive", DRIVE, feedback=[{"left": 3}])
 
 
 @pytest.mark.parametrize(("fail", "code"), [(False, None), (True, "aborted"), ("rejected", "rejected")])

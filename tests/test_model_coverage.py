@@ -128,3 +128,20 @@ def test_fame_test_has_the_exit_codes_of_fame(choice: Path, tmp_path: Path, caps
     assert "expected a number from 0 to 100, got '110'" in capsys.readouterr().err
     (tmp_path / "uncovered.yaml").write_text("choice.bpmn: [b]\n")
     assert fame_test(path, "--cov-model") == 2
+
+
+@pytest.mark.processes
+def test_the_workers_of_pytest_xdist_cover_together(
+    choice: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_test(tmp_path, "m.set(left=True).expect().passed('Left')", "test_left.py")
+    write_test(tmp_path, "m.set(left=False).expect().passed('b')", "test_right.py")
+    report = tmp_path / "cov.json"
+    words = ["--pytest=-n2", "--pytest=--dist=loadfile", f"--cov-json={report}", "--cov-fail-under", "100"]
+    assert fame_test(tmp_path, "--cov-model", *words) == 0
+    (found,) = json.loads(report.read_text())["processes"]
+    assert {test.rpartition("/")[2] for tests in found["tests"].values() for test in tests} == {
+        "test_left.py::test_left",
+        "test_right.py::test_left",
+    }
+    assert "total: 100.0 %" in capsys.readouterr().out

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
+import yaml
 from bpmn_text import process
 
+from fame.middleware import typesystem
+from fame.middleware.actions import ActionClient
 from fame.robot import Event
 from fame.scenario import Result, Scenario
 
+MODELS = Path(__file__).parents[1] / "models"
 WORLD = """
 model: m.bpmn
 duration: 120
@@ -126,3 +131,66 @@ def test_an_interruption_cancels_the_goal_and_resume_sends_the_goal_as_it_is_the
     result = mission(tmp_path, RESUMING)
     assert (result.status, result.messages) == ("completed", [])
     assert rex(result) == pytest.approx((1, 1), abs=0.15)
+
+
+def passing(called: str, goal: str, condition: str) -> str:
+    """A call that is suspended once, when `condition` holds, for 2 s, and resumed."""
+    return f"""
+<subProcess id="a"><startEvent id="s1"/><sequenceFlow id="x" sourceRef="s1" targetRef="set"/>
+<scriptTask id="set" scriptFormat="python">
+<script>{goal}; stopped, current_waypoint, number_of_poses_remaining = False, 0, 9</script>
+</scriptTask><sequenceFlow id="y" sourceRef="set" targetRef="go"/>
+<callActivity id="go" calledElement="{called}"/>
+<subProcess id="h" triggeredByEvent="true"><extensionElements><camunda:properties>
+<camunda:property name="resume" value="true"/></camunda:properties></extensionElements>
+<startEvent id="i"><conditionalEventDefinition><condition>{condition} and not stopped</condition>
+</conditionalEventDefinition></startEvent><sequenceFlow id="z" sourceRef="i" targetRef="c"/>
+<scriptTask id="c" scriptFormat="python"><script>stopped = True
+await sleep(2)</script></scriptTask>
+</subProcess></subProcess>
+"""
+
+
+@pytest.mark.parametrize(
+    ("called", "goal", "condition", "field"),
+    [
+        ("NavigateThroughPoses", "poses_goal = [[2, 3], [4, 3], [5, 1]]", "number_of_poses_remaining == 2", "poses"),
+        ("FollowWaypoints", "waypoints = [[2, 3], [4, 3], [5, 1]]", "current_waypoint == 1", "goal_index"),
+    ],
+)
+def test_resume_sends_a_new_goal_of_the_poses_that_are_not_passed_yet(
+    called: str, goal: str, condition: str, field: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[Any] = []
+    send = ActionClient.send
+
+    def note(self: Any, goal: Any, *rest: Any, **named: Any) -> Any:
+        sent.append(goal)
+        return send(self, goal, *rest, **named)
+
+    monkeypatch.setattr(ActionClient, "send", note)
+    result = mission(tmp_path, passing(called, goal, condition))
+    assert (result.status, result.messages) == ("completed", [])
+    assert rex(result) == pytest.approx((5, 1), abs=0.15)
+    first, second = (value(goal, field) for goal in sent)
+    assert (len(first), len(second)) == (3, 2) if field == "poses" else (first, second) == (0, 1)
+
+
+def value(goal: Any, field: str) -> Any:
+    """A field of a goal that was sent: a mapping or a message."""
+    return goal[field] if isinstance(goal, dict) else getattr(goal, field)
+
+
+@pytest.mark.parametrize("file", sorted((MODELS / "nav2").glob("*.bpmn")), ids=lambda file: file.stem)
+def test_every_error_code_of_jazzy_has_a_name(file: Path) -> None:
+    """The codes are the constants of the action's result, in the definitions that come with FAME."""
+    result = typesystem.definition(f"nav2_msgs/action/{file.stem}_Result")
+    codes = {value for name, value in result.constants.items() if value}
+    (errors,) = [
+        element.get("value")
+        for element in ElementTree.parse(file).iter("{http://camunda.org/schema/1.0/bpmn}property")
+        if element.get("name") == "errors"
+    ]
+    named = yaml.safe_load(errors or "")
+    assert codes <= named.keys()
+    assert all(str(name).startswith("nav2.") for name in named.values())

@@ -5,17 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from action_server import DRIVE, Server
 from bpmn_text import process
 
 from fame.cli import main
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
+from fame.middleware.actions import ActionClient
 from fame.middleware.interface import LATCHED, SENSOR_DATA, SIGNAL, QoS
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.messages import create
 from fame.middleware.network import Delay, Link, Network, NetworkConfig, Partition
 from fame.scenario import Scenario
-from fame.testing import MissionLoader
 
 ROOT = Path(__file__).parent.parent
 INT = "std_msgs/msg/Int32"
@@ -132,6 +133,42 @@ def test_a_request_and_its_response_pass_the_network() -> None:
     assert pair.network.losses() == ["the network lost 1 message on /add from A to B"]
 
 
+def test_the_goal_feedback_and_result_of_an_action_pass_the_network() -> None:
+    pair = Pair(Link(Delay("fixed", 0.25)), cuts=(LONG,))
+    server = Server(pair.middleware.node("driver", "B"), "/drive")
+    client, heard = ActionClient(pair.middleware.node("engine", "A"), "/drive", DRIVE), list[tuple[float, object]]()
+    pair.scheduler.after(SECOND // 2, server.step)
+
+    def note(what: object) -> None:
+        heard.append((pair.scheduler.now / SECOND, what))
+
+    client.send({"distance": 2}, lambda outcome, result: note(outcome), lambda said: note(said.remaining))
+    pair.scheduler.run(SECOND // 4 - 1)
+    assert server.goals == {}
+    pair.scheduler.run(SECOND - 1)
+    assert heard == [(0.75, 1.0)]
+    pair.scheduler.run(2 * SECOND)
+    server.step()  # B is cut off from A: what it tells and its result are lost
+    pair.scheduler.run(12 * SECOND)
+    assert not client.available
+    pair.scheduler.run(20 * SECOND)
+    assert (heard, client.available) == ([(0.75, 1.0)], True)
+    lost = "\n".join(pair.network.losses())
+    assert "lost 1 message on /drive/_action/feedback from B to A" in lost
+    assert "on /drive/_action/get_result from B to A" in lost
+
+
+def test_the_actions_and_services_of_a_robot_itself_do_not_pass_it() -> None:
+    pair = Pair(Link(Delay("fixed", 0.25), loss=0.9))
+    server = Server(pair.middleware.node("driver", "A"), "/A/drive")
+    client, heard = ActionClient(pair.middleware.node("engine", "A"), "/A/drive", DRIVE), list[object]()
+    client.send({"distance": 1}, lambda outcome, result: heard.append(outcome), lambda said: None)
+    pair.scheduler.run(0)
+    server.step()
+    pair.scheduler.run(0)
+    assert (heard, pair.network.losses()) == (["succeeded"], [])
+
+
 # ---- scenarios and the command line ----------------------------------------------------------------------------------
 
 
@@ -193,14 +230,16 @@ def test_wrong_options_are_refused(
 # ---- missions --------------------------------------------------------------------------------------------------------
 
 
-def test_a_mission_with_retries_survives_loss_and_a_partition(mission: MissionLoader) -> None:
+def test_a_mission_with_retries_survives_loss_and_a_partition() -> None:
     cuts = tuple(Partition(("Drone", f"Tractor_{number}"), 44, 59) for number in (1, 2))
     network = NetworkConfig((Link(Delay("fixed", 0.05), loss=0.05),), cuts)
-    m = mission.load(ROOT / "examples" / "agriculture_resilient.yaml", network=network)
-    m.expect("Drone").completed(within=900)
-    assert m.run.network is not None
-    assert m.run.network.lost
-    assert all(weed["by"] for weed in m.world.summary()["weeds"].values())
+    result = Scenario.load(ROOT / "examples" / "agriculture_resilient.yaml", network=network).run()
+    assert result.status == "completed"
+    assert result.world is not None
+    assert all(weed["by"] for weed in result.world["weeds"].values())
+    assert [event.detail for event in result.reports if "lost" in event.detail] == [
+        f"the network lost 1 message on /closest_tractor from Drone to Tractor_{number}" for number in (1, 2)
+    ]
 
 
 def test_one_without_retries_says_what_it_lost() -> None:

@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 
 from fame.bpmn.model import Expression
+from fame.engine import UNDEFINED
 from fame.errors import ModelError
-from fame.scripting import UNDEFINED, compile_expression
+from fame.scripting import compile_expression
 
 
 def payload(text: str, /, **variables: Any) -> Any:

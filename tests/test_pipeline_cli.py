@@ -183,7 +183,10 @@ def test_a_node_in_another_process_filters_and_its_parameters_change_from_a_thir
         listed, refused = arm.while_running(
             ("param", "list", "/low_pass", "--json"), ("param", "set", "/low_pass", "cutoff", "-1")
         )
-        assert (listed[0], json.loads(listed[1])["parameters"]) == (0, {"cutoff": 5.0, "rate": 0.0})
+        assert (listed[0], json.loads(listed[1])["parameters"]) == (
+            0,
+            {"cutoff": 5.0, "rate": 0.0, "use_sim_time": False},
+        )
         assert (refused[0], "expected a number of 1e-06 or more Hz, got -1.0" in refused[2]) == (2, True)
     finally:
         node.send_signal(signal.SIGINT)

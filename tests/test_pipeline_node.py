@@ -202,7 +202,7 @@ def test_a_topic_that_stops_is_reported_and_so_is_that_it_goes_on(bench: Bench) 
     bench.run(4)
     assert bench.said == [
         "unit: /joint_states: no message for 2 s",
-        "unit: /joint_states goes on",
+        "unit: /joint_states: messages arrive again",
         "unit: /joint_states: no message for 2 s",
     ]
 

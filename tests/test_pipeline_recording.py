@@ -117,7 +117,7 @@ def test_runs_are_told_apart_by_a_topic_and_a_file_goes_on_with_the_next(tmp_pat
             bench.run()
         node.close()
     assert [line.split(",")[1] for line in (tmp_path / "a.csv").read_text().splitlines()] == ["run", *"0123"]
-    with pytest.raises(ConfigError, match="exists already; --append goes on with it"):
+    with pytest.raises(ConfigError, match="exists already; use --append to continue it"):
         bench.record(configuration(tmp_path), tmp_path / "a.csv")
     node = bench.record(configuration(tmp_path, Efforts=EFFORTS), tmp_path / "a.csv", append=True)
     bench.joints(0.1, 1.0, 2.0)
@@ -318,7 +318,7 @@ def test_nothing_is_lost_while_the_server_is_away(tmp_path: Path) -> None:
         server.stop()
     assert [float(line.split("=")[1].split(",")[0]) for line in server.lines] == list(range(51))
     assert said[0].startswith("the server cannot be reached (")
-    assert said[-1] == "the server is there again; what waited on disk is sent"
+    assert said[-1] == "the server is available again; rows stored on disk are sent"
 
 
 def test_what_could_not_be_sent_waits_on_disk_for_the_next_time(tmp_path: Path) -> None:

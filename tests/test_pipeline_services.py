@@ -15,6 +15,7 @@ from fame.bpmn import read_text
 from fame.bpmn.library import BUILT_IN
 from fame.bpmn.model import Definitions
 from fame.middleware import messages
+from fame.monitor.calibration import Calibration, calibrate
 from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.detectors import Network
 from fame.monitor.pipeline.trained_model import TrainedModel
@@ -25,13 +26,15 @@ JOINTS = [f"joint_{number}" for number in range(6)]
 FILES = [BUILT_IN[1] / f"{name}.bpmn" for name in ("ProcessingUnit", "Record", "Train", "joint_monitor")]
 
 
-def model(path: Path) -> Path:
+def model(path: Path, calibration: Calibration | None = None) -> Path:
     """Autoencoders that know nothing but zero: the loss is the mean square of the effort."""
     weights = (np.zeros((6, 50, 4)), np.zeros((6, 4, 50)))
     biases = (np.zeros((6, 1, 4)), np.zeros((6, 1, 50)))
     network = Network(weights, biases, "tanh")
     columns = tuple(f"Efforts.{joint}" for joint in JOINTS)
-    TrainedModel(columns, 50, 500.0, np.zeros(6), np.ones(6), network, (0.5,) * 6, 5.0, 20.0).save(path)
+    TrainedModel(
+        columns, 50, 500.0, np.zeros(6), np.ones(6), network, (0.5,) * 6, 5.0, 20.0, calibration=calibration
+    ).save(path)
     return path
 
 
@@ -109,6 +112,36 @@ def test_the_joint_monitor_raises_anomaly_and_the_mission_that_catches_it_ends_t
     assert anomaly.effort[0] > 0.5
     assert anomaly.position[0] == pytest.approx(2 * anomaly.effort[0])
     assert "joint_losses" not in {info.name.rpartition("/")[2] for info in sim.middleware.graph()}
+
+
+def test_a_mission_that_catches_drift_is_told_before_there_is_an_alarm(tmp_path: Path) -> None:
+    """The joint monitor and the drift monitor in parallel, on runs in which joint 3 moves harder and harder."""
+    usual = 0.01 * np.exp(0.1 * np.random.default_rng(3).standard_normal((20, 6)))  # losses of efforts of 0.1
+    file = model(tmp_path / "m.skops", calibrate(usual, 0.1))
+    watched = call("Monitor", "joint_monitor", model=str(file))
+    drift = call(
+        "Drift", "ProcessingUnit", configuration="joint_monitor/drift.yaml", namespace="",
+        parameters=f"{{model: {file}, state: {tmp_path / 'sums.json'}}}",
+    )  # fmt: skip
+    sim = fame.Simulation(mission(
+        f'<startEvent id="s"/><parallelGateway id="g"/>{watched}{drift}<endEvent id="e"/>'
+        f'{flow("s", "g", "Monitor", "e")}{flow("g", "Drift", "e")}',
+        signal="drift",
+    ))  # fmt: skip
+    sim.run(until=0.1)
+    (instance,) = sim.instances
+    runs = 0
+    while instance.status == "running" and runs < 20:
+        arm(sim, 0.5, push=0.003 * runs)
+        sim.run(until=sim.now + 3)  # the pause between two runs
+        runs += 1
+    assert instance.status == "completed"
+    assert instance.visits["Stopped"] == 1
+    assert instance.variables["drift"].name == ["joint_3"]
+    assert instance.variables["drift"].position[0] > 5
+    assert 5 < runs < 15
+    assert (0.1 + 0.003 * runs) ** 2 < 0.5  # far below the threshold of the alarm
+    assert "anomaly" not in instance.variables
 
 
 def test_a_unit_with_a_wrong_configuration_is_an_error_of_the_mission(tmp_path: Path) -> None:

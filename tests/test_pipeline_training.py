@@ -65,7 +65,8 @@ def test_without_a_promise_thresholds_are_at_least_the_largest_loss_of_left_out_
 ) -> None:
     assert model.calibration is not None
     assert (model.calibration.promised, model.calibration.margin) == (None, MARGIN)
-    assert (np.array(model.thresholds) >= MARGIN * np.array(model.metrics["validation_max"]) - 1e-12).all()
+    factors = np.array(model.thresholds) / np.array(model.metrics["validation_max"])
+    assert factors.min() == pytest.approx(MARGIN)  # of the channel with the most unusual loss
     assert set(model.metrics) == {"training_max", "training_mean", "validation_max", "validation_mean"}
     assert model.rate == pytest.approx(200.0)
     assert model.network.layers == (20, 8, 3, 8, 20)

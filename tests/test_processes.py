@@ -32,8 +32,6 @@ from fame.middleware.interface import LATCHED, Publisher
 pytestmark = pytest.mark.processes
 
 ROOT = Path(__file__).parent.parent
-"""A DDS domain of our own, so that nothing else is heard."""
-"""Another one, of the engines that several tests share."""
 LIMIT = 40
 """Seconds after which something is taken never to happen."""
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -41,13 +39,6 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 HEAD = '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="t">'
 THROW = '<intermediateThrowEvent id="{0}"><signalEventDefinition signalRef="{1}"/></intermediateThrowEvent>'
 CATCH = '<intermediateCatchEvent id="{0}"><signalEventDefinition signalRef="{1}"/></intermediateCatchEvent>'
-
-
-@pytest.fixture(autouse=True, scope="module")
-def bytecode(tmp_path_factory) -> None:
-    """Each process finds what the first has compiled, as if FAME were installed: that halves its start."""
-    ENVIRONMENT.pop("PYTHONDONTWRITEBYTECODE", None)
-    ENVIRONMENT["PYTHONPYCACHEPREFIX"] = str(tmp_path_factory.mktemp("bytecode"))
 
 
 def flows(prefix: str, *ids: str) -> str:
@@ -68,7 +59,7 @@ PING_PONG = (
 
 
 def waiting(name: str) -> str:
-    """A pool that waits at an event `name` for ever."""
+    """A pool that waits at an event `name` forever."""
     return (
         f'{HEAD}<signal id="S" name="never"/><collaboration id="c"><participant id="A" name="A" processRef="pa"/>'
         f'</collaboration><process id="pa"><startEvent id="s"/>{CATCH.format(name, "S")}{flows("f", "s", name)}'
@@ -101,6 +92,8 @@ def start(domain: int, *words: str) -> Process:
 
 class Field:
     """Processes, and somebody who listens to them."""
+
+    limit = LIMIT
 
     def __init__(self, domain: int = DOMAIN) -> None:
         self.domain = domain
@@ -187,7 +180,7 @@ class Field:
         self.until(lambda: all(len(self.said[robot]) > count for robot, count in counts.items()), f"{robots} to speak")
 
     def until(self, holds: Callable[[], object], what: str) -> None:
-        deadline = self.scheduler.now + LIMIT * SECOND
+        deadline = self.scheduler.now + self.limit * SECOND
         while not holds():
             assert self.scheduler.now < deadline, f"waited for {what}; last: {[self.last(name) for name in self.said]}"
             self.scheduler.run(self.scheduler.now + SECOND // 50)
@@ -483,7 +476,7 @@ def test_a_pool_that_never_started_and_a_timer_that_still_starts_one(tmp_path, f
     assert said["robots"]["A"]["completed"] == 2
     assert said["messages"] == [
         "pool B never started: no robot of it ran its process",
-        "B waits at sb for its start on topic /ping, which nobody else publishes",
+        "B waits at sb for its start on topic /ping, which no other node publishes",
     ]
 
 
@@ -496,6 +489,16 @@ def test_what_a_robot_refuses_is_said_once_with_the_place_in_the_file_that_was_g
     assert process.returncode == 1
     (line,) = [line for line in err.splitlines() if "unknown service" in line]
     assert line.startswith(f"fame: A: refused: {path}:2: t: unknown service 'grip'; known are: ")
+
+
+def test_a_warning_of_a_script_names_the_line_of_the_file_that_was_given(tmp_path, field):
+    path = tmp_path / "warn.bpmn"
+    script = '\n\n<scriptTask id="t"><script>import warnings\nwarnings.warn("mind")</script></scriptTask>\n'
+    path.write_text(f'{HEAD}<process id="A"><startEvent id="s"/>{script}{flows("f", "s", "t")}</process></definitions>')
+    process = field.start("run", str(path), "--middleware", "dds", "--duration", "20")
+    _, err = process.communicate(timeout=LIMIT)
+    assert process.returncode == 0, err
+    assert f"{path}:4: UserWarning: mind" in err.splitlines()
 
 
 def test_a_mission_in_many_processes_ends_when_its_simulated_seconds_are_over(tmp_path, field):

@@ -31,7 +31,7 @@ CHANGES = (EVENTS, VARIABLES, WAITING)
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, EventLog]:
     """Twenty seconds of the agriculture example, as a recording and as events."""
     path = tmp_path_factory.mktemp("recordings") / "run.mcap"
-    pytest.MonkeyPatch().setattr("fame.log.recorder._CHUNK", 1 << 14)  # several chunks also of a short run
+    pytest.MonkeyPatch().setattr("fame.log.recording_file.CHUNK", 1 << 14)  # several chunks also of a short run
     scenario, events = Scenario.load(EXAMPLES / "agriculture.yaml", duration=20), EventLog()
     about = About(metadata={"seed": "1"}, attachments=[("scenario/s.yaml", "application/yaml", b"seed: 1\n")])
     with logging_to(path, scenario.closures(), about) as log:
@@ -172,7 +172,7 @@ def test_a_recording_that_was_cut_short_opens_as_far_as_it_is_whole(run: tuple[P
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
     with Recording(run[0]) as whole, Recording(tmp_path / "cut.mcap") as cut:
         assert not whole.warnings
-        assert "cut short" in cut.warnings[0]
+        assert "incomplete" in cut.warnings[0]
         assert 0 < cut.end < whole.end
         assert list(cut.events()) == list(whole.events(end=cut.end))[: len(list(cut.events()))]
 

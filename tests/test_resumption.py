@@ -10,11 +10,13 @@ import pytest
 from deployment_field import Field, definitions, patrol, process
 
 from fame.bpmn.reader import read_text
+from fame.clock import SECOND
 from fame.deploy import STRING, EngineNode
 from fame.deploy.late_joiners import LateJoiners
 from fame.deploy.requests import TaskRequest
 from fame.errors import ConfigError
 from fame.middleware import messages
+from fame.middleware.simulated_time import ClockFollower
 from fame.robot.journal import StateDirectory
 
 POOL = '<collaboration id="C"><participant id="A" name="A" processRef="p"/></collaboration>'
@@ -104,6 +106,39 @@ def test_it_goes_on_where_it_was_and_says_what_it_runs(field: Durable) -> None:
     assert field.engine.running.instances[0].waiting == ["c"]
     assert field.variables("A")["count"] == 1
     assert field.engine.running.instances[0].visits["t"] == 1
+
+
+def test_in_simulated_time_it_goes_on_when_it_knows_the_time(tmp_path: Path) -> None:
+    field = Durable(tmp_path / "state")
+    field.engine.close()
+    field.state.close()
+
+    def start(now: int) -> ClockFollower:
+        time = ClockFollower(field.scheduler)
+        field.options["time"] = time
+        field.start()
+        field.pass_time(0.5)
+        time.on_clock(now * SECOND)
+        return time
+
+    start(100)
+    timed = MISSION.replace(
+        '<intermediateCatchEvent id="c"><signalEventDefinition signalRef="S"/>',
+        '<intermediateCatchEvent id="c"><timerEventDefinition><timeDuration>PT5S</timeDuration></timerEventDefinition>',
+    )
+    field.deploy(timed)
+    field.options["time"].on_clock(101 * SECOND)
+    field.crash()
+    time = start(103)
+    assert field.engine.state == "loading"
+    field.pass_time(0.5)
+    assert field.engine.state == "running"
+    assert field.variables("A")["away"] == 3.0  # since the last record
+    for now, waiting in ((104.9, ["c"]), (105.1, ["u"])):
+        time.on_clock(round(now * SECOND))
+        field.pass_time(0.1)
+        assert field.engine.running.instances[0].waiting == waiting
+    field.engine.close()
 
 
 def test_it_raises_recovered_with_the_seconds_that_it_was_away(field: Durable) -> None:
@@ -202,7 +237,7 @@ def test_a_model_whose_state_cannot_be_stored_is_refused(field: Durable) -> None
         ),
     )
     refused = field.deploy(text)
-    assert "defines 'twice', a function or class that another script uses" in str(refused.robots["A"])
+    assert "defines 'twice', a function or class that later steps use" in str(refused.robots["A"])
     assert "which an engine with --state cannot store" in str(refused.robots["A"])
 
 
@@ -239,7 +274,7 @@ def test_a_deployment_that_was_changed_on_the_disk_is_refused(field: Durable) ->
     field.crash()
     (path,) = field.folder.glob("deployment-*")
     path.write_bytes(path.read_bytes().replace(b"count = 1", b"count = 2"))
-    with pytest.raises(ConfigError, match="is not the deployment that the journal names, or is damaged"):
+    with pytest.raises(ConfigError, match="is damaged, or not the deployment that the journal names"):
         field.start()
 
 
@@ -248,7 +283,7 @@ def test_with_trusted_keys_what_was_not_signed_is_refused(field: Durable, tmp_pa
     field.deploy(MISSION)
     field.crash()
     field.options["trusted"] = [ed25519.Ed25519PrivateKey.generate().public_key()]
-    with pytest.raises(ConfigError, match="not signed; this robot runs only what a trusted key signed"):
+    with pytest.raises(ConfigError, match="not signed; this robot runs only deployments signed with a trusted key"):
         field.start()
 
 
@@ -279,7 +314,7 @@ def test_a_full_disk_holds_the_mission_until_there_is_room(field: Durable, monke
     monkeypatch.undo()
     field.pass_time(2)
     assert len(heard) == 1
-    assert "goes on: its state is written again" in field.notes
+    assert "continues: its state can be written again" in field.notes
     field.crash()
     field.start()
     field.pass_time(1)
@@ -408,3 +443,20 @@ def test_after_a_migration_it_resumes_the_new_model(field: Durable) -> None:
     field.engine.running.deliver("/go", None)
     field.engine.running.complete("u")
     assert field.engine.running.instances[0].waiting == ["v"]
+
+
+def test_after_a_migration_the_instances_that_are_over_are_kept(field: Durable) -> None:
+    field.deploy(MISSION)
+    field.engine.running.deliver("/go", None)
+    field.engine.running.complete("u")
+    changed = MISSION.replace('<scriptTask id="t">', '<task id="new"/><scriptTask id="t">')
+    changed = changed.replace('targetRef="t"', 'targetRef="new"').replace(
+        "</process>", '<sequenceFlow id="nt" sourceRef="new" targetRef="t"/></process>'
+    )
+    field.deploy(changed, "d2", 2, migrate=True)
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    (instance,) = field.engine.running.instances
+    assert (instance.status, instance.variables["count"]) == ("completed", 1)
+    assert (instance.visits["t"], instance.visits["u"], instance.visits["new"]) == (1, 1, 0)

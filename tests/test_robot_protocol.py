@@ -7,7 +7,8 @@ from functools import cache
 import pytest
 
 from fame.deploy.envelope import Envelope, Problem
-from fame.deploy.robot_protocol import (
+from fame.deploy.robot_protocol import step
+from fame.deploy.robot_state import (
     Action,
     AskOthers,
     AwaitSender,
@@ -18,6 +19,8 @@ from fame.deploy.robot_protocol import (
     Load,
     LoadDue,
     Loaded,
+    Mapped,
+    MapState,
     Match,
     Matched,
     Note,
@@ -29,7 +32,6 @@ from fame.deploy.robot_protocol import (
     Run,
     ScheduleLoad,
     Stopped,
-    step,
 )
 from fame.deploy.termination import NOBODY, Answered, Silence
 
@@ -52,6 +54,10 @@ def told(phase: str, envelope: Envelope = FIRST, **options) -> Received:
 
 LOADED = (Received(FIRST), LoadDue(), Loaded())
 READY = (*LOADED, Matched())
+RUNS = (*READY, told("start"), Replaced())
+MIGRATES = (Received(replace(SECOND, migrate=True)), LoadDue(), Loaded(), Matched())
+PREVIEWS = (Received(replace(SECOND, migrate=True, preview=True)), LoadDue(), Loaded(), Matched())
+UNDER_WAY = "another deployment is under way; ask again when it is over"
 HOLDS = (*READY, Silence(), Silence())
 
 
@@ -64,6 +70,14 @@ HOLDS = (*READY, Silence(), Silence())
         (LOADED, [Match(FIRST)]),
         (READY, [AwaitSender(5.0), Reply("ready", "d1")]),
         ((*READY, told("hold")), [AwaitSender(5.0)]),
+        ((*RUNS, *MIGRATES), [Hold(), MapState()]),
+        ((*RUNS, *MIGRATES, Mapped()), [AwaitSender(5.0), Reply("ready", "d2")]),
+        ((*RUNS, *MIGRATES, Mapped("no")), [Drop(), Reply("refused", "d2", "no")]),
+        ((*RUNS, *PREVIEWS), [MapState()]),
+        ((*RUNS, *PREVIEWS, Mapped("no")), [Drop(), Reply("previewed", "d2", "no")]),
+        ((*READY, PREVIEWS[0]), [Reply("refused", "d2", UNDER_WAY)]),
+        ((*LOADED, PREVIEWS[0]), [Reply("refused", "d2", UNDER_WAY)]),
+        ((Received(FIRST), PREVIEWS[0]), [Reply("refused", "d2", UNDER_WAY)]),
         ((*READY, told("start")), [Replace()]),
         ((*READY, told("start"), Replaced()), [Run(), Reply("started", "d1")]),
         ((*READY, told("abort")), [Drop(), Reply("aborted", "d1")]),
@@ -191,7 +205,7 @@ def test_every_transition_keeps_what_the_protocol_promises():
 
 
 def test_a_robot_that_nobody_talks_to_any_more_comes_to_rest():
-    """Results arrive and timers fire, but no envelope: whatever waits is loaded, and no promise is made for ever."""
+    """Results arrive and timers fire, but no envelope: whatever waits is loaded, and no promise is made forever."""
     for state in {following for _, _, following, _ in reachable()}:
         for _ in range(20):
             if (event := next_result(state)) is None:

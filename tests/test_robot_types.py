@@ -67,7 +67,8 @@ def test_a_class_of_a_module_is_found_by_its_place() -> None:
     [
         (
             "boat",
-            "expected a robot type, got 'boat'; known are: car, carrier, drone, mh5, tractor, ur5e, module:Class",
+            "expected a robot type, got 'boat'; known are: car, carrier, drone, mh5, tractor, ur5e, module:Class, "
+            "file.py:",
         ),
         ("trakctor", "got 'trakctor'; did you mean 'tractor'?"),
         ("no_such_module:Boat", "no_such_module cannot be imported: ModuleNotFoundError"),

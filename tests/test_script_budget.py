@@ -14,7 +14,8 @@ import pytest
 
 from fame.bpmn.model import Expression
 from fame.engine.data import Variables
-from fame.scripting import BudgetExceeded, compile_expression, compile_script, error_line, heartbeat, interface
+from fame.scripting import BudgetExceeded, compile_expression, compile_script, error_line, heartbeat
+from fame.scripting.interface import interface
 
 ROOT = Path(__file__).parent.parent
 

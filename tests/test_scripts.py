@@ -10,16 +10,10 @@ from typing import Any
 import pytest
 
 from fame.bpmn.model import Expression
+from fame.engine import BpmnError
 from fame.errors import ModelError
-from fame.scripting import (
-    BpmnError,
-    compile_expression,
-    compile_script,
-    error_line,
-    error_text,
-    interface,
-    script_names,
-)
+from fame.scripting import compile_expression, compile_script, error_line, error_text, script_names
+from fame.scripting.interface import interface
 
 
 def root(**variables: Any) -> dict[str, Any]:

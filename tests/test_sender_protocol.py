@@ -7,13 +7,16 @@ from functools import cache
 import pytest
 
 from fame.clock import SECOND
-from fame.deploy import robot_protocol, termination
+from fame.deploy import robot_protocol, robot_state, termination
 from fame.deploy.envelope import Envelope
-from fame.deploy.robot_protocol import RobotState
+from fame.deploy.robot_state import RobotState
 from fame.deploy.sender_protocol import (
+    HOLDING,
     REFUSALS,
     Action,
     Answered,
+    Approve,
+    Approved,
     Begun,
     CancelTimers,
     Closed,
@@ -80,6 +83,39 @@ def test_what_a_sender_does(events, actions):
     assert after(*events)[1] == actions
 
 
+HELD = [Send("A", "hold"), Send("B", "hold")]
+TOO_LONG = round(HOLDING * SECOND)
+
+
+@pytest.mark.parametrize(
+    ("events", "actions"),
+    [
+        (READY, [Approve()]),
+        ((*READY, Approved("", 0)), [Send("A", "start"), Send("B", "start"), StartTimer(1.0)]),
+        ((*READY, Approved("B waits forever", 0)), ABORT),
+        ((*READY, TimerFired(SECOND)), [*HELD, StartTimer(1.0)]),
+        ((*READY, TimerFired(SECOND), TimerFired(4 * SECOND)), [*HELD, StartTimer(HOLDING - 4)]),
+        ((*READY, TimerFired(SECOND), TimerFired(TOO_LONG)), ABORT),
+        ((*READY, TimerFired(TOO_LONG), Approved("", TOO_LONG)), []),
+        ((*READY, answered("B", "superseded")), ABORT),
+        ((*READY, answered("B", "superseded"), Approved("", 0)), []),
+        ((*READY, Closed()), ABORT[:-1]),
+    ],
+)
+def test_a_migration_starts_when_it_is_approved_and_not_later_than_robots_may_be_held(events, actions):
+    assert after(*events, state=replace(NEW, migrates=True))[1] == actions
+
+
+def test_a_preview_ends_when_all_robots_have_answered_and_nothing_is_aborted():
+    preview = replace(NEW, migrates=True, preview=True)
+    state, actions = after(*LOAD, answered("A", "refused"), state=preview)
+    assert (state.phase, actions) == ("load", [])
+    state, actions = step(state, answered("B", "previewed"))
+    assert (state.phase, state.failed, list(actions)) == ("over", True, [CancelTimers(), End()])
+    state, _ = after(*LOAD, answered("A", "previewed"), answered("B", "previewed"), state=preview)
+    assert (state.phase, state.failed) == ("over", False)
+
+
 @pytest.mark.parametrize("answer", sorted(REFUSALS))
 def test_one_refusal_ends_it_for_all(answer):
     state, actions = after(*LOAD, answered("A", "ready"), answered("B", answer))
@@ -109,7 +145,7 @@ def test_with_keys_every_robot_is_heard_before_it_is_loaded():
             (*READY, answered("A", "started"), PatienceEnded(10.0)),
             ("", "was ready, and did not answer when it was told to start"),
         ),
-        ((*LOAD, TimerFired(LATE)), ("this command was stopped for 100 s, and starts nobody",) * 2),
+        ((*LOAD, TimerFired(LATE)), ("this command was stopped for 100 s and starts no robot",) * 2),
     ],
 )
 def test_why_a_deployment_failed(events, reasons):
@@ -149,22 +185,24 @@ def sender_events(team: Team) -> Iterator[Event]:
     yield TimerFired(0)
     yield TimerFired(LATE)
     yield PatienceEnded(10.0)
+    if team.sender.phase == "approval":
+        yield from (Approved("", 0), Approved("B waits forever", 0))
     yield from (answered(robot, answer) for robot, answer in team.reports)
 
 
-def robot_events(team: Team, robot: RobotState) -> Iterator[robot_protocol.Event]:
+def robot_events(team: Team, robot: RobotState) -> Iterator[robot_state.Event]:
     for name, phase, begun in team.sent:
         if name == robot.robot:
-            yield robot_protocol.Received(envelope(name, phase, begun=begun))
+            yield robot_state.Received(envelope(name, phase, begun=begun))
     yield from (termination.Answered(other, answer) for other, answer in team.reports if other != robot.robot)
-    yield robot_protocol.LoadDue()
+    yield robot_state.LoadDue()
     if robot.loading is not None:
-        yield from (robot_protocol.Loaded(), robot_protocol.Loaded("is wrong"))
+        yield from (robot_state.Loaded(), robot_state.Loaded("is wrong"))
     stage = robot.candidate.stage if robot.candidate is not None else ""
     results = {
-        "matching": robot_protocol.Matched(),
+        "matching": robot_state.Matched(),
         "ready": termination.Silence(),
-        "replacing": robot_protocol.Replaced(),
+        "replacing": robot_state.Replaced(),
     }
     if stage:
         yield results[stage]
@@ -175,13 +213,13 @@ def envelope(robot: str, phase: str, *, begun: bool = False) -> Envelope:
     return Envelope(deployment="d1", sequence=1, robot=robot, phase=phase, team=["A", "B"], begun=begun)
 
 
-def moved(team: Team, number: int, event: robot_protocol.Event) -> Team:
+def moved(team: Team, number: int, event: robot_state.Event) -> Team:
     """The team after an event at one robot."""
     name = team.robots[number].robot
     robot, actions = robot_protocol.step(team.robots[number], event)
-    robot = replace(robot, answers=tuple(robot_protocol.Reply(one.answer, one.deployment) for one in robot.answers))
-    sent = {(other, "ask", False) for other in "AB" if other != name and robot_protocol.AskOthers() in actions}
-    said = {(name, action.answer) for action in actions if isinstance(action, robot_protocol.Reply) and action.answer}
+    robot = replace(robot, answers=tuple(robot_state.Reply(one.answer, one.deployment) for one in robot.answers))
+    sent = {(other, "ask", False) for other in "AB" if other != name and robot_state.AskOthers() in actions}
+    said = {(name, action.answer) for action in actions if isinstance(action, robot_state.Reply) and action.answer}
     robots = (*team.robots[:number], robot, *team.robots[number + 1 :])
     return replace(team, robots=robots, sent=team.sent | sent, reports=team.reports | said)
 
@@ -190,8 +228,9 @@ def outcome(robot: RobotState) -> str:
     return "started" if robot.deployed else "kept" if robot.candidate is None and robot.answers else "open"
 
 
-def test_in_no_reachable_state_has_one_robot_started_and_another_one_kept_what_it_had():
-    loading = after(*LOAD)[0]
+@pytest.mark.parametrize("migrates", [False, True])
+def test_in_no_reachable_state_has_one_robot_started_and_another_one_kept_what_it_had(migrates):
+    loading = after(*LOAD, state=replace(NEW, migrates=migrates))[0]
     first = Team(loading, (RobotState("A"), RobotState("B")), frozenset({("A", "load", False), ("B", "load", False)}))
     seen, left = {first}, [first]
     outcomes = set()

@@ -108,7 +108,7 @@ def test_what_was_recorded_is_no_use_when_the_engine_begins_anew(keys):
         field.send("A", message.data)
     field.pass_time(1)
     assert [report.answer for report in field.said if report.answer] == ["refused"] * len(heard)
-    assert any("recorded" in report.reason for report in field.said)
+    assert any("replay" in report.reason for report in field.said)
     assert engine.state == "waiting"
 
 

@@ -272,9 +272,9 @@ def test_a_world_in_another_process_is_paused_and_let_go(tmp_path: Path) -> None
     world = subprocess.Popen([*fame, "world", str(tmp_path / "world.yaml"), "--pause"], env=environment)
     try:
         here.until(lambda: said)
-        assert subprocess.run([*fame, "resume"], env=environment, timeout=20, check=False).returncode == 0
+        assert subprocess.run([*fame, "resume"], env=environment, timeout=60, check=False).returncode == 0
         here.until(lambda: said[-1] > 0)
-        assert subprocess.run([*fame, "pause"], env=environment, timeout=20, check=False).returncode == 0
+        assert subprocess.run([*fame, "pause"], env=environment, timeout=60, check=False).returncode == 0
         here.until(lambda: said[-3:] == [said[-1]] * 3)  # time is said again and again, and is the same
     finally:
         world.send_signal(signal.SIGINT)
@@ -325,4 +325,6 @@ def test_without_a_world_there_is_nothing_to_pause(capsys: pytest.CaptureFixture
 
 def test_speed_is_for_many_processes(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "examples/ground_vehicles.yaml", "--speed", "3"]) == 2
-    assert "--view, or --middleware" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "--view, or --middleware" in error
+    assert "--real-time" in error

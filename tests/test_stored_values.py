@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections import defaultdict, deque
 from datetime import UTC, date, datetime, timedelta
 from decimal import Decimal
@@ -17,9 +18,9 @@ from bpmn_text import process
 import fame
 from fame.bpmn.reader import read_text
 from fame.engine.snapshot import decode, encode
-from fame.errors import MissionError
+from fame.errors import MissionError, ModelError
 from fame.middleware import messages
-from fame.robot.stored_values import Loader, dump
+from fame.robot.stored_values import Loader, dump, refuse_unstorable
 
 MODEL = read_text(
     process(
@@ -72,3 +73,57 @@ def test_nothing_is_imported_that_no_script_imports() -> None:
 
     with pytest.raises(MissionError, match="module subprocess, which no script of the model imports"):
         again(subprocess.run)
+
+
+# ---- models whose state cannot be stored -----------------------------------------------------------------------------
+
+ENV = "const env = this.environment.variables;"
+
+
+def two(language: str, first: str, second: str) -> Any:
+    """A mission with two scripts."""
+    text = process(
+        f'<startEvent id="s"/><scriptTask id="a" name="First" scriptFormat="{language}"><script><![CDATA[{first}]]>'
+        f'</script></scriptTask><scriptTask id="b" scriptFormat="{language}"><script><![CDATA[{second}]]></script>'
+        '</scriptTask><sequenceFlow id="sa" sourceRef="s" targetRef="a"/>'
+        '<sequenceFlow id="ab" sourceRef="a" targetRef="b"/>'
+    )
+    return fame.Simulation(read_text(text, file="m.bpmn")).node.mission
+
+
+@pytest.mark.parametrize(
+    ("language", "first", "second", "said"),
+    [
+        ("python", "def f(): return 1", "y = f()", "defines 'f', a function or class that later steps use"),
+        ("python", "class P: pass", "y = P()", "defines 'P'"),
+        ("javascript", f"{ENV} env.f = (x) => x + 1;", f"{ENV} env.y = env.f(1);", "defines 'f'"),
+        ("javascript", f"{ENV} env.f = function () {{}};", f"{ENV} env.f();", "defines 'f'"),
+        ("javascript", f"{ENV} function go() {{}} env.f = go;", f"{ENV} env.f();", "defines 'f'"),
+        ("javascript", f"{ENV} class P {{}} env.P = P;", f"{ENV} new env.P();", "defines 'P'"),
+        ("javascript", "setTimeout(() => 1, 10);", "1;", "sets a timer whose callback runs when"),
+        (
+            "javascript", 'this.environment.variables.node.createSubscription("std_msgs/msg/String", "/x", (m) => m);',
+            "1;", "creates a subscription that is still there",
+        ),
+    ],
+)  # fmt: skip
+def test_what_a_script_leaves_behind_that_cannot_be_stored_is_named(
+    language: str, first: str, second: str, said: str
+) -> None:
+    with pytest.raises(ModelError, match=re.escape(said)) as found:
+        refuse_unstorable(two(language, first, second))
+    assert '"First" (a)' in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("language", "first", "second"),
+    [
+        ("python", "def f(): return 1\nx = f()", "y = x"),
+        ("python", "from math import hypot", "y = hypot(3, 4)"),
+        ("javascript", f"{ENV} const f = (x) => x + 1; env.x = f(1);", f"{ENV} env.y = env.x;"),
+        ("javascript", f"{ENV} env.f = (x) => x + 1;", "1;"),
+        ("javascript", "setTimeout(() => next(), 10);", "1;"),
+    ],
+)
+def test_what_no_later_step_uses_may_be_left_behind(language: str, first: str, second: str) -> None:
+    refuse_unstorable(two(language, first, second))

@@ -6,8 +6,11 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from fame.testing import MissionLoader
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "testing.md").read_text(encoding="utf-8")
@@ -71,3 +74,12 @@ def test_the_tests_of_the_page_end_as_it_says(tmp_path: Path, mended: bool, outc
     assert ("error unreachable was not caught" in done.stdout) is not mended
     if mended:
         assert "total: 100.0 %" in done.stdout
+
+
+def test_the_test_by_hand_of_the_page_passes(tmp_path: Path, mission: MissionLoader) -> None:
+    (tmp_path / "patrol.bpmn").write_text(tutorial(mended=True))
+    names: dict[str, Any] = {}
+    exec(re.findall(r"```python\n(def test_a_lost_signal.*?)```", PAGE, re.DOTALL)[0], names)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        names["test_a_lost_signal"](mission)

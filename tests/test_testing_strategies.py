@@ -70,20 +70,29 @@ def test_the_command_repeats_the_options_of_a_case() -> None:
     )
 
 
-def test_a_failing_case_prints_it(pytester: pytest.Pytester) -> None:
+@pytest.mark.parametrize(
+    ("played", "repeat"),
+    [
+        ("", "fame run *ground_vehicles.bpmn --network-delay 0 --loss 0"),
+        ("m.stub('Explore')", "fame test *test_a_failing_case*.py::test_it"),
+    ],
+)
+def test_a_failing_case_prints_the_command_that_repeats_it(pytester: pytest.Pytester, played: str, repeat: str) -> None:
     pytester.makepyfile(
         f"""
-        from hypothesis import given, settings
+        from hypothesis import Phase, given, settings
         from fame.testing.strategies import load, networks
 
-        @settings(max_examples=5, deadline=None, database=None)
+        @settings(max_examples=5, deadline=None, database=None, phases=[Phase.generate])
         @given(network=networks(delay=0.5))
         def test_it(network):
             with load({str(VEHICLES)!r}, network=network) as m:
-                m.stub("Explore")
+                {played}
                 m.expect("REX").completed(within=5)
         """
     )
     result = pytester.runpytest_inprocess("-p", "fame.testing.plugin")
     result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["*repeat it with: fame run *ground_vehicles.bpmn --network-delay 0 --loss 0*"])
+    result.stdout.fnmatch_lines([f"*repeat it with: {repeat}"])
+    saved = next(line for line in result.outlines if "saved: " in line and line.endswith("run.mcap"))
+    assert Path(saved.partition("saved: ")[2]).is_file()

@@ -7,7 +7,8 @@ from typing import Any
 
 from fame.bpmn.model import Expression
 from fame.engine.data import Variables, plain
-from fame.scripting import compile_script, interface
+from fame.scripting import compile_script
+from fame.scripting.interface import interface
 
 
 def root(**variables: Any) -> dict[str, Any]:

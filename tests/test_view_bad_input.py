@@ -12,7 +12,7 @@ from fame.bpmn.reader import read
 from fame.cli import main
 from fame.errors import ConfigError
 from fame.log import logging_to
-from fame.log.recorder import RecordingFile
+from fame.log.recording_file import RecordingFile
 from fame.scenario import Scenario
 from fame.view import Replay
 
@@ -127,7 +127,7 @@ def test_a_run_that_was_not_recorded_by_the_command_is_not_run_again(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["view", str(recording), "--branch", "3", "--no-open"]) == 2
-    assert "cannot be run again: it was not recorded by fame run" in capsys.readouterr().err
+    assert "cannot be run again: it is not a recording of fame run" in capsys.readouterr().err
 
 
 def test_a_model_without_a_diagram_has_its_elements(tmp_path: Path) -> None:

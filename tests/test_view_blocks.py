@@ -142,3 +142,11 @@ def test_a_page_that_knows_part_of_a_block_gets_the_rest() -> None:
     rest = packer.blocks[0].to_json(mark)
     assert (rest["first"], rest["t"], rest["d"]) == (1, [2], {"1": "later"})
     assert "key" not in rest
+
+
+def test_the_state_at_the_start_of_a_block_is_not_changed_by_what_comes_later() -> None:
+    packer = Packer(Catalogue([]), ["REX"])
+    packer.variables(0, "REX", 1, {"x": 1})
+    packer.key(5, {"robots": {"REX": {"tokens": [], "counts": {}, "variables": [{"scope": 1, "set": {"x": 2}}]}}})
+    packer.variables(7, "REX", 1, {"x": 3})
+    assert packer.blocks[-1].to_json()["key"]["variables"] == [[0, 1, {"x": [2, 5]}]]

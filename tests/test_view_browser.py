@@ -58,6 +58,17 @@ def page(chromium: Browser, recording: Path) -> Iterator[Page]:
     replay.close()
 
 
+def test_an_instant_that_is_not_read_yet_is_shown_from_the_key_before_it(page: Page) -> None:
+    moments = [int(page.evaluate("fame.store.end") * part) for part in (0.9, 0.35, 0.55)]
+    whole = [page.evaluate(STATE % "true", moment) for moment in moments]
+    page.evaluate("fame.store.complete = false; fame.store.blocks.length = 1; fame.store.blocks[0].end = 0")
+    for moment, (_, counts, variables, waits) in zip(moments, whole, strict=True):
+        page.evaluate(f"fame.player.seek({moment})")
+        until(page, f"fame.state !== null && fame.state.time === {moment}")
+        assert page.evaluate("fame.state === fame.store.aheadState")
+        assert page.evaluate(STATE % "false", moment)[1:] == [counts, variables, waits]
+
+
 def test_tokens_are_where_the_recording_says(page: Page, recording: Path) -> None:
     with Recording(recording) as source:
         moments = random.Random(7).sample(range(0, source.end), 12)

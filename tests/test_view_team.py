@@ -15,10 +15,13 @@ from view_page import browser, until
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.deploy import EngineNode
 from fame.errors import FameError
+from fame.log.live_team import LiveTeam
+from fame.log.recording_file import RecordingFile
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.view import TeamView
+from fame.view import Replay, TeamView
 from tests.bpmn_text import process
+from tests.test_live_team import COUNTING
 
 ROOT = Path(__file__).parent.parent
 SIGNING = process("""
@@ -145,6 +148,79 @@ def test_with_control_a_task_of_a_running_robot_is_completed() -> None:
     assert said == [{"said": "REX: completed"}]
     assert field.waiting() == {("REX", "Rest")}
     field.close()
+
+
+REPAIRED = process("""
+  <startEvent id="Start"><outgoing>f0</outgoing></startEvent>
+  <sequenceFlow id="f0" sourceRef="Start" targetRef="Drive" />
+  <scriptTask id="Drive" scriptFormat="python"><incoming>f0</incoming><outgoing>f1</outgoing>
+    <script>left = 10 / speed</script></scriptTask>
+  <sequenceFlow id="f1" sourceRef="Drive" targetRef="Sign" />
+  <userTask id="Sign"><incoming>f1</incoming><outgoing>f2</outgoing></userTask>
+  <sequenceFlow id="f2" sourceRef="Sign" targetRef="Rest" />
+  <userTask id="Rest"><incoming>f2</incoming></userTask>""")
+
+
+def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> None:
+    field = Field(WallScheduler(), control=True)
+    engine = EngineNode("REX", scheduler=field.scheduler, middleware=field.middleware, hold_errors=True)
+    field.engines.append(engine)
+    field.run(1)
+    field.deploy("REX", REPAIRED)
+    field.run(1.5)
+    (waits,) = field.view._packer.state.waits.values()
+    assert [(token["element"], token["kind"]) for token in waits.values()] == [("Drive", "incident")]
+    commands = [
+        {"do": "retry", "element": "Drive", "value": '{"speed": 4}'},
+        {"do": "set", "name": "load", "value": "2.5"},
+        {"do": "move", "element": "Sign", "to": "Rest"},
+    ]
+    said: list[Any] = []
+
+    def ask() -> None:
+        said.extend(field.view.control({"robot": "REX", **command})["said"] for command in commands)
+        field.scheduler.stop()
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    field.run(20)
+    thread.join(10)
+    field.run(1)
+    assert said == ["REX: retried", "REX: set", "REX: moved"]
+    assert field.waiting() == {("REX", "Rest")}
+    values = {name: value[0] for found in field.view._packer.state.variables.values() for name, value in found.items()}
+    assert values == {"speed": 4, "left": 2.5, "load": 2.5}
+    for wrong, text in (({"do": "set"}, "name of a variable"), ({"do": "move", "element": "Rest"}, "token moves to")):
+        with pytest.raises(FameError, match=text):
+            field.view.control({"robot": "REX", **wrong})
+    field.close()
+
+
+def test_a_recording_with_lost_batches_goes_on_from_the_next_key(field: Field, tmp_path: Path) -> None:
+    with (tmp_path / "gap.mcap").open("wb") as stream:
+        file = RecordingFile(stream)
+        node = field.middleware.node("watcher")
+        team = LiveTeam(node, field.middleware, field.scheduler, lambda at, topic, text: file.put(topic, at, text))
+        field.engine("REX")
+        field.run(1)
+        field.deploy("REX", COUNTING)
+        field.run(2)
+        (source,) = team._sources.values()
+        source.batch -= 3  # as if three batches had not come
+        field.run(10)
+        team.close()
+        file.finish()
+    source = Replay(tmp_path / "gap.mcap")
+    source.wait()
+    found = source._packer
+    assert {token["element"] for token in found.state.waits[0].values()} == {
+        token["element"] for token in team.state.robots["REX"].tokens.values()
+    }
+    assert len(found.state.tokens) == 1
+    lost = [detail for block in found.blocks for detail in block.details.values() if "lost" in str(detail)]
+    assert len(lost) == 1
+    assert "batches of events lost" in lost[0]
+    source.close()
 
 
 @pytest.mark.processes

@@ -12,7 +12,8 @@ from fame.engine.data import Variables
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.scripting import BudgetExceeded, Robot, Runner, compile_script, error_line, interface
+from fame.scripting import BudgetExceeded, Robot, Runner, compile_script, error_line
+from fame.scripting.interface import interface
 
 STRING, FLOAT = "std_msgs/msg/String", "std_msgs/msg/Float64"
 

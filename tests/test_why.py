@@ -73,7 +73,7 @@ CATCH = (
 
 def test_a_topic_that_nobody_publishes_is_told(field: Field) -> None:
     lines = why(field, CATCH, "order comes")
-    assert lines[1:] == ["  nobody publishes /order", "  no message has come since the token waits"]
+    assert lines[1:] == ["  /order has no publisher", "  no message has come since the token waits"]
 
 
 def test_a_message_that_came_too_early_is_told_with_its_publisher(field: Field) -> None:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from domains import DOMAIN
+from free_ports import free_port
 
 pytest.importorskip("zenoh", reason="Zenoh is not installed: pip install 'fame-robots[zenoh]'")
 
@@ -146,9 +147,9 @@ class Sdk:
         assert self.process.stdout is not None
         return self.process.stdout.readline().strip()
 
-    def graph(self) -> str:
+    def ask(self, what: str) -> str:
         assert self.process.stdin is not None
-        self.process.stdin.write("graph\n")
+        self.process.stdin.write(f"{what}\n")
         self.process.stdin.flush()
         return self.line()
 
@@ -183,10 +184,16 @@ def test_a_node_of_another_implementation_talks_to_ours_and_ours_to_it(here: Wal
         topics = {topic.name: topic for topic in middleware.graph()}
         assert topics["/from_sdk"].types == (TEXT,)
         assert topics["/from_sdk"].publishers == ("/SDK/echo",)
-        shown = sdk.graph()
+        here.until(lambda: middleware.offers("/REX/engine/set_parameters_atomically"))  # the last one
+        types: list[str] = []
+        threading.Thread(target=lambda: types.append(sdk.ask("parameters"))).start()  # our node answers meanwhile
+        here.until(lambda: types)
+        assert types == ["[1, 0]"]
+        shown = sdk.ask("graph")
         assert "'/REX/engine'" in shown
         assert f"/to_sdk={TEXT}" in shown
-        assert "['/fame_switch', '/sdk_switch']" in shown
+        assert "'/REX/engine/list_parameters'" in shown
+        assert "'/fame_switch', '/sdk_switch']" in shown
         assert "::,3:,:,:,," in shown
     finally:
         sdk.close()
@@ -240,12 +247,6 @@ def _is_link(name: str) -> bool:
 
 
 # ---- routers ---------------------------------------------------------------------------------------------------------
-
-
-def free_port() -> int:
-    with socket.socket() as end:
-        end.bind(("127.0.0.1", 0))
-        return int(end.getsockname()[1])
 
 
 class Router:

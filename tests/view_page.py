@@ -65,18 +65,26 @@ def opened(browser: Browser, source: Source, **options: Any) -> Iterator[Page]:
     assert not wrong
 
 
-def until(page: Page, condition: str, seconds: float = 20.0) -> Any:
-    """Wait until an expression is true on the page, and return its value."""
-    end = time.monotonic() + seconds
+def until(page: Page, condition: str, seconds: float = 60.0) -> Any:
+    """Wait until an expression is true on the page, and return its value. One that fails is not true yet.
+
+    The time is ample: a busy machine is no reason to fail. While a block of the run is being loaded there is no state.
+    """
+    end, wrong = time.monotonic() + seconds, ""
     while time.monotonic() < end:
-        found = page.evaluate(condition)
-        if found:
-            return found
+        value, wrong = page.evaluate(_ATTEMPT, condition)
+        if value:
+            return value
         page.wait_for_timeout(20)
-    raise AssertionError(f"not within {seconds:g} s: {condition}")
+    raise AssertionError(f"not within {seconds:g} s: {condition} {wrong}")
 
 
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> Any:
+_ATTEMPT = """(condition) => {
+  try { return [(0, eval)(condition), ""]; } catch (error) { return [false, String(error)]; }
+}"""
+
+
+def eventually(condition: Callable[[], Any], seconds: float = 60.0) -> Any:
     """Wait until a condition holds, and return its value."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:

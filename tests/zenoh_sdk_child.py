@@ -30,6 +30,14 @@ time.sleep(0.5)
 late = ROS2Subscriber(
     "/map", callback=lambda message: echo.publish(data=f"map {message.data}"), qos=latched, **STRING, **PLACE
 )
+asker = ROS2ServiceClient(
+    "/REX/engine/get_parameter_types",
+    "rcl_interfaces/srv/GetParameterTypes",
+    request_definition="string[] names",
+    response_definition="uint8[] types",
+    timeout=5.0,
+    **PLACE,
+)
 client = ROS2ServiceClient("/fame_switch", timeout=5.0, **SWITCH, **PLACE)
 
 
@@ -41,6 +49,8 @@ def switch(request: Any) -> Any:
 server = ROS2ServiceServer("/sdk_switch", callback=switch, **SWITCH, **PLACE)
 print("ready", flush=True)
 for line in sys.stdin:
+    if line.strip() == "parameters":
+        print(list(map(int, asker.call(names=["use_sim_time", "unknown"]).types)), flush=True)
     if line.strip() == "graph":
         info = get_topic_info("/to_sdk", domain_id=domain, verbose=True)
         names = sorted(f"{end.node_namespace}/{end.node_name}" for end in info.publishers)

@@ -33,7 +33,7 @@ def sender_dies(field: Field) -> None:
     field.start("A")
     field.say("/A/bpmn_process", envelope("A", "load", "d1", model=MISSION, team=["A"]))
     held(field.answer("A", "ready", 10), "was not ready")
-    held(field.answer("A", "aborted", 15), "stays ready for ever")
+    held(field.answer("A", "aborted", 15), "stays ready forever")
     held(not (text := _deploys(field)), f"the next deployment failed: {text}")
 
 

@@ -63,7 +63,7 @@ def uninterruptible(field: Field) -> None:
     """A call that nothing can interrupt: the engine ends, and says where."""
     engine = field.start("A")
     field.say("/A/bpmn_process", scripted("import itertools\nsum(itertools.count())"))
-    held(field.until(lambda: not engine.alive, 70), "hangs for ever")
+    held(field.until(lambda: not engine.alive, 70), "hangs forever")
     held(engine.process.returncode == -signal.SIGVTALRM, f"ended with {engine.process.returncode}")
     held("A.bpmn" in engine.said, "does not say where")
 

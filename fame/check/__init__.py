@@ -1,4 +1,4 @@
-"""Static checks of a model: what keeps it from running, what is probably a mistake, what is worth knowing.
+"""Static checks of a model: errors, likely mistakes, and notes.
 
 ::
 
@@ -18,7 +18,9 @@
 
     graph, endpoints, expressions    what checks build on
 
-    explain          how a foreign file was read
+    explore          every reachable state of a collaboration (`fame check --explore`)
+    contract         topics, services and actions of a mission, compared with the running nodes
+    explain          how a file of another tool was read
     library          the behaviours of a library path
     element_templates  templates for Camunda Modeler
 

@@ -1,4 +1,4 @@
-"""Element templates for Camunda Modeler: message types, payloads and behaviours to choose from, not to type in.
+"""Element templates for Camunda Modeler: message types, payloads and behaviours to choose from.
 
 They follow the schema of Camunda 7. A template sets `camunda:property` entries, as somebody would by hand, so a model
 that was made with templates is read like any other. `templates` gives the files: what to publish, what to receive, data

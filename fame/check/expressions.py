@@ -168,7 +168,7 @@ Value = bool | float
 
 
 def cover_all(conditions: Sequence[Expression]) -> bool:
-    """Whether one of the conditions is true whatever the variables are; False if that is unknown."""
+    """Whether one of the conditions is true for all values of the variables; False if that is unknown."""
     trees = [_tree(condition) for condition in conditions]
     try:
         return _cover_all([tree for tree in trees if tree is not None]) if None not in trees else False

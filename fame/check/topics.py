@@ -1,4 +1,4 @@
-"""Checks of topics: one known type each, payloads that fit it, and somebody at the other end.
+"""Checks of topics: one known type each, payloads that fit it, and a sender and receiver.
 
 The other end of a robot's own topics (``~/odom``) is its drivers, which are not checked.
 """
@@ -24,9 +24,9 @@ from fame.check.endpoints import (
     taken_by_prefix,
 )
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
+from fame.engine import UNDEFINED
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
-from fame.scripting import UNDEFINED
 from fame.scripting.grammar import ExpressionError
 from fame.scripting.python import called_name, parse_python
 from fame.scripting.substitution import is_text, payload

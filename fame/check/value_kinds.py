@@ -1,4 +1,4 @@
-"""What kind of value variables have, where the model tells: what scripts and data objects assign, what messages carry.
+"""The kinds of values of variables, as far as the model determines them: by scripts, data objects and messages.
 
 A kind is shown by a sample: a value that a variable may have. Whatever is computed in a way that is not understood has
 no sample, and then nothing is said of its variable.
@@ -21,10 +21,11 @@ from fame.check.expressions import ExpressionUse, expressions_in, names_of, pyth
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.check.topics import misfit
 from fame.check.variables import assigned_objects, named_by, sharing, uses_of
+from fame.engine import UNDEFINED
 from fame.engine.data import variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
-from fame.scripting import UNDEFINED, compile_expression
+from fame.scripting import compile_expression
 from fame.scripting.grammar import ExpressionError
 from fame.scripting.python import called_name, parse_python
 from fame.scripting.substitution import payload

@@ -84,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except Exception as error:
             if interrupts:
                 return _report(FameError("interrupted"), error, given, _INTERRUPTED)
-            text = f"{type(error).__name__}: {error} (this is a bug in FAME; with FAME_DEBUG=1 you see where)"
+            text = f"{type(error).__name__}: {error} (this is a bug in FAME; set FAME_DEBUG=1 for the traceback)"
             return _report(FameError(text), error, given, 1)
     return code
 
@@ -113,8 +113,9 @@ def parser(asked: str = "") -> Parser:
     """The parser of the command that is `asked` for, else of all commands."""
     top = Parser(
         prog="fame",
-        description="Run a team of robots from a picture: BPMN 2.0 collaborations, drawn in Camunda Modeler.",
-        epilog="fame COMMAND --help says more. Exit code: 0 done, 1 the mission or a check failed, 2 a wrong request.",
+        description="Run the missions of a team of robots from BPMN 2.0 collaboration diagrams.",
+        epilog="fame COMMAND --help describes the options of a command.\n"
+        "Exit codes: 0 success, 1 the mission or a check failed, 2 the request was wrong, 130 after Ctrl-C.",
     )
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True)

@@ -45,9 +45,9 @@ def add(commands: Commands) -> None:
     """Declare the command and its parts."""
     parser = group(
         commands, "adm", examples=_EXAMPLES,
-        help="learn what a repetitive task looks like, and raise an alarm when a run leaves it",
+        help="detect anomalies in a repetitive task: record runs, learn from them, judge new ones",
     )  # fmt: skip
-    parts = parser.add_subparsers(metavar="PART", required=True)
+    parts = parser.add_subparsers(metavar="SUBCOMMAND", required=True)
     for add_part in (_add_collect, _add_learn, _add_operate, add_labelled_files):
         add_part(parts)
 
@@ -76,7 +76,7 @@ def _add_collect(parts: Commands) -> None:
 
 
 def run_collect(arguments: Namespace) -> int:
-    """Collect until all runs are there, the bag is over, or somebody interrupts."""
+    """Collect until all runs are recorded, the bag ends, or Ctrl-C."""
     settle(arguments, "label", "output")
     from fame.monitor.anomaly.live import Collector
     from fame.monitor.anomaly.nodes import CollectNode
@@ -106,12 +106,12 @@ def _add_learn(parts: Commands) -> None:
     """Declare the part."""
     parser = command(
         parts, "learn", run_learn, examples=("fame adm learn examples/adm_learn.yaml -o best.skops --plots out/adm",),
-        help="fit and judge classifiers, and store the best as a model",
+        help="train and compare classifiers, and store the best as a model",
     )  # fmt: skip
     parser.add_argument("config", type=Path, metavar="CONFIG.yaml")
     parser.add_argument("-o", "--output", type=Path, default=Path("best.skops"), metavar="MODEL.skops")
     parser.add_argument("--plots", type=Path, metavar="DIR", help="draw joint space, deviations, confusion matrices")
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="fits at a time (default: 2)")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="number of parallel fits (default: 2)")
     add_json(parser)
 
 
@@ -205,18 +205,18 @@ def _add_operate(parts: Commands) -> None:
         "operate",
         run_operate,
         examples=_OPERATE_EXAMPLES,
-        help="score runs with a model, and raise the signal anomaly",
+        help="score runs with a model, and publish the signal anomaly",
     )
     add_published(parser, "TOPIC MODEL THRESHOLD", {"topic": str, "model": Path, "threshold": float})
     add_source(parser)
     parser.add_argument("--model", type=Path, metavar="MODEL.skops")
-    parser.add_argument("--threshold", type=float, metavar="SCORE", help="a run is anomalous above it")
+    parser.add_argument("--threshold", type=float, metavar="SCORE", help="score above which a run is anomalous")
     add_network(parser)
     add_json(parser)
 
 
 def run_operate(arguments: Namespace) -> int:
-    """Judge until all runs are evaluated, the bag is over, or somebody interrupts. 1 if one was anomalous."""
+    """Judge until all runs are evaluated, the bag ends, or Ctrl-C. Returns 1 if a run was anomalous."""
     settle(arguments, "model")
     from fame.monitor.anomaly.model import load_model
     from fame.monitor.anomaly.nodes import OperateNode

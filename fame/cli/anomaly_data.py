@@ -29,7 +29,7 @@ FIELDS, RULES = ("position", "velocity", "effort"), ("home", "signal", "count")
 
 def add_published(parser: Parser, metavar: str, types: Mapping[str, Callable[[str], Any]]) -> None:
     """The arguments of the published module, which has no options: all of them by place, or none."""
-    parser.add_argument("published", nargs="*", metavar=metavar, help="the same without options, as published")
+    parser.add_argument("published", nargs="*", metavar=metavar, help="positional form, as in the paper's programs")
     parser.set_defaults(published_types=types)
 
 
@@ -41,7 +41,7 @@ def add_source(parser: Parser) -> None:
     parser.add_argument("--rule", choices=RULES, default="home", help="what delimits a run (default: home)")
     parser.add_argument(
         "--points", type=natural, default=0, metavar="N",
-        help="with --rule count: points of a run (operate: as learned)",
+        help="with --rule count: points per run (default of operate: as learned)",
     )  # fmt: skip
     parser.add_argument("--runs", type=natural, default=0, metavar="N", help="stop after N runs")
 
@@ -93,7 +93,7 @@ def drive(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
         try:
             scheduler.run()
         except KeyboardInterrupt:
-            say("interrupted: what has come so far counts")
+            say("interrupted: the data so far are used")
         finally:
             node.close()
 
@@ -142,10 +142,12 @@ def add_labelled_files(parts: Commands) -> None:
     merging.add_argument("files", type=Path, nargs="+", metavar="CSV")
     enveloping = command(
         parts, "envelope", envelope, examples=("fame adm envelope benign.csv --tolerance 1 -o outside.csv",),
-        help="runs just outside a tolerance, as labelled training data",
+        help="compute runs just outside a tolerance, as labelled training data",
     )  # fmt: skip
     enveloping.add_argument("benign", type=Path, metavar="BENIGN.csv", help="recorded runs of the task")
-    enveloping.add_argument("--tolerance", type=positive, required=True, metavar="MM", help="of each side of the part")
+    enveloping.add_argument(
+        "--tolerance", type=positive, required=True, metavar="MM", help="tolerance of each side of the part (mm)"
+    )
     enveloping.add_argument(
         "--task", type=Path, metavar="TASK.yaml", help="corners (m) and height (m) of the cut; default: the triangle"
     )

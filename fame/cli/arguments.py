@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Sequence
-from datetime import datetime
 from pathlib import Path
-from typing import Any, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from fame.errors import FameError
 from fame.text import suggestion
+
+if TYPE_CHECKING:
+    from datetime import datetime
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 """What commands are added to."""
@@ -23,7 +25,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:  # type: ignore[override]
-        """Raise FameError for what is not known, in the words of the command that it was given to."""
+        """Raise FameError for an unknown argument, with the name of the command that received it."""
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
             word, known = unknown[0], list(self._option_string_actions)
@@ -32,7 +34,7 @@ class Parser(argparse.ArgumentParser):
         return found, unknown
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Raise ArgumentError for what is no choice, with the closest one, or all of them."""
+        """Raise ArgumentError for a value that is not a choice; the message names the closest one, or all."""
         if action.choices is not None and value not in action.choices:
             raise argparse.ArgumentError(action, f"got {value!r}; {suggestion(value, action.choices)}")
 
@@ -63,7 +65,7 @@ def command(
 
 
 def group(commands: Commands, name: str, *, help: str, examples: Sequence[str]) -> Parser:
-    """Add a command that is to have parts, each of which is a command."""
+    """Add a command that has subcommands."""
     lines = "\n".join(f"  {example}" for example in examples)
     return commands.add_parser(
         name, help=help, description=f"{help[0].upper()}{help[1:]}.", epilog=f"examples:\n{lines}"
@@ -88,7 +90,7 @@ def epoch(text: str) -> datetime:
 
 
 def positive(text: str) -> float:
-    """A number above 0, and so small that nanoseconds of it can be counted."""
+    """A number above 0 and up to 1e15."""
     try:
         number = float(text)
     except ValueError:
@@ -102,7 +104,7 @@ def add_library(parser: Parser) -> None:
     """``--library DIR`` and ``--types DIR``, any number of times."""
     parser.add_argument(
         "--library", action="append", default=[], type=Path, metavar="DIR",
-        help="folder with called processes; may be given several times",
+        help="folder with called processes; repeatable",
     )  # fmt: skip
     add_types(parser)
 
@@ -111,12 +113,12 @@ def add_types(parser: argparse.ArgumentParser) -> None:
     """``--types DIR``, any number of times; `register_types` makes them known."""
     parser.add_argument(
         "--types", action="append", default=[], type=Path, metavar="DIR",
-        help="folder with .msg, .srv and .action files; may be given several times",
+        help="folder with .msg, .srv and .action files; repeatable",
     )  # fmt: skip
 
 
 def register_types(arguments: argparse.Namespace) -> None:
-    """Make the types known that a command was given. Raises MessageError for a folder without any, and a wrong file."""
+    """Register the message types of ``--types``. Raises MessageError for a folder without any and for a wrong file."""
     for place in getattr(arguments, "types", ()):
         from fame.middleware.messages import register_files
 
@@ -125,4 +127,4 @@ def register_types(arguments: argparse.Namespace) -> None:
 
 def add_json(parser: Parser) -> None:
     """``--json``."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object, also if something goes wrong")
+    parser.add_argument("--json", action="store_true", help="print one JSON object, also after an error")

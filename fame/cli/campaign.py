@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from argparse import ArgumentTypeError, Namespace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,26 +27,38 @@ def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "campaign", run, examples=_EXAMPLES,
-        help="run a scenario many times with other seeds and values: probability of success, failures by cause",
+        help="run a scenario many times with varied seeds and values: probability of success, failures by cause",
     )  # fmt: skip
     parser.add_argument("scenario", nargs="?", type=Path, metavar="SCENARIO.yaml|MODEL.bpmn")
     parser.add_argument("--runs", type=_count, default=100, metavar="N", help="number of runs (100)")
-    parser.add_argument("--vary", type=Path, metavar="CAMPAIGN.yaml", help="what varies, besides the seed")
+    parser.add_argument("--vary", type=Path, metavar="CAMPAIGN.yaml", help="values that vary, besides the seed")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for rows and reports (out/campaign)")
-    parser.add_argument("--resume", type=Path, metavar="DIR", help="go on with the campaign of a folder")
+    parser.add_argument("--resume", type=Path, metavar="DIR", help="continue the campaign of a folder")
     parser.add_argument("--seed", type=natural, default=1, metavar="N", help="seed of the first run (1)")
     parser.add_argument("--duration", type=positive, metavar="S", help="simulated seconds after which a run ends")
     parser.add_argument(
-        "--width", type=positive, metavar="W", help="stop when the interval of the success rate is narrower (0.02)"
+        "--width",
+        type=positive,
+        metavar="W",
+        help="stop when the 95 %% interval of the success rate is narrower, as in 0.02",
     )
-    parser.add_argument("--jobs", type=_count, metavar="N", help="runs at a time (all cores)")
+    parser.add_argument("--jobs", type=_count, metavar="N", help="number of parallel runs (all cores)")
     parser.add_argument(
         "--backend", choices=("loky", "dask", "ray"), default="loky",
-        help="of joblib: processes of this machine (loky, the default), or a cluster at --address",
+        help="backend of joblib: processes on this machine (loky, the default), or a cluster at --address",
     )  # fmt: skip
-    parser.add_argument("--address", default="", metavar="URL", help="scheduler of the cluster: tcp://127.0.0.1:8786")
-    parser.add_argument("--parquet", action="store_true", help="write the rows as runs.parquet, not runs.csv")
-    parser.add_argument("--library", action="append", default=[], type=Path, metavar="DIR", help="called processes")
+    parser.add_argument(
+        "--address", default="", metavar="URL", help="address of the cluster's scheduler, such as tcp://127.0.0.1:8786"
+    )
+    parser.add_argument("--parquet", action="store_true", help="write runs.parquet instead of runs.csv")
+    parser.add_argument(
+        "--library",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="DIR",
+        help="folder with called processes; repeatable",
+    )
     add_json(parser)
 
 
@@ -74,6 +88,7 @@ def run(arguments: Namespace) -> int:
         except KeyboardInterrupt:
             interrupted, rows = True, folder.rows()
     if not rows:
+        print(_goes_on(folder), file=sys.stderr)
         return 130
     written = write_reports(rows, folder.path, campaign.scenario, parquet=arguments.parquet)
     found = summary(rows)
@@ -83,8 +98,12 @@ def run(arguments: Namespace) -> int:
         print("\n".join(text_report(rows)))
         print("\n".join(map(str, written)))
         if interrupted:
-            print(f"interrupted: fame campaign --resume {folder.path} goes on")
+            print(_goes_on(folder))
     return 130 if interrupted else 0
+
+
+def _goes_on(folder: Folder) -> str:
+    return f"interrupted; to continue: fame campaign --resume {shlex.quote(str(folder.path))}"
 
 
 def _campaign(arguments: Namespace) -> tuple[Campaign, Folder]:
@@ -96,7 +115,8 @@ def _campaign(arguments: Namespace) -> tuple[Campaign, Folder]:
         if arguments.scenario is not None:
             raise ConfigError("expected a scenario or --resume DIR, got both")
         folder = Folder(arguments.resume)
-        return folder.campaign(), folder
+        campaign = folder.campaign()
+        return replace(campaign, workers=arguments.jobs or campaign.workers), folder
     if arguments.scenario is None:
         raise ConfigError("expected a scenario, or --resume DIR (see fame campaign --help)")
     if arguments.backend != "loky" and not arguments.address:

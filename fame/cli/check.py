@@ -33,31 +33,32 @@ def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "check", run, examples=_EXAMPLES,
-        help="say what is wrong or doubtful in models and scenarios; exit code 1 if there is an error",
+        help="report errors and likely mistakes in models and scenarios; exit code 1 if there is an error",
     )  # fmt: skip
     parser.add_argument(
         "models", type=Path, nargs="+", metavar="FILE",
-        help="a model (.bpmn), - for one from stdin, or a scenario (.yaml) with its model, which is not run; "
-             "what fame split wrote of one mission is checked as one",
+        help="a model (.bpmn), - for one from stdin, or a scenario (.yaml) with its model; the files that fame split "
+             "wrote of one mission are checked together",
     )  # fmt: skip
-    parser.add_argument("--strict", action="store_true", help="an undefined name in a payload is an error")
+    parser.add_argument("--strict", action="store_true", help="treat an undefined name in a payload as an error")
     parser.add_argument(
         "--explain", action="store_true",
-        help="say first what each file was read as, and every topic, service and action that its robots use",
+        help="first print how FAME interprets each element, and the topics, services and actions of each robot",
     )  # fmt: skip
     parser.add_argument(
         "--against-graph", type=positive, nargs="?", const=5.0, metavar="SECONDS",
-        help="compare these topics, services and actions with the running nodes, waiting up to 5 s for missing ones",
+        help="compare the topics, services and actions with those of the running nodes; wait up to SECONDS (5) for "
+        "missing ones",
     )  # fmt: skip
     parser.add_argument(
         "--middleware",
         choices=("dds", "zenoh", "ros"),
         default="dds",
-        help="--against-graph: how to reach the nodes; what follows --ros-args counts with ros only",
+        help="with --against-graph: how to reach the nodes (dds); ros also receives the arguments after --ros-args",
     )
     parser.add_argument(
         "--interface", type=interface, metavar="IFACE",
-        help="--against-graph: open this network interface, by name or address (default: stay on this machine)",
+        help="with --against-graph: use this network interface, by name or address (default: this machine only)",
     )  # fmt: skip
     add_library(parser)
     add_json(parser)
@@ -65,7 +66,7 @@ def add(commands: Commands) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Check every file and print what was found, in the manner of compilers; or explore it."""
+    """Check (or explore) every file and print the findings, one line each."""
     if arguments.explore:
         return _explore(arguments)
     exploration.refuse_without_explore(arguments)

@@ -12,8 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fame.cli import migration
 from fame.cli.arguments import Commands, add_json, add_library, command, positive
-from fame.cli.network import OPEN, add_network, connected
+from fame.cli.network import OPEN, add_network, connected, person
 from fame.cli.output import note, print_json, table
 from fame.errors import ConfigError, DeploymentError, FameError
 
@@ -29,31 +30,28 @@ def add_deploy(commands: Commands) -> None:
     examples = (
         "fame deploy models/ground_vehicles.bpmn",
         "fame deploy models/other.bpmn --to Tractor_2",
-        "fame deploy new.bpmn --migrate --plan plan.yaml",
+        "fame deploy new.bpmn --migrate --dry-run",
+        "fame deploy new.bpmn --migrate --plan new.plan.yaml",
     )
     parser = command(
         commands, "deploy", run_deploy, examples=examples,
-        help="send a model to the engines of its robots; all start, or none does",
+        help="split a model and send it to the engines of its robots; all start, or none",
     )  # fmt: skip
     parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
-    parser.add_argument("--to", action="append", default=[], metavar="ROBOT", help="only to this robot; repeatable")
     parser.add_argument(
-        "--stay", action="store_true", help="then stay, and send robots that come late (or back) their process"
+        "--to", action="append", default=[], metavar="ROBOT", help="send to this robot only; repeatable"
     )
     parser.add_argument(
-        "--migrate", action="store_true",
-        help="what runs goes over to this model where it is, instead of being cancelled: all robots or none "
-        "(docs/durability.md)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--plan", type=Path, metavar="PLAN.yaml",
-        help="with --migrate: what becomes of elements and variables where it is not clear by itself",
-    )  # fmt: skip
+        "--stay", action="store_true", help="keep running, and send robots that join late or restart their process"
+    )
+    migration.add_options(parser)
     parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
-    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign it with this key (see fame keys)")
+    parser.add_argument(
+        "--key", type=Path, metavar="FILE.key", help="sign the deployment with this key (see fame keys)"
+    )
     parser.add_argument(
         "--explore", action="store_true",
-        help="first explore its reachable states (fame check --explore); send nothing if it may deadlock",
+        help="first explore its reachable states (fame check --explore); send nothing after an error",
     )  # fmt: skip
     add_network(parser)
     add_library(parser)
@@ -66,14 +64,11 @@ def run_deploy(arguments: Namespace) -> int:
     from fame.bpmn.pools import matches, pools_of
     from fame.bpmn.reader import read
     from fame.check.gate import refuse_errors
-    from fame.deploy.migration_plan import read_plan
     from fame.deploy.signing import read_private
     from fame.scenario import Sending
 
-    if arguments.plan is not None and not arguments.migrate:
-        raise ConfigError("--plan needs --migrate: without it what runs is cancelled")
-    plan = read_plan(arguments.plan) if arguments.plan is not None else {}
     definitions, library = read(arguments.model), Library(arguments.library)
+    migrated = migration.Migration(arguments, definitions, library)
     key = read_private(arguments.key) if arguments.key is not None else None
     names, pools = arguments.to, pools_of(definitions)
     sent = [pool.process for pool in pools if not names or any(matches(robot, pool) for robot in names)]
@@ -81,10 +76,12 @@ def run_deploy(arguments: Namespace) -> int:
     if arguments.explore:
         _refuse_deadlocks(definitions, arguments.library)
     with connected(arguments) as (scheduler, middleware):
-        options = {"library": library, "patience": arguments.wait, "key": key}
-        sending = Sending(definitions, scheduler, middleware, **options, migrate=arguments.migrate, plan=plan)
+        options = {"library": library, "patience": arguments.wait, "key": key, "who": person()}
+        sending = Sending(definitions, scheduler, middleware, **options, **migrated.options)
         deployment = sending.deploy(arguments.to, arguments.wait, note)
-        _tell(deployment, json=arguments.json)
+        if migrated.dry:
+            return migrated.show(deployment)
+        _tell(deployment, migrated, json=arguments.json)
         if arguments.stay and not deployment.failed:
             deployment.close()
             sending.stay(deployment.robots, note)
@@ -101,20 +98,22 @@ def _refuse_deadlocks(definitions: Definitions, library: Sequence[Path]) -> None
     found = [one for one in result.findings if one.kind in FAILING and not one.accepted]
     if found:
         more = f"; and {len(found) - 1} more: fame check --explore" if len(found) > 1 else ""
-        raise DeploymentError(f"nothing is sent: {found[0].text}{more}")
+        raise DeploymentError(f"not deployed: {found[0].text}{more}")
 
 
-def _tell(deployment: Deployment, *, json: bool) -> None:
+def _tell(deployment: Deployment, migrated: migration.Migration, *, json: bool) -> None:
     robots = deployment.robots.values()
     if json:
         results = {each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took} for each in robots}
-        print_json({"status": "failed" if deployment.failed else "completed", "robots": results})
+        found = {"findings": migrated.findings()} if "approve" in migrated.options else {}
+        print_json({"status": "failed" if deployment.failed else "completed", "robots": results, **found})
     else:
         rows = [
             (each.robot, each.state, f"{1000 * each.took:.0f} ms" if each.state != "silent" else "", each.reason)
             for each in robots
         ]
         print(table(("robot", "state", "time", "reason"), rows), flush=True)
+        migrated.explain()
 
 
 _OPEN = f"{OPEN}: give --key FILE.key, or --insecure to take what anybody sends"
@@ -124,18 +123,18 @@ def add_splitter(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "splitter", run_splitter, examples=("fame splitter", "fame splitter --library behaviours"),
-        help="wait for collaborations on /collaboration_diagram, deploy them, and supply robots that come late",
+        help="deploy the models that are published on /collaboration_diagram, also to robots that join late",
     )  # fmt: skip
     parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
     parser.add_argument(
         "--key", type=Path, metavar="FILE.key",
-        help="sign what is sent with this key, and take only diagrams that it or --trust signed (see fame keys)",
+        help="sign deployments with this key, and accept only diagrams signed with it or a --trust key (see fame keys)",
     )  # fmt: skip
     parser.add_argument(
         "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
-        help="take diagrams that this key signed; repeatable",
+        help="accept diagrams signed with this key; repeatable",
     )  # fmt: skip
-    parser.add_argument("--insecure", action="store_true", help="take (and sign) diagrams that anybody sends")
+    parser.add_argument("--insecure", action="store_true", help="accept (and sign) diagrams of any sender")
     add_network(parser)
     add_library(parser)
 
@@ -181,14 +180,15 @@ def add_keys(commands: Commands) -> None:
             "fame keys robot REX --key team.key",
             "fame keys diagram mission.bpmn --key team.key",
         ),
-        help="make keys: of a team (new), which signs deployments; of a robot, which proves its name; sign a diagram",
+        help="make the key pair of a team, which signs deployments (new); certify a robot's name; sign a diagram",
     )  # fmt: skip
     parser.add_argument("action", choices=("new", "robot", "diagram"))
     parser.add_argument(
         "name", type=Path, metavar="NAME",
-        help="path of the keys to make, without endings; for robot its name comes last; for diagram a model",
+        help="new: path of the files, without suffix; robot: the same, the last part is the robot's name; diagram: "
+        "the model",
     )  # fmt: skip
-    parser.add_argument("--key", type=Path, metavar="FILE.key", help="the key of the team; for robot and diagram")
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help="robot, diagram: the team's key")
 
 
 def run_keys(arguments: Namespace) -> int:

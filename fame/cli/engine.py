@@ -6,7 +6,6 @@ import gc
 import re
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,8 @@ from fame.cli.output import note
 from fame.errors import ConfigError, FameError
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from fame.clock import WallScheduler
     from fame.deploy import EngineNode
     from fame.log.engine_log import EngineLog
@@ -37,51 +38,51 @@ def add(commands: Commands) -> None:
         help="run one robot's engine: it waits for its process on /NAME/bpmn_process",
     )  # fmt: skip
     parser.add_argument("name", type=_name, metavar="NAME", help="the robot's name and namespace")
-    parser.add_argument("--type", metavar="TYPE", help="kind of robot, whose safe state is used: car ...")
+    parser.add_argument("--type", metavar="TYPE", help="kind of robot (car ...), which determines its safe state")
     parser.add_argument(
         "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
-        help="run only what this key signed; repeatable (see fame keys)",
+        help="run only deployments signed with this key; repeatable (see fame keys)",
     )  # fmt: skip
     parser.add_argument(
         "--identity", type=Path, metavar="FILE.key",
-        help="sign what is said with this key, which proves the robot's name (see fame keys); needs --trust",
+        help="sign the engine's messages with this key, which proves the robot's name (see fame keys); needs --trust",
     )  # fmt: skip
     parser.add_argument(
         "--unsigned-tasks", action="store_true",
-        help="with --trust: take what people did (fame complete, activate) from anybody",
+        help="with --trust: accept unsigned requests (fame complete, activate, retry, set, move)",
     )  # fmt: skip
-    parser.add_argument("--insecure", action="store_true", help="take processes from a network that is not loopback")
+    parser.add_argument("--insecure", action="store_true", help="accept unsigned processes from other machines")
     parser.add_argument(
         "--use-sim-time",
         action="store_true",
-        help="the mission's time is that on /clock, which a world says",
+        help="use the time on /clock, which a simulated world publishes",
     )
     parser.add_argument(
-        "--lockstep", action="store_true", help="--use-sim-time, and the world waits for this engine after each step"
+        "--lockstep", action="store_true", help="as --use-sim-time; the world waits for this engine after each step"
     )
     parser.add_argument(
         "--epoch", type=epoch, metavar="DATE|now",
-        help="the date at second 0 of the mission's time; else 1970-01-01T00:00Z in simulated time, and the real date",
+        help="the date at second 0 of the mission (default: the real date; 1970-01-01T00:00Z in simulated time)",
     )  # fmt: skip
     parser.add_argument(
         "--files", type=Path, metavar="DIR",
-        help="folder of the files that service tasks name, such as learned models (default: the current folder)",
+        help="folder of the files that service tasks use, such as learned models (default: the current folder)",
     )  # fmt: skip
     parser.add_argument(
         "--state", type=Path, metavar="DIR",
-        help="keep the mission on disk: after a crash the same command goes on where it was (docs/durability.md)",
+        help="keep the mission on disk: after a crash the same command continues it (docs/durability.md)",
     )  # fmt: skip
     parser.add_argument(
-        "--fresh", action="store_true", help="with --state: start over, and set the old state aside in DIR/old-N"
+        "--fresh", action="store_true", help="with --state: start over; the old state is moved to DIR/old-N"
     )
     parser.add_argument(
         "--on-error", choices=("fail", "hold"), default="fail",
-        help="what an error does that nothing catches: it fails the mission, or the robot holds in its safe state "
-        "until somebody repairs it (fame retry, set, move)",
+        help="after an uncaught error: fail the mission, or hold the robot in its safe state until the mission is "
+        "repaired (fame retry, set, move)",
     )  # fmt: skip
     parser.add_argument(
         "--log", type=Path, metavar="DIR",
-        help="keep recordings of what happens in this folder: the last 10 files of about 50 MB (fame log merge)",
+        help="write recordings to this folder; the last 10 files of about 50 MB are kept (fame log merge)",
     )  # fmt: skip
     parser.add_argument(
         "--fame-dt", action="store_true", help="publish every step on /fame_dt, for the viewer of the original FaMe"
@@ -113,13 +114,9 @@ def run(arguments: Namespace) -> int:
 def _serve(arguments: Namespace) -> None:
     from fame.deploy import EngineNode, engines
     from fame.deploy.loading import preload
-    from fame.deploy.signing import read_identity, read_trusted
     from fame.scenario import serve
 
-    trusted = read_trusted(arguments.trust) if arguments.trust else ()
-    if arguments.identity is not None and not trusted:
-        raise ConfigError("--identity needs --trust FILE.pub: without keys nothing is signed")
-    identity = read_identity(arguments.identity, arguments.name) if arguments.identity is not None else None
+    trusted, identity = _keys(arguments)
     if arguments.files is not None and not arguments.files.is_dir():
         raise ConfigError("expected a folder", file=str(arguments.files))
     guarded = bool(trusted or arguments.insecure)
@@ -139,7 +136,7 @@ def _serve(arguments: Namespace) -> None:
         if not (guarded or middleware.confined):  # loopback is asked for, and the platform does not keep it
             raise FameError(_OPEN)
         if _is_there(arguments.name, trusted, scheduler, middleware):
-            raise FameError(f"there is an engine {arguments.name!r} already; a robot has one")
+            raise FameError(f"there is an engine {arguments.name!r} already")
         time = _simulated_time(arguments, scheduler, middleware)
         gc.freeze()
         gc.enable()
@@ -168,7 +165,7 @@ def _serve(arguments: Namespace) -> None:
             time.on_jump = engine.warn
         preload(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))
         if engine.resuming:
-            say_ready(f"{arguments.name} goes on with its mission from {arguments.state}")
+            say_ready(f"{arguments.name} continues its mission from {arguments.state}")
         else:
             say_ready(f"{arguments.name} waits for its process on /{arguments.name}/bpmn_process")
         return engine
@@ -180,15 +177,28 @@ def _serve(arguments: Namespace) -> None:
             log.close()
 
 
+def _keys(arguments: Namespace) -> tuple[Any, Any]:
+    """The public keys that are trusted, and the engine's identity or None. Raises ConfigError."""
+    from fame.deploy.signing import read_identity, read_trusted
+
+    trusted = read_trusted(arguments.trust) if arguments.trust else ()
+    if arguments.identity is None:
+        return trusted, None
+    if not trusted:
+        raise ConfigError("--identity needs --trust FILE.pub")
+    return trusted, read_identity(arguments.identity, arguments.name)
+
+
 def _simulated_time(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> ClockFollower | None:
     """What follows the time of /clock, or None on the wall clock."""
     if not (arguments.use_sim_time or arguments.lockstep or middleware.use_sim_time):
         return None
+    from fame.middleware.interface import ENGINE, MISSION
     from fame.middleware.simulated_time import ClockFollower
 
-    time, node = ClockFollower(scheduler), middleware.node("_fame_time", arguments.name)
+    time, node = ClockFollower(scheduler), middleware.node(ENGINE, arguments.name, "clock")
     if arguments.lockstep:
-        time.subscribe_in_lockstep(node, lockstep(middleware, lambda name: name == "fame_engine"))
+        time.subscribe_in_lockstep(node, lockstep(middleware, lambda node: node.part == MISSION))
     else:
         time.subscribe(node)
     return time
@@ -206,17 +216,21 @@ def _log(folder: Path, robot: str, scheduler: WallScheduler) -> EngineLog:
 
 
 def _element_feed(middleware: Middleware, robot: str) -> Callable[[Event], object]:
+    from fame.middleware.interface import ENGINE
     from fame.robot.live import ElementFeed
 
-    return ElementFeed(middleware.node("fame_dt", robot))
+    return ElementFeed(middleware.node(ENGINE, robot, "elements"))
 
 
 def _state(arguments: Namespace) -> StateDirectory | None:
     """The directory of the engine's state. Raises ConfigError."""
     if arguments.state is None:
         if arguments.fresh:
-            raise ConfigError("--fresh needs --state DIR: without it no state is kept")
+            raise ConfigError("--fresh needs --state DIR")
         return None
+    from fame.imports import require
+
+    require("orjson")
     from fame.robot.journal import StateDirectory
 
     state = StateDirectory(arguments.state)
@@ -227,6 +241,8 @@ def _state(arguments: Namespace) -> StateDirectory | None:
 
 def _epoch(scheduler: WallScheduler, *, simulated: bool) -> datetime:
     """The date of second 0: on the wall clock such that dates are the real ones."""
+    from datetime import UTC, datetime, timedelta
+
     from fame.clock import EPOCH
 
     return EPOCH if simulated else datetime.now(UTC) - timedelta(microseconds=scheduler.now // 1000)

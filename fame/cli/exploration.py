@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
 from itertools import groupby
@@ -17,7 +18,20 @@ from fame.errors import ConfigError, FameError
 if TYPE_CHECKING:
     from fame.check.explore import Exploration, Finding
 
-_ONLY = ("robots", "delivery", "network", "timers", "faults", "limit", "seconds", "all", "trace")
+_ONLY = (
+    "robots",
+    "delivery",
+    "network",
+    "timers",
+    "tasks",
+    "ends",
+    "fairness",
+    "faults",
+    "limit",
+    "seconds",
+    "all",
+    "trace",
+)
 """Options that mean something with --explore alone."""
 
 
@@ -30,28 +44,46 @@ def add_arguments(parser: Parser) -> None:
     )  # fmt: skip
     group.add_argument(
         "--robots", action="append", default=[], metavar="POOL=N",
-        help="number of robots for a multi-instance pool; else those of the scenario, or its minimum, at least 2",
+        help="number of robots for a multi-instance pool (default: that of the scenario, or the pool's minimum, at "
+             "least 2)",
     )  # fmt: skip
     group.add_argument(
         "--delivery", action="append", default=[], choices=("run", "fast", "any"),
-        help="run: as fame run delivers; fast: in any order, but before anything that takes time; any: whenever. "
+        help="run: as in fame run; fast: in any order, before anything that takes time; any: at any time. "
              "May be given several times (default: run, then fast)",
     )  # fmt: skip
     group.add_argument(
         "--network", default=None, choices=("fifo", "bag"),
-        help="fifo (default): each sender's messages on a topic arrive in order, and a robot that does not listen "
+        help="fifo (default): each sender's messages on a topic arrive in order, and a robot that is not listening "
              "misses them; bag: they are kept until it listens, in any order",
     )  # fmt: skip
     group.add_argument(
         "--timers", default=None, choices=("any", "ordered"),
         help="order in which the timers of a robot fire: any (default), or by their durations",
     )  # fmt: skip
-    group.add_argument("--faults", action="store_true", help="explore also what each single fault leads to")
-    group.add_argument("--limit", type=natural, default=None, metavar="N", help="most states (default: 200000)")
-    group.add_argument("--seconds", type=positive, default=None, metavar="S", help="most seconds, for all deliveries")
-    group.add_argument("--all", action="store_true", help="show findings without consequences too")
     group.add_argument(
-        "--trace", type=Path, metavar="DIR", help="write each run to DIR: as a test that fails today, and as a picture"
+        "--tasks", default=None, choices=("instant", "timed"),
+        help="plain and send tasks complete at once (default, as in fame run), or take time",
+    )  # fmt: skip
+    group.add_argument(
+        "--ends", default=None, choices=("any", "once"),
+        help="once: report a second token that comes to an end event (default: any number may)",
+    )  # fmt: skip
+    group.add_argument(
+        "--fairness", default=None, choices=("strong", "weak"),
+        help="weak: report that a mission may loop forever although it could leave the loop (default: strong)",
+    )  # fmt: skip
+    group.add_argument("--faults", action="store_true", help="also explore the consequences of each single fault")
+    group.add_argument(
+        "--limit", type=natural, default=None, metavar="N", help="maximum number of states (default: 200000)"
+    )
+    group.add_argument("--seconds", type=positive, default=None, metavar="S", help="maximum time, for all deliveries")
+    group.add_argument("--all", action="store_true", help="also show findings without consequences")
+    group.add_argument(
+        "--trace",
+        type=Path,
+        metavar="DIR",
+        help="write the run to each error to DIR: as a failing test (fame test), a recording (fame view) and a picture",
     )
 
 
@@ -67,6 +99,8 @@ def run(arguments: Namespace) -> int:
     from fame.scenario.exploration import explore
 
     robots = _robots(arguments.robots)
+    if arguments.trace is not None and (arguments.network == "bag" or arguments.tasks == "timed"):
+        raise ConfigError("--trace drives real engines: expected no --network bag and no --tasks timed beside it")
     results = []
     for path in dict.fromkeys(arguments.models):
         result = explore(
@@ -76,6 +110,9 @@ def run(arguments: Namespace) -> int:
             delivery=tuple(dict.fromkeys(arguments.delivery)) or ("run", "fast"),
             network=arguments.network or "fifo",
             timers=arguments.timers or "any",
+            tasks=arguments.tasks or "instant",
+            ends=arguments.ends or "any",
+            fairness=arguments.fairness or "strong",
             faults=arguments.faults,
             limit=200_000 if arguments.limit is None else arguments.limit,
             seconds=arguments.seconds,
@@ -94,12 +131,17 @@ def run(arguments: Namespace) -> int:
 
 def _write(result: Exploration, arguments: Namespace, path: Path, robots: dict[str, int]) -> None:
     """Write the runs of what was found."""
-    from fame.scenario.exploration import cast_of
-    from fame.scenario.traces import write_traces
+    from fame.scenario import Scenario
+    from fame.testing.explored_runs import write_runs
 
-    definitions, _, _ = cast_of(path, robots, arguments.library)
-    for written in write_traces(result, definitions, arguments.trace, robots, path):
-        print(f"fame: wrote {written}", file=sys.stderr)
+    if path.suffix == ".bpmn":  # of which fewer robots would be run than are explored
+        robots = dict(Counter(pool for robot, pool in result.robots.items() if robot != pool))
+    scenario = Scenario.load(path, robots=robots, library=arguments.library)
+    written = write_runs(result, scenario, arguments.trace, robots, path)
+    if written:
+        runs = sum(file.suffix == ".py" for file in written)
+        what = f"{runs} run{'s' if runs > 1 else ''}"
+        print(f"fame: wrote {what} to {arguments.trace}: for fame test and fame view, and as pictures", file=sys.stderr)
 
 
 def _robots(given: list[str]) -> dict[str, int]:
@@ -128,13 +170,13 @@ def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
         if finding.accepted:
             yield f"  accepted: {finding.accepted}"
         elif finding.run and (finding.level == "error" or everything):
-            yield from _steps(finding)
+            yield from steps_of(finding)
     yield from _fault_table(result)
     yield ""
     yield _summary(result, len(result.findings) - len(shown))
 
 
-def _steps(finding: Finding) -> Iterator[str]:
+def steps_of(finding: Finding) -> Iterator[str]:
     """A numbered step a line; the same step several times in a row is one line."""
     if not finding.run:
         yield "    (at once)"
@@ -180,11 +222,12 @@ def as_json(result: Exploration) -> dict[str, Any]:
         "outside": list(result.outside),
         "widened": [list(one) for one in result.widened],
         "searches": [asdict(search) for search in result.searches],
-        "findings": [_finding(one) for one in result.findings],
+        "findings": [finding_as_json(one) for one in result.findings],
     }
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
+def finding_as_json(finding: Finding) -> dict[str, Any]:
+    """A finding as plain data."""
     return {
         "kind": finding.kind,
         "level": finding.level,

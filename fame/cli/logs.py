@@ -15,7 +15,7 @@ from fame.errors import ConfigError
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
-    from fame.log.recorder import RecordingFile
+    from fame.log.recording_file import RecordingFile
     from fame.log.team_recorder import TeamRecorder
     from fame.middleware.interface import Middleware
 
@@ -26,7 +26,7 @@ def add(commands: Commands) -> None:
         commands, "log", help="record a team on the network, merge recordings and convert them",
         examples=("fame log record -o run.mcap", "fame log convert run.mcap -o run.xes"),
     )  # fmt: skip
-    parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
+    parts = parser.add_subparsers(dest="part", required=True, metavar="SUBCOMMAND")
     recording = command(
         parts, "record", record,
         examples=("fame log record -o run.mcap", "fame log record -o run.mcap --robot REX --log-topics all"),
@@ -34,11 +34,11 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     _add_output(recording, "FILE.mcap", "the recording, in place of an old one")
     recording.add_argument(
-        "--robot", action="append", default=[], metavar="NAME", help="record this robot alone; repeatable"
+        "--robot", action="append", default=[], metavar="NAME", help="record this robot only; repeatable"
     )
     recording.add_argument(
         "--log-topics", choices=("signals", "all"), default="signals",
-        help="the messages to record: those of signals, or of all topics, with sensors and motors",
+        help="messages to record: those of signals (default), or of all topics, sensors and motors included",
     )  # fmt: skip
     add_network(recording)
     add_types(recording)
@@ -54,7 +54,7 @@ def add(commands: Commands) -> None:
     merging = command(
         parts, "merge", merge,
         examples=("fame log merge REX-*.mcap DINGO-*.mcap -o team.mcap",),
-        help="merge recordings by time, such as those that engines keep themselves (fame engine --log)",
+        help="merge recordings by time, such as those of fame engine --log",
     )  # fmt: skip
     merging.add_argument("recordings", type=Path, nargs="+", metavar="FILE.mcap")
     _add_output(merging, "FILE.mcap", "the merged recording, in place of an old one")
@@ -72,7 +72,7 @@ def _expect_recording(path: Path) -> None:
 def record(arguments: Namespace) -> int:
     """Record until interrupted, and say what was recorded."""
     from fame.log import Recording
-    from fame.log.recorder import RecordingFile
+    from fame.log.recording_file import RecordingFile
     from fame.log.team_recorder import TeamRecorder
     from fame.log.writing import new_file
     from fame.scenario import serve
@@ -101,7 +101,7 @@ def record(arguments: Namespace) -> int:
         serve(arguments.middleware, arguments.network, build)
     (recorder,) = recorders
     if not recorder.begun:
-        note("fame: no robot told anything: no recording was written")
+        note("fame: received nothing from any robot: no recording was written")
         return 1
     with Recording(arguments.output) as recording:
         lost = "".join(f"; {count} batches of {robot} were lost" for robot, count in recorder.team.gaps.items())

@@ -59,13 +59,13 @@ def add_convert(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "convert", run_convert, examples=_CONVERT_EXAMPLES,
-        help="write a model of the original FaMe, Camunda 8 or Flowable in the current form, which does the same",
+        help="convert a model of the original FaMe, Camunda 8 or Flowable to FAME's form, with the same behaviour",
     )  # fmt: skip
     parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE.bpmn", required=True, help="file to write")
     parser.add_argument(
         "--semantics", choices=("standard", "original"),
-        help="of its interrupting event sub-processes from now on; original: they suspend and resume",
+        help="interrupting event sub-processes in the result: standard, or original (they suspend and resume)",
     )  # fmt: skip
     add_json(parser)
 
@@ -98,7 +98,7 @@ def add_draw(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "draw", run_draw, examples=_DRAW_EXAMPLES,
-        help="draw a model as SVG, with the path of a run on it if given its log",
+        help="draw a model as SVG; with a log, also what completed, failed or still waits in that run",
     )  # fmt: skip
     parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE.svg", required=True, help="file to write")
@@ -106,10 +106,14 @@ def add_draw(commands: Commands) -> None:
         "--log",
         type=Path,
         metavar="FILE",
-        help="recording (.mcap) or log (.jsonl, .csv) of a run: what was completed, failed, cancelled, or still waits",
+        help="recording (.mcap) or log (.jsonl, .csv) of a run",
     )
     parser.add_argument(
-        "--robot", action="append", default=[], metavar="NAME", help="the path of this robot alone; repeatable"
+        "--robot",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="with --log: the path of this robot only; repeatable",
     )
     add_json(parser)
 
@@ -129,7 +133,7 @@ def run_draw(arguments: Namespace) -> int:
         run = run_outcomes(arguments.log, definitions, robots=arguments.robot)
         drawing = draw(definitions, run.tallies, notes=run.notes(definitions))
     elif arguments.robot:
-        raise ConfigError("--robot needs --log: without it, no path is drawn")
+        raise ConfigError("--robot needs --log")
     else:
         drawing = draw(definitions)
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -150,10 +154,10 @@ def add_library_command(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "library", run_library, examples=("fame library", "fame library my_behaviours --json"),
-        help="list the behaviours that a model may call: what each needs, its topics, what it does",
+        help="list the behaviours that a model can call: inputs, topics, description",
     )  # fmt: skip
     parser.add_argument(
-        "folders", type=Path, nargs="*", metavar="DIR", help="folders with called processes, besides what is built in"
+        "folders", type=Path, nargs="*", metavar="DIR", help="folders with called processes, besides the built-in ones"
     )
     add_json(parser)
 

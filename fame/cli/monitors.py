@@ -19,6 +19,7 @@ _JUDGE_EXAMPLES = (
     "fame judge joint_monitor.skops runs.csv -o report.html",
     "fame judge joint_monitor.skops run_bag --config low_pass.yaml --json",
     "fame judge best.skops original_30.csv",
+    "fame judge best.skops recorded_bag --topic /Arm/joint_states -o report.html",
 )
 
 
@@ -26,11 +27,18 @@ def add_judge(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "judge", run_judge, examples=_JUDGE_EXAMPLES,
-        help="judge recorded runs by a model, with the code that runs live: verdicts, events, rates, and a report",
+        help="judge recorded runs by a model, with the same code as live: verdicts, events, rates, and a report",
     )  # fmt: skip
-    parser.add_argument("model", type=Path, metavar="MODEL.skops", help="of fame train or fame adm learn")
-    parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help="CSV files; with --config bags and MCAP too")
-    parser.add_argument("--config", type=Path, metavar="CONFIG.yaml", help="whose Inputs are read from bags")
+    parser.add_argument("model", type=Path, metavar="MODEL.skops", help="model written by fame train or fame adm learn")
+    parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help="CSV files, bags and MCAP files")
+    parser.add_argument(
+        "--config", type=Path, metavar="CONFIG.yaml",
+        help="configuration whose Inputs are read from bags, for a model of fame train",
+    )  # fmt: skip
+    parser.add_argument(
+        "--topic", default="/joint_states",
+        help="topic that is read from bags, for a model of fame adm learn (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument("-o", "--output", type=Path, metavar="REPORT.html", help="write a page with plots")
     add_json(parser)
 
@@ -47,7 +55,7 @@ def run_judge(arguments: Namespace) -> int:
         labelled = any((run.labels == -1).any() for run in runs) or any(map(_has_labels, arguments.data))
         judgement = judge_trained(model, runs, str(arguments.model), labelled=labelled)
     else:
-        judgement = judge_recordings(model, arguments.data, str(arguments.model))
+        judgement = judge_recordings(model, arguments.data, str(arguments.model), arguments.topic)
     if arguments.output is not None:
         from fame.monitor.judge_report import write_report
 
@@ -135,8 +143,8 @@ def _value(value: object) -> str:
 
 def add_model(commands: Commands) -> None:
     """Declare the command and its parts."""
-    parser = group(commands, "model", examples=("fame model show joint_monitor.skops",), help="learned models")
-    parts = parser.add_subparsers(metavar="PART", required=True)
+    parser = group(commands, "model", examples=("fame model show joint_monitor.skops",), help="inspect learned models")
+    parts = parser.add_subparsers(metavar="SUBCOMMAND", required=True)
     show = command(
         parts, "show", run_show, examples=("fame model show joint_monitor.skops", "fame model show best.skops --json"),
         help="show the card of a model: data, thresholds, promised and measured rates, limits",

@@ -1,4 +1,4 @@
-"""What the commands share that talk to other processes: which middleware, on which network."""
+"""Options of the commands that communicate with other processes, middleware and network, and ``fame router``."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.middleware.interface import EndpointWarning, Middleware
     from fame.middleware.simulated_time import Lockstep
+    from fame.middleware.wire_base import WireNode
 
 OPEN = "other machines can reach this process, and a topic that carries code must not be open by accident"
 
@@ -27,16 +28,16 @@ def add_network(parser: Parser) -> None:
     """``--middleware``, ``--localhost`` and ``--network``."""
     parser.add_argument(
         "--middleware", choices=("dds", "zenoh", "ros"), default="dds",
-        help="how to reach the others: on the wire of ROS 2, without it, by DDS (default) or Zenoh, or by its rclpy "
-        "(ros); what follows --ros-args counts with ros only",
+        help="dds (default) or zenoh: compatible with ROS 2, which need not be installed; ros: through rclpy, which "
+        "also receives the arguments after --ros-args",
     )  # fmt: skip
     reach = parser.add_mutually_exclusive_group()
     reach.add_argument(
-        "--localhost", dest="network", action="store_const", const=None, help="stay on this machine (the default)"
+        "--localhost", dest="network", action="store_const", const=None, help="this machine only (the default)"
     )
     reach.add_argument(
         "--network", type=interface, metavar="IFACE",
-        help="open this network interface, by name or address; ROS_DOMAIN_ID says which domain",
+        help="use this network interface (name or address), in the domain ROS_DOMAIN_ID",
     )  # fmt: skip
     reach.add_argument(
         "--router", dest="network", type=router, metavar="ADDRESS",
@@ -44,7 +45,7 @@ def add_network(parser: Parser) -> None:
     )  # fmt: skip
     reach.add_argument(
         "--zenoh-config", dest="network", type=zenoh_config, metavar="FILE",
-        help="Zenoh: its own configuration file (JSON5), for routers, TLS, user and password",
+        help="Zenoh: a configuration file of Zenoh (JSON5), for routers, TLS, user and password",
     )  # fmt: skip
 
 
@@ -89,13 +90,13 @@ def _is_here(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
 
 
 def without_ros_arguments(words: Sequence[str]) -> list[str]:
-    """A command line without what it holds for ROS (``--ros-args ...``), as launch files append it."""
+    """Remove ``--ros-args`` and everything after it, which launch files append."""
     return list(words[: words.index("--ros-args")] if "--ros-args" in words else words)
 
 
 @contextmanager
 def connected(arguments: Namespace) -> Iterator[tuple[WallScheduler, Middleware]]:
-    """A scheduler and a middleware for a command that asks something and ends."""
+    """A scheduler and a middleware for a command that makes one request."""
     from fame.scenario import connect, scheduler_for
 
     scheduler = scheduler_for(arguments.middleware)
@@ -115,12 +116,12 @@ def say_ready(text: str) -> None:
 
 
 def say_warning(warning: EndpointWarning) -> None:
-    """Print what a middleware warns of."""
+    """Print a warning of the middleware."""
     note(f"fame: warning: {warning}")
 
 
-def lockstep(middleware: Middleware, holds: Callable[[str], bool]) -> Lockstep:
-    """What keeps the messages of nodes of such names for their step. Raises ConfigError for other backends."""
+def lockstep(middleware: Middleware, holds: Callable[[WireNode], bool]) -> Lockstep:
+    """The lockstep of the nodes that `holds` accepts. Raises ConfigError for other backends."""
     from fame.errors import ConfigError
     from fame.middleware.simulated_time import Lockstep
     from fame.middleware.wire_base import WireMiddleware
@@ -149,16 +150,16 @@ def add_router(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--network", type=interface, metavar="IFACE",
-        help="listen on this network interface too, by name or address; otherwise on this machine alone",
+        help="listen on this network interface too (name or address); by default on this machine only",
     )  # fmt: skip
-    parser.add_argument("--port", type=natural, default=_PORT, help=f"where to listen ({_PORT})")
+    parser.add_argument("--port", type=natural, default=_PORT, help=f"TCP port to listen on ({_PORT})")
     parser.add_argument(
         "--connect", action="append", default=[], type=router, metavar="ADDRESS",
         help="the router of another machine, such as 10.0.0.7 or tls/depot:7447; repeatable",
     )  # fmt: skip
     parser.add_argument(
         "--zenoh-config", type=zenoh_config, metavar="FILE",
-        help="Zenoh's own configuration file (JSON5), for TLS, user and password",
+        help="a configuration file of Zenoh (JSON5), for TLS, user and password",
     )  # fmt: skip
 
 
@@ -196,3 +197,15 @@ def _address(interface: str) -> str:
 
 
 _GET_ADDRESS = 0x8915  # SIOCGIFADDR of <linux/sockios.h>
+
+
+def person() -> str:
+    """Return the user of this command as ``user@host``, unverified."""
+    import getpass
+    import socket
+
+    try:
+        user = getpass.getuser()
+    except (OSError, KeyError, ImportError):  # no name for this user id
+        user = "somebody"
+    return f"{user}@{socket.gethostname()}"

@@ -36,20 +36,22 @@ def add_process(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "process", run_process, examples=_PROCESS_EXAMPLES,
-        help="run processing nodes: a model on topics, its verdict on topics, as a configuration says",
+        help="run processing nodes: filters and learned models between topics",
     )  # fmt: skip
     parser.add_argument("configurations", type=Path, nargs="+", metavar="CONFIG.yaml")
     parser.add_argument(
         "--processor", action="append", default=[], metavar="CLASS",
-        help="instead of the configuration's: LowPass ..., module:Class, file.py:Class; may be given several times",
+        help="processor instead of those of the configuration: LowPass ..., module:Class, file.py:Class; repeatable",
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], type=assignment, metavar="NAME=VALUE", dest="values",
-        help="a parameter of the processors; may be given several times",
+        help="a parameter of the processors; repeatable",
     )  # fmt: skip
-    parser.add_argument("--frequency", type=positive, metavar="HZ", help="of the calls, instead of the configuration's")
-    parser.add_argument("--namespace", default="", metavar="NAME", help="that topics are relative to")
-    parser.add_argument("--graph", type=Path, metavar="FILE.svg", help="draw the pipeline as configured, and end")
+    parser.add_argument(
+        "--frequency", type=positive, metavar="HZ", help="calls per second, instead of those of the configuration"
+    )
+    parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of relative topics")
+    parser.add_argument("--graph", type=Path, metavar="FILE.svg", help="draw the configured pipeline and exit")
     add_types(parser)
     add_network(parser)
 
@@ -150,20 +152,23 @@ def add_record(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "record", run_record, examples=_RECORD_EXAMPLES,
-        help="record the inputs of a configuration as CSV, MCAP, a bag of ROS 2, or into InfluxDB",
+        help="record the inputs of a configuration as CSV, MCAP, ROS 2 bag or into InfluxDB",
     )  # fmt: skip
     parser.add_argument("configuration", type=Path, metavar="CONFIG.yaml")
     parser.add_argument(
         "-o", "--output", action="append", required=True, metavar="WHERE",
-        help="FILE.csv, FILE.mcap, a folder (a bag), or http://host:8086/database; may be given several times",
+        help="FILE.csv, FILE.mcap, a folder (ROS 2 bag), or http://host:8086/database (InfluxDB); repeatable",
     )  # fmt: skip
     parser.add_argument("--bag", type=Path, metavar="BAG", help="read a bag (ROS 1, ROS 2, MCAP) instead of listening")
-    parser.add_argument("--append", action="store_true", help="go on with a CSV file, as its next run")
+    parser.add_argument("--append", action="store_true", help="append the next run to an existing CSV file")
     parser.add_argument(
-        "--run-topic", default="", metavar="TOPIC", help="a message (std_msgs/Empty) begins the next run"
+        "--run-topic",
+        default="",
+        metavar="TOPIC",
+        help="a message (std_msgs/msg/Empty) on this topic begins the next run",
     )
     parser.add_argument("--duration", type=positive, metavar="S", help="end after this many seconds")
-    parser.add_argument("--namespace", default="", metavar="NAME", help="that topics are relative to")
+    parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of relative topics")
     add_types(parser)
     add_network(parser)
     add_json(parser)
@@ -213,18 +218,24 @@ def add_train(commands: Commands) -> None:
         examples=("fame train monitor.yaml --plots out", "fame train monitor.yaml --compare"),
         help="train a detector on recorded runs, with thresholds that promise a rate of false alarms",
     )  # fmt: skip
-    parser.add_argument("configuration", type=Path, metavar="CONFIG.yaml", help="a configuration with Training")
-    parser.add_argument("-o", "--output", type=Path, metavar="MODEL.skops", help="instead of the configuration's Model")
+    parser.add_argument(
+        "configuration", type=Path, metavar="CONFIG.yaml", help="a configuration with the section Training"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="MODEL.skops", help="file to write, instead of the configuration's Model"
+    )
     parser.add_argument("--onnx", type=Path, metavar="MODEL.onnx", help="write the model as ONNX too (autoencoders)")
-    parser.add_argument("--onnx-single", action="store_true", help="with --onnx: inputs and outputs of 32 bit")
+    parser.add_argument("--onnx-single", action="store_true", help="with --onnx: 32-bit inputs and outputs")
     parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the loss of each run, with the thresholds")
     parser.add_argument("--compare", action="store_true", help="compare all detectors on these runs, and use the best")
-    parser.add_argument("--check", action="store_true", help="only look whether the stored model is of these data")
+    parser.add_argument(
+        "--check", action="store_true", help="only check that the stored model was trained on these data"
+    )
     add_json(parser)
 
 
 def run_train(arguments: Namespace) -> int:
-    """Train, store with a card, and tell how it went."""
+    """Train, store the model with its card, and print the result."""
     from dataclasses import replace
 
     from fame.errors import ConfigError

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, Parser, add_json, command, positive
-from fame.cli.network import add_network, connected
+from fame.cli.network import add_network, connected, person
 from fame.cli.output import print_json, table
 from fame.errors import ConfigError
 from fame.text import printable
@@ -29,23 +29,23 @@ def add_status(commands: Commands) -> None:
     parser = command(
         commands, "status", run_status,
         examples=("fame status", "fame status --json", "fame status --why REX", "fame status --why REX Event_Order"),
-        help="show every robot: its model, its instances, where its tokens are, since when, and what they wait for",
+        help="show the state of every robot: model, instances, where its tokens wait, since when, and for what",
     )  # fmt: skip
     parser.add_argument(
         "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
-        help="show only what engines signed, and prefer those that prove their names by this key; repeatable",
+        help="show only signed states; engines that prove their names with this key take precedence; repeatable",
     )  # fmt: skip
     parser.add_argument(
         "--why", nargs="+", metavar=("ROBOT", "ELEMENT"),
-        help="explain what each token of a robot waits for (that at ELEMENT: an id or label): the condition and its "
-        "values; the topic, who publishes it, when its last message came and why it did not count",
+        help="explain why each token of a robot waits (or that at ELEMENT, an id or label): the condition and its "
+        "values; the topic, its publishers, when its last message came and why the token did not receive it",
     )  # fmt: skip
     add_network(parser)
     add_json(parser)
 
 
 def run_status(arguments: Namespace) -> int:
-    """Listen for a moment, and print what was said."""
+    """Listen for a moment, and print the state of each robot."""
     if arguments.why:
         return _explain_waits(arguments)
     from dataclasses import asdict
@@ -69,7 +69,7 @@ def run_status(arguments: Namespace) -> int:
 
     with connected(arguments) as (scheduler, middleware):
         scheduler.run(scheduler.now + SECOND)
-        node = middleware.node("fame_status")
+        node = middleware.node("_fame_status")
         robots = engines(middleware)
         for robot in robots:
             node.subscription(
@@ -106,7 +106,7 @@ def _explain_waits(arguments: Namespace) -> int:
         raise ConfigError(f"expected --why ROBOT [ELEMENT], got {' '.join(arguments.why)}")
     with connected(arguments) as (scheduler, middleware):
         team = LiveTeam(
-            middleware.node("fame_status"), middleware, scheduler, lambda *told: None, robots=frozenset([robot])
+            middleware.node("_fame_status"), middleware, scheduler, lambda *told: None, robots=frozenset([robot])
         )
         until = scheduler.now + round(_PATIENCE * SECOND)
         while scheduler.now < until and not (robot in team.state.robots and robot in team.models):
@@ -116,7 +116,7 @@ def _explain_waits(arguments: Namespace) -> int:
     if robot not in there:
         raise DeploymentError(f"unknown robot {robot!r}; {suggestion(robot, there)}")
     if robot not in team.state.robots:
-        raise DeploymentError(f"{robot} runs no process, or tells nothing on /{robot}/bpmn_events")
+        raise DeploymentError(f"{robot} runs no process, or publishes nothing on /{robot}/bpmn_events")
     reasons: list[WaitReason] = explain(
         team.state.robots[robot], team.models.get(robot, {}), elements[0] if elements else "", team.last_time(robot)
     )
@@ -167,7 +167,7 @@ def add_requests(commands: Commands) -> None:
     completing = command(
         commands, "complete", complete,
         examples=("fame complete REX Task_Inspect", "fame complete REX Task_Release --value approved=true"),
-        help="tell a running robot that a user, manual or receive task is done, with its results",
+        help="complete a user, manual or receive task of a running robot, with its results",
     )  # fmt: skip
     completing.add_argument("robot", metavar="ROBOT")
     completing.add_argument("element", metavar="ELEMENT", help="id of the task; fame status shows where tokens wait")
@@ -178,13 +178,13 @@ def add_requests(commands: Commands) -> None:
     activating = command(
         commands, "activate", activate,
         examples=("fame activate REX Task_Photo", "fame activate REX Task_Photo --json"),
-        help="start an element of a running robot's ad-hoc sub-process, again if it has run",
+        help="start an element of an open ad-hoc sub-process of a running robot, again if it has already run",
     )  # fmt: skip
     activating.add_argument("robot", metavar="ROBOT")
     activating.add_argument("element", metavar="ELEMENT", help="id of the element; fame status shows which can start")
     aborting = command(
         commands, "abort", abort, examples=("fame abort REX", "fame abort REX --key team.key"),
-        help="abort the deployment that a robot holds (fame status: holding); it keeps the process that it had",
+        help="end an undecided deployment on a robot (fame status: holding); it keeps its old process",
     )  # fmt: skip
     aborting.add_argument("robot", metavar="ROBOT")
     for parser in (completing, activating, aborting, *_add_repairs(commands)):
@@ -195,13 +195,13 @@ def _add_repairs(commands: Commands) -> tuple[Parser, ...]:
     """Declare the commands that repair a running robot."""
     retrying = command(
         commands, "retry", retry, examples=("fame retry REX Task_Grip", "fame retry REX Task_Grip --set force=12"),
-        help="execute an element of a running robot again that has failed (fame engine --on-error hold)",
+        help="execute a failed element of a running robot again (fame engine --on-error hold)",
     )  # fmt: skip
     retrying.add_argument("robot", metavar="ROBOT")
     retrying.add_argument("element", metavar="ELEMENT", help="id of the element; fame status shows the incidents")
     retrying.add_argument(
         "--set", action="append", default=[], type=value, dest="value", metavar="NAME=VALUE",
-        help="set a variable before; repeatable",
+        help="set a variable first; repeatable",
     )  # fmt: skip
     setting = command(
         commands, "set", set_variables,
@@ -214,17 +214,17 @@ def _add_repairs(commands: Commands) -> tuple[Parser, ...]:
     )
     moving = command(
         commands, "move", move, examples=("fame move REX Task_Grip Task_Ask",),
-        help="take a token of a running robot from one element to another of the same scope",
+        help="move a token of a running robot to another element of the same scope",
     )  # fmt: skip
     moving.add_argument("robot", metavar="ROBOT")
-    moving.add_argument("element", metavar="FROM", help="id of the element with the token; it is cancelled")
-    moving.add_argument("to", metavar="TO", help="id of the element that begins instead")
+    moving.add_argument("element", metavar="FROM", help="id of the element where the token waits; it is cancelled")
+    moving.add_argument("to", metavar="TO", help="id of the element that starts instead")
     return retrying, setting, moving
 
 
 def _add_common(parser: Parser) -> None:
     """What all of them take."""
-    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign it with this key (see fame keys)")
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign the request with this key (see fame keys)")
     parser.add_argument("--wait", type=positive, default=5.0, metavar="S", help="how long to wait for the answer (5)")
     add_network(parser)
     add_json(parser)
@@ -303,9 +303,7 @@ def _answer(
     middleware: Middleware,
 ) -> Report:
     """Return the answer of the robot. Raises DeploymentError if it does not answer."""
-    import getpass
     import os
-    import socket
     import time
 
     from fame.clock import SECOND
@@ -328,7 +326,7 @@ def _answer(
         values=values,
         act=act,
         to=to,
-        who=f"{getpass.getuser()}@{socket.gethostname()}",
+        who=person(),
     )
     asking = TaskClient(
         robot, done, node=middleware.node(f"fame_{act}"), scheduler=scheduler, answered=answers.append, key=key
@@ -363,7 +361,7 @@ def _abort(arguments: Namespace, scheduler: WallScheduler, middleware: Middlewar
 
     key = read_private(arguments.key) if arguments.key is not None else None
     ended: list[tuple[str, str]] = []
-    node = middleware.node("fame_abort")
+    node = middleware.node("_fame_abort")
 
     def end(answer: str, reason: str) -> None:
         ended.append((answer, reason))

@@ -20,15 +20,15 @@ _PARAM_EXAMPLES = ("fame param list /low_pass", "fame param get /low_pass cutoff
 
 
 def add_param(commands: Commands) -> None:
-    """Declare the command and its three parts."""
+    """Declare the command and its three subcommands."""
     parser = command(
         commands, "param", run_param, examples=_PARAM_EXAMPLES,
         help="list, show and change parameters of running nodes, as ros2 param does",
     )  # fmt: skip
     parts = parser.add_subparsers(metavar="list|get|set", required=True)
-    for name, help in (("list", "all of a node"), ("get", "one"), ("set", "change one")):
+    for name, help in (("list", "list the parameters of a node"), ("get", "print one"), ("set", "change one")):
         part = parts.add_parser(name, help=help)
-        part.add_argument("node", metavar="NODE", help="its full name, such as /low_pass")
+        part.add_argument("node", metavar="NODE", help="full name of the node, such as /low_pass")
         if name != "list":
             part.add_argument("name", metavar="NAME")
         if name == "set":
@@ -39,11 +39,11 @@ def add_param(commands: Commands) -> None:
 
 
 def run_param(arguments: Namespace) -> int:
-    """Ask the node, and print what it says."""
+    """Ask the node, and print its answer."""
     from fame.monitor.pipeline.parameters import ParameterClient
 
     with connected(arguments) as (scheduler, middleware):
-        node = middleware.node("fame_param")
+        node = middleware.node("_fame_param")
         name = arguments.node if arguments.node.startswith("/") else f"/{arguments.node}"
         client = ParameterClient(node, scheduler, name)
         return _PARAM_PARTS[arguments.part](client, arguments)
@@ -98,29 +98,31 @@ _TOPIC_EXAMPLES = (
 
 
 def add_topic(commands: Commands) -> None:
-    """Declare the command and its four parts."""
+    """Declare the command and its four subcommands."""
     parser = command(
         commands,
         "topic",
         run_topic,
         examples=_TOPIC_EXAMPLES,
-        help="look at topics: which there are, what is said, how often",
+        help="inspect topics",
     )
     parts = parser.add_subparsers(metavar="list|echo|hz|plot", required=True)
-    listing = parts.add_parser("list", help="all topics, their types, who is at their ends")
-    echo = parts.add_parser("echo", help="what is said on a topic")
-    hz = parts.add_parser("hz", help="how often something is said")
-    plot = parts.add_parser("plot", help="how numbers go over time, as a picture")
+    listing = parts.add_parser("list", help="list topics with types, publishers and subscribers")
+    echo = parts.add_parser("echo", help="print the messages on a topic")
+    hz = parts.add_parser("hz", help="print the rate of messages on a topic")
+    plot = parts.add_parser("plot", help="draw numbers of messages over time")
     for part in (echo, hz):
         part.add_argument("topic", metavar="TOPIC")
         part.add_argument("--count", type=natural, default=0, metavar="N", help="end after N messages")
     echo.add_argument("--field", metavar="PATH", help="print only this field, such as effort.3 or pose.position.x")
     plot.add_argument("series", nargs="+", metavar="TOPIC:PATH", help="such as /joint_states:effort.elbow_joint")
     plot.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.png")
-    plot.add_argument("--threshold", type=float, action="append", default=[], metavar="X", help="a line at this height")
+    plot.add_argument(
+        "--threshold", type=float, action="append", default=[], metavar="X", help="draw a horizontal line at this value"
+    )
     for part, seconds in ((listing, 1.0), (echo, None), (hz, None), (plot, 10.0)):
         said = f"(default: {seconds:g})" if seconds else "(default: until interrupted)"
-        part.add_argument("--duration", type=positive, default=seconds, metavar="S", help=f"listen for so long {said}")
+        part.add_argument("--duration", type=positive, default=seconds, metavar="S", help=f"seconds to listen {said}")
         add_types(part)
         add_network(part)
     add_json(listing)
@@ -215,11 +217,11 @@ def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
             raise ConfigError(f"expected /topic:field, such as /joint_states:effort.0, got {topic}")
     require("matplotlib")
     types = wait_for_types(middleware, scheduler, [topic for topic, _, _ in named])
-    node = middleware.node("fame_topic")
+    node = middleware.node("_fame_topic")
     series = [Series(node, scheduler, topic, types[topic], parse_path(path)) for topic, _, path in named]
     _run(arguments, scheduler)
     if not any(each.stamps for each in series):
-        raise MissionError("nothing was said on these topics")
+        raise MissionError("received no message on these topics")
     plot_series(series, arguments.output, thresholds=arguments.threshold)
     print(f"{arguments.output}: {', '.join(f'{len(each.stamps)} samples of {each.label}' for each in series)}")
     return 0
@@ -236,7 +238,7 @@ def _type(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
 def _listen(arguments: Namespace, scheduler: Scheduler, middleware: Middleware, type: str, heard: Any) -> int:
     from fame.middleware.interface import SENSOR_DATA
 
-    middleware.node("fame_topic").subscription(arguments.topic, type, heard, SENSOR_DATA)
+    middleware.node("_fame_topic").subscription(arguments.topic, type, heard, SENSOR_DATA)
     try:
         _run(arguments, scheduler)
     except KeyboardInterrupt:

@@ -43,23 +43,23 @@ def add(commands: Commands) -> None:
         help="run a scenario (world, robots and model) or a model alone, in simulated time",
     )  # fmt: skip
     parser.add_argument("scenario", type=Path, metavar="SCENARIO.yaml|MODEL.bpmn")
-    parser.add_argument("--seed", type=natural, metavar="N", help="seed of all noise; the file's, else 0")
+    parser.add_argument("--seed", type=natural, metavar="N", help="random seed (default: the scenario's, or 0)")
     parser.add_argument("--duration", type=positive, metavar="S", help="simulated seconds after which the run ends")
     parser.add_argument(
         "--epoch", type=epoch, metavar="DATE|now",
-        help="the date at second 0, for date timers and now(); the file's, else 1970-01-01T00:00Z",
+        help="the date at second 0, for date timers and now() (default: the scenario's, or 1970-01-01T00:00Z)",
     )  # fmt: skip
     parser.add_argument(
         "--robots", action="append", default=[], type=_robots, metavar="POOL=N",
-        help="number of robots for a multi-instance pool, on free ground; repeatable",
+        help="number of robots for a multi-instance pool, placed on free ground; repeatable",
     )  # fmt: skip
     parser.add_argument(
         "--fault", action="append", default=[], type=_fault, metavar="ROBOT@S:KIND",
-        help="break something at simulated second S: the robot's engine, or what it has (range, wheels, camera ...)",
+        help="inject a fault at simulated second S: engine, or a device of the robot (range, wheels, camera ...)",
     )  # fmt: skip
     parser.add_argument(
         "--complete", action="append", default=[], type=_completion, metavar="ROBOT@S:ELEMENT[:NAME=VALUE,...]",
-        help="at simulated second S somebody completes a user, manual or receive task, with results",
+        help="complete a user, manual or receive task at simulated second S, with results",
     )  # fmt: skip
     _add_variations(parser)
     _add_processes(parser)
@@ -74,7 +74,7 @@ def _add_variations(parser: ArgumentParser) -> None:
     """Declare what differs from the files: values, and the network between robots."""
     parser.add_argument(
         "--set", action="append", default=[], type=_setting, metavar="[ROBOT.]NAME=VALUE",
-        help="value of a variable of the mission, instead of that of the model (fame check --explain); repeatable",
+        help="value of a mission parameter, instead of the model's (fame check --explain lists them); repeatable",
     )  # fmt: skip
     parser.add_argument(
         "--change", action="append", default=[], type=_change, metavar="PATH=VALUE",
@@ -96,32 +96,33 @@ def _add_processes(parser: ArgumentParser) -> None:
     """Declare where and how fast the mission runs, and how strictly it is read."""
     parser.add_argument(
         "--middleware", choices=("local", "dds", "zenoh", "ros"), default="local",
-        help="local: all in one process; else the world and each engine in processes of their own, at --speed; "
-        "what follows --ros-args does not reach them",
+        help="local (default): everything in one process; otherwise the world and each engine are separate processes, "
+        "at --speed, which do not receive the arguments after --ros-args",
     )  # fmt: skip
     parser.add_argument(
         "--speed",
         type=positive,
         metavar="F",
-        help="with --view, or in many processes: simulated seconds per second (1)",
+        help="with --view or separate processes: simulated seconds per second (1)",
     )
     parser.add_argument(
         "--lockstep", action="store_true",
-        help="in many processes: the world waits for all engines after each step, so that each run is the same",
+        help="with --middleware dds or zenoh: the world waits for all engines after each step, so that runs are "
+        "reproducible",
     )  # fmt: skip
     parser.add_argument(
         "--state", type=Path, metavar="DIR",
-        help="in many processes: each engine keeps its mission in DIR/ROBOT; an engine that dies is started again",
+        help="with separate processes: each engine keeps its mission in DIR/ROBOT; one that dies is started again",
     )  # fmt: skip
     parser.add_argument(
         "--real-time", action="store_true", help="run at wall-clock speed instead of as fast as possible"
     )
     parser.add_argument(
         "--semantics", choices=("standard", "original"),
-        help="of interrupting event sub-processes; original: they suspend and resume",
+        help="interrupting event sub-processes: standard, or original: they suspend and resume their scope",
     )  # fmt: skip
     parser.add_argument(
-        "--strict", action="store_true", help="an undefined name in a payload, and an output never set, are errors"
+        "--strict", action="store_true", help="treat an undefined name in a payload and an output never set as errors"
     )
 
 
@@ -129,14 +130,14 @@ def _add_outputs(parser: ArgumentParser) -> None:
     """Declare what a run writes and shows."""
     parser.add_argument(
         "--log", action="append", default=[], type=Path, metavar="FILE",
-        help="write the events to a new .jsonl, .csv or .xes file, or a recording (.mcap) with variables, "
-        "what tokens wait for and the world, in place of an old one; may be given several times",
+        help="write the events as .jsonl, .csv or .xes, or a recording (.mcap) with variables, waiting tokens, signals "
+        "and the world; overwrites the file; repeatable",
     )  # fmt: skip
     parser.add_argument(
         "--log-topics", choices=("signals", "all"), default="signals",
-        help="the messages in recordings: those of signals, or of all topics, with sensors and motors",
+        help="messages in recordings: those of signals (default), or of all topics, sensors and motors included",
     )  # fmt: skip
-    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the world and the ways of the robots")
+    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the world and the paths of the robots")
     parser.add_argument("--animate", type=Path, metavar="FILE.gif|mp4", help="make a film of the run")
     parser.add_argument(
         "--view", action="store_true",
@@ -224,7 +225,7 @@ def _network(arguments: Namespace) -> NetworkConfig | None:
         return None
     if arguments.middleware != "local":
         option = next(option for option, is_given in given.items() if is_given)
-        raise ConfigError(f"{option} needs --middleware local: other networks have delays and losses of their own")
+        raise ConfigError(f"{option} needs --middleware local: it simulates a network")
     from fame.middleware.network import Delay, Link, NetworkConfig, Partition
 
     links = [Link(Delay("fixed", delay or 0.0), loss or 0.0)] if delay is not None or loss is not None else []
@@ -242,15 +243,16 @@ def run(arguments: Namespace) -> int:
     if arguments.middleware != "local":
         return _run_team(arguments, scenario)
     if arguments.speed is not None and not arguments.view:
-        raise ConfigError("--speed needs --view, or --middleware dds, zenoh or ros: one process runs as fast as it can")
+        raise ConfigError(
+            "--speed needs --view, or --middleware dds, zenoh or ros: a run in one process is as fast as possible, "
+            "or in real time with --real-time"
+        )
     if arguments.state is not None:
         raise ConfigError("--state needs --middleware dds, zenoh or ros; in one process see Simulation.save")
     if arguments.lockstep:
-        raise ConfigError("--lockstep needs --middleware dds or zenoh: one process is in step with itself")
+        raise ConfigError("--lockstep needs --middleware dds or zenoh")
     if arguments.real_time and arguments.view:
-        raise ConfigError(
-            "--real-time does not go with --view: a run that is watched is at wall-clock speed, or --speed"
-        )
+        raise ConfigError("--real-time does not go with --view: it runs at wall-clock speed, or at --speed")
     _check_drawings(arguments, scenario)
     quiet = arguments.quiet or arguments.json
     with (
@@ -377,7 +379,7 @@ def _logs(paths: Sequence[Path], scenario: Scenario, topics: LogTopics) -> Itera
 
     files, about = scenario.closures(), _about(scenario)
     with ExitStack() as stack:
-        yield [stack.enter_context(logging_to(path, files, about, topics=topics)) for path in paths]
+        yield [stack.enter_context(logging_to(path, files, about, topics=topics, own_process=True)) for path in paths]
 
 
 def _about(scenario: Scenario) -> About:

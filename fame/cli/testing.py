@@ -21,16 +21,14 @@ def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "test", run, examples=_EXAMPLES,
-        help="run tests of missions with pytest; --cov-model: which elements of the models they enter",
+        help="run tests of missions with pytest; --cov-model: coverage of the models",
     )  # fmt: skip
     parser.add_argument("paths", nargs="*", metavar="PATH", help="files and folders of tests")
-    parser.add_argument("-k", metavar="WORDS", help="only tests whose name fits the expression")
+    parser.add_argument("-k", metavar="EXPRESSION", help="only tests whose names match, as in pytest")
     parser.add_argument("-x", action="store_true", help="stop at the first failure")
     parser.add_argument("--cov-model", action="store_true", help="show coverage of elements and flows per process")
-    parser.add_argument(
-        "--cov-fail-under", type=_percent, metavar="PERCENT", help="fail if less of the models is covered"
-    )
-    parser.add_argument("--cov-html", type=Path, metavar="FILE", help="coverage as a page with the diagrams coloured")
+    parser.add_argument("--cov-fail-under", type=_percent, metavar="PERCENT", help="fail if the coverage is lower")
+    parser.add_argument("--cov-html", type=Path, metavar="FILE", help="coverage as an HTML page with coloured diagrams")
     parser.add_argument(
         "--cov-json", type=Path, metavar="FILE", help="coverage as JSON, with the tests of each element"
     )
@@ -51,6 +49,10 @@ def _percent(text: str) -> float:
     return number
 
 
+_IMPORTED = "ignore:Module already imported so cannot be rewritten:pytest.PytestAssertRewriteWarning"
+"""The command itself has imported FAME, whose installed plugin pytest would otherwise prepare for its assertions."""
+
+
 def run(arguments: Namespace) -> int:
     """Run the tests and return the exit code."""
     from fame.imports import require
@@ -58,7 +60,7 @@ def run(arguments: Namespace) -> int:
     require("pytest")
     import pytest
 
-    options = ["-p", "fame.testing.plugin", *arguments.paths]
+    options = ["-p", "fame.testing.plugin", "-W", _IMPORTED, *arguments.paths]
     for name, option in (("k", "-k"), ("junitxml", "--junitxml")):
         if getattr(arguments, name) is not None:
             options += [option, str(getattr(arguments, name))]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import shlex
-import subprocess
 import sys
 import threading
 from argparse import ArgumentTypeError, Namespace
@@ -12,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from subprocess import PIPE
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, Parser, add_library, command, positive
@@ -41,7 +39,7 @@ def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "view", run, examples=_EXAMPLES,
-        help="show a mission in the browser: a recording, a model and its findings at each save, or a running team",
+        help="show a mission in the browser: a recording, a model with its findings at each save, or a running team",
     )  # fmt: skip
     parser.add_argument(
         "subject", type=Path, nargs="?", metavar="RUN.mcap|MODEL.bpmn|SCENARIO.yaml",
@@ -49,15 +47,15 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--branch", type=positive, metavar="S",
-        help="run the recorded run again to simulated second S, stop there, and go on from there in the browser",
+        help="repeat the recorded run to simulated second S, and continue it differently in the browser",
     )  # fmt: skip
     parser.add_argument(
-        "--robot", action="append", default=[], metavar="NAME", help="of the team: only this one; repeatable"
+        "--robot", action="append", default=[], metavar="NAME", help="team: show this robot only; repeatable"
     )
     parser.add_argument(
-        "--control", action="store_true", help="of the team: the page may complete and activate tasks, as fame complete"
+        "--control", action="store_true", help="team: allow the page to complete tasks, retry, set and move"
     )
-    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign what --control asks (see fame keys)")
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign the requests of --control (see fame keys)")
     add_page(parser)
     add_network(parser)
     add_library(parser)
@@ -184,8 +182,10 @@ def wait_for_interrupt() -> None:
 
 def _in_a_process(arguments: Namespace, time: int) -> str:
     """Start a branch of the recording at a time (ns) in a process of its own; gives the address of its page."""
+    from subprocess import PIPE, Popen
+
     words = ["view", str(arguments.subject), "--branch", repr(time / SECOND), "--no-open", "--host", arguments.host]
-    process = subprocess.Popen([sys.executable, "-m", "fame", *words], stdout=PIPE, stderr=PIPE, text=True)
+    process = Popen([sys.executable, "-m", "fame", *words], stdout=PIPE, stderr=PIPE, text=True)
     assert process.stdout is not None
     assert process.stderr is not None
     address = process.stdout.readline().strip()
@@ -230,7 +230,7 @@ def _recorded_run(recording: Recording) -> tuple[Namespace, Scenario]:
 
     command = shlex.split(recording.metadata.get("command", ""))
     if command[:2] != ["fame", "run"]:
-        raise ConfigError("cannot be run again: it was not recorded by fame run", file=recording.file)
+        raise ConfigError("cannot be run again: it is not a recording of fame run", file=recording.file)
     again = parser("run").parse_args(command[1:])
     if again.middleware != "local" or again.real_time:
         raise ConfigError("cannot be run again: only simulated runs in one process repeat exactly", file=recording.file)

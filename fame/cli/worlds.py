@@ -21,15 +21,16 @@ def add_world(commands: Commands) -> None:
     parser = command(
         commands, "world", run_world,
         examples=("fame world examples/ground_vehicles.yaml", "fame world examples/agriculture.yaml --speed 4 --pause"),
-        help="run a simulated world with its robots, for engines in other processes; its time is on /clock",
+        help="run a simulated world with its robots, for engines in other processes; it publishes /clock",
     )  # fmt: skip
-    parser.add_argument("world", type=Path, metavar="WORLD.yaml", help="a world file, or a scenario that has one")
-    parser.add_argument("--seed", type=natural, metavar="N", help="seed of all noise; the file's, else 0")
+    parser.add_argument("world", type=Path, metavar="WORLD.yaml", help="a world file, or a scenario with a world")
+    parser.add_argument("--seed", type=natural, metavar="N", help="random seed (default: the file's, or 0)")
     parser.add_argument("--speed", type=positive, metavar="F", help="simulated seconds per second (1)")
-    parser.add_argument("--pause", action="store_true", help="begin with time stopped; fame resume lets it go")
+    parser.add_argument("--pause", action="store_true", help="start paused; fame resume continues")
     parser.add_argument(
         "--lockstep", action="append", default=[], metavar="ROBOT",
-        help="after each step wait for this engine (--lockstep too); repeatable; as fast as it goes without --speed",
+        help="wait for this engine (fame engine --lockstep) after each step, as fast as possible unless --speed is "
+        "given; repeatable",
     )  # fmt: skip
     add_network(parser)
 
@@ -46,13 +47,13 @@ def run_world(arguments: Namespace) -> int:
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> WorldNode:
         _expect_no_other(scheduler, middleware)
-        steps = lockstep(middleware, lambda name: name != "world") if arguments.lockstep else None
+        steps = lockstep(middleware, lambda node: node.name != "world") if arguments.lockstep else None
         team = arguments.lockstep
         world = WorldNode(
             config, chosen, scheduler, middleware, speed=speed, paused=arguments.pause, team=team, steps=steps
         )
         robots = ", ".join(robot.name for robot in config.robots)
-        say_ready(f"a world with {robots}" + ("; its time stands still until fame resume" if arguments.pause else ""))
+        say_ready(f"a world with {robots}" + ("; paused until fame resume" if arguments.pause else ""))
         return world
 
     serve(arguments.middleware, arguments.network, build, on_warning=say_warning)
@@ -89,11 +90,11 @@ def add_time(commands: Commands) -> None:
     """Declare the commands."""
     pausing = command(
         commands, "pause", pause, examples=("fame pause",),
-        help="stop the time of a simulated world, and so of all that follow it",
+        help="pause the time of a running world (/clock), and thereby its missions",
     )  # fmt: skip
     resuming = command(
         commands, "resume", resume, examples=("fame resume",),
-        help="let the time of a simulated world go on that was paused, or started paused",
+        help="continue the time of a paused world",
     )  # fmt: skip
     add_network(pausing)
     add_network(resuming)
@@ -107,7 +108,7 @@ def pause(arguments: Namespace) -> int:
 
 
 def resume(arguments: Namespace) -> int:
-    """Let it go on."""
+    """Continue the time of the world."""
     from fame.scenario.world_process import RESUME
 
     return _call(arguments, RESUME)
@@ -121,7 +122,7 @@ def _call(arguments: Namespace, service: str) -> int:
 
     answers: list[object] = []
     with connected(arguments) as (scheduler, middleware):
-        client = middleware.node("fame_pause").client(service, EMPTY)
+        client = middleware.node("_fame_pause").client(service, EMPTY)
         until = scheduler.now + round(_PATIENCE * SECOND)
         asked = False
         while not answers and scheduler.now < until:

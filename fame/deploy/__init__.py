@@ -11,15 +11,18 @@ once.
 Each end is a pure state machine, ``(state, event) -> (state, actions)``, in a shell that does the input and output::
 
     robot_protocol     the robot's end: decisions        engine_node    its shell: a ROS 2 node
+    robot_state        its data: state, events, actions
     termination        a robot whose sender is silent    loading        from a model to a process that is ready to run
     sender_protocol    the sender's end: decisions       sender         its shell
     leader_election    which splitter is the leader      splitter_node  its shell
-    late_joiners       robots that come late or come back
+    late_joiners       robots that join late or restart
     machine            runs a state machine: events in, actions out
+    resumption         the deployment on disk, for engines that resume
+    migration          plans of migrations, and their preview
 
     envelope           messages on bpmn_process and bpmn_status, their fields checked with `fields`
     signing            keys and signatures of messages
-    authentication     which reports of a robot, and which diagrams for splitters, are believed
+    authentication     which reports of a robot, and which diagrams for splitters, are accepted
     status             a robot's reports, with the warnings of its engine
     requests           requests of people: complete a task, activate an element, abort a deployment
     assignment         which robot gets which part, which topics connect them, and where an error of a robot is

@@ -44,7 +44,7 @@ def assign_robots(
         pools = [pool for pool in pools if any(matches(robot, pool) for robot in robots)]
     assigned = assign_pools(pools, robots, file=definitions.file)
     if not assigned:
-        raise DeploymentError(f"no engine of a robot that the model wants: {wanted}")
+        raise DeploymentError(f"found no engine for the robots of this model: {wanted}")
     return assigned
 
 

@@ -1,4 +1,4 @@
-"""Which reports and diagrams are believed.
+"""Authentication of reports and diagrams.
 
 Where keys are used, an engine signs its reports on ``bpmn_status`` with a key of its own: one that it makes when it
 starts, or that of its identity (``fame keys robot``), for whose name a trusted key vouches: that proves the name. Of
@@ -68,7 +68,7 @@ class ReportReader:
         return cls(robot, signed=key is not None, trusted=[] if key is None else [key.public_key()], patience=patience)
 
     def read(self, text: str, now: float = 0.0) -> Report | None:
-        """The report that was received `now` (s), or None if it is not believed."""
+        """The report that was received `now` (s), or None if its authentication fails."""
         report = Report.from_json(text)
         if report is None or (self.vouched and report.engine != self.vouched):
             return None
@@ -113,7 +113,7 @@ def proves_presence(report: Report, robot: str, trusted: Sequence[Any], now: flo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagram:
-    """The text of a model for splitters. `purpose`: ``deploy`` it, or ``deployed`` (what a splitter has deployed).
+    """A model for splitters. `purpose`: ``deploy`` it, or ``deployed`` (what a splitter has deployed).
 
     `issued` is s since 1970. The signature is about all but the model, which its hash stands for.
     """
@@ -131,7 +131,7 @@ class Diagram:
         return replace(diagram, signature=sign(asdict(diagram), key))
 
     def to_json(self) -> str:
-        """As it is sent."""
+        """The JSON text that is sent."""
         return json.dumps({"fame": 1, **asdict(self)}, sort_keys=True)
 
 
@@ -158,14 +158,14 @@ class DiagramReader:
         diagram = _read(text)
         verify_signature(asdict(diagram), self._trusted)
         if diagram.purpose != purpose or model_hash(diagram.model.encode(errors="replace")) != diagram.hash:
-            raise DeploymentError("the signature is about something else", cause="signature")
+            raise DeploymentError("the signature belongs to another message", cause="signature")
         if purpose == "deploy" and not abs(now - diagram.issued) <= FRESH:
             age = now - diagram.issued
             text = f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)"
             raise DeploymentError(text, cause="clock")
         newest = self._newest.get(purpose, 0.0)
         if diagram.issued < newest or (purpose == "deploy" and diagram.issued == newest):
-            raise DeploymentError("signed before what was taken last: it may have been recorded", cause="replay")
+            raise DeploymentError("signed before the last accepted message: it may be a replay", cause="replay")
         self._newest[purpose] = diagram.issued
         return diagram.model
 
@@ -179,5 +179,5 @@ def _read(text: str) -> Diagram:
         return Diagram(**said)
     except (ValueError, TypeError, KeyError, RecursionError):
         raise DeploymentError(
-            "not signed; this splitter takes only what a trusted key signed", cause="signature"
+            "not signed; this splitter accepts only diagrams signed with a trusted key", cause="signature"
         ) from None

@@ -27,10 +27,11 @@ from fame.deploy.envelope import (
 )
 from fame.deploy.loading import LEAVING, Candidate, Task, Work, load
 from fame.deploy.machine import Machine
-from fame.deploy.migration_plan import plan_of
+from fame.deploy.migration import Foreseen, foresee, take_over
 from fame.deploy.requests import TaskRequest, TaskServer
 from fame.deploy.resumption import StateKeeper, Stored
-from fame.deploy.robot_protocol import (
+from fame.deploy.robot_protocol import step
+from fame.deploy.robot_state import (
     MATCHING,
     Action,
     AskOthers,
@@ -56,13 +57,14 @@ from fame.deploy.robot_protocol import (
     ScheduleLoad,
     Stopped,
     resumed,
-    step,
 )
 from fame.deploy.signing import Identity, signer, verify, verify_signature
 from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
 from fame.deploy.termination import Silence
 from fame.errors import ConfigError, DeploymentError, FameError, MissionError
-from fame.middleware.interface import LATCHED, Middleware, Node
+from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
+from fame.middleware.simulated_time import ClockFollower
+from fame.text import printable
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -140,6 +142,8 @@ class EngineNode:
         self._loaded: RobotNode | None = None  # on its way to be a candidate
         self._stored: Stored | None = None  # what was running before, until it goes on
         self._resuming: Candidate | None = None
+        self._foreseen = "", Foreseen()  # deployment, and what would become of what runs
+        self._before = ""  # the hash of the model that runs
         self._keeper = StateKeeper(state, robot, scheduler, self._on_disk_trouble) if state is not None else None
         self._protocol: Machine[RobotState, Event, Action] = Machine(RobotState(robot), step, self._perform)
         self._absences = Absences()
@@ -155,7 +159,7 @@ class EngineNode:
 
     def _open_endpoints(self, identity: Identity | None) -> None:
         """Make the node with its subscription, services and status; reports are signed by `identity`."""
-        self.node: Node = self.middleware.node("fame_deployment", self.robot)
+        self.node: Node = self.middleware.node(ENGINE, self.robot, "deployment")
         self._process = self.node.subscription("bpmn_process", STRING, self._on_envelope, PROCESS_QOS)
         self._process.max_size = SIZE
         self._live = self.node.publisher(EVENTS_TOPIC, STRING), self.node.publisher(MODEL_TOPIC, STRING, LATCHED)
@@ -195,12 +199,12 @@ class EngineNode:
 
     @property
     def deployed(self) -> str:
-        """The deployment of what runs, or nothing."""
+        """The id of the running deployment, or empty."""
         return self._protocol.state.deployed
 
     @property
     def hash(self) -> str:
-        """The hash of the model that runs, or nothing."""
+        """The hash of the running model, or empty."""
         running = self._protocol.state.running
         return running.hash if running is not None else ""
 
@@ -230,7 +234,7 @@ class EngineNode:
         """Report an event to the observer of this engine; an ``answer`` goes to the sender as well."""
         from fame.robot import Event
 
-        self._on_report(Event(self.scheduler.now, self.robot, 0, 0, "", kind, text))
+        self._on_report(Event(self._time.now, self.robot, 0, 0, "", kind, text))
 
     def _on_warning(self, text: str) -> None:
         """Report an event to the observer of this engine, or to those of its mission."""
@@ -263,7 +267,7 @@ class EngineNode:
             envelope.deployment,
             envelope.sequence,
         ):
-            raise DeploymentError("asks about another deployment than was signed", cause="signature")
+            raise DeploymentError("asks about another deployment than the signed one", cause="signature")
 
     def _verify_task(self, request: TaskRequest) -> str:
         """Give the fingerprint of the key that signed a request.
@@ -282,11 +286,16 @@ class EngineNode:
         """Carry out an action of the protocol. Those on the candidate come only while there is one."""
         match action:
             case Reply():
+                if action.answer == "ready" and not action.repeated and self._keeper is not None:
+                    self._keeper.promise(self.candidate)
+                deployment, foreseen = self._foreseen
+                asked = action.answer in ("ready", "previewed") and action.deployment == deployment
                 self.status.publish(
                     action.answer,
                     action.deployment,
                     action.reason,
                     action.problem,
+                    migration=foreseen.to_json() if asked else None,
                     repeated=action.repeated,
                     cause="model" if action.problem is not None else "",
                 )
@@ -324,13 +333,15 @@ class EngineNode:
 
     def _run(self, candidate: Candidate) -> None:
         """Start the candidate's process, or let it take over the state of what runs."""
-        go_on = self._take_over(candidate) if self._migrates(candidate) else candidate.process.start
-        self._close_running()
+        before, self._before = self._before, candidate.envelope.hash
+        migrates = self._migrates(candidate)
+        go_on = self._take_over(candidate, before) if migrates else candidate.process.start
+        self._close_running("suspended" if migrates else "terminated")
         self.running, self.candidate = candidate.process, None
         if self._keeper is not None:
             self._keeper.begin(candidate.envelope, self.running)
         if self._feed is not None:
-            self._feed.begin(self.running, resumed=self._migrates(candidate))
+            self._feed.begin(self.running, resumed=migrates)
         go_on()
 
     def _migrates(self, candidate: Candidate) -> bool:
@@ -339,34 +350,33 @@ class EngineNode:
 
     def _map_state(self, candidate: Candidate, until: int) -> None:
         """As soon as the scripts of what runs have left, find out whether its state fits the candidate."""
-        from fame.robot.take_over import what_becomes
-
-        if self.candidate is not candidate or self.running is None:
+        if self.candidate is not candidate:
             return
-        if self.running.leaving and self.scheduler.now < until:
+        preview = candidate.envelope.preview
+        if self.running is not None and not preview:
+            self.running.hold()
+        busy = self.running is None or (self.running.leaving and not preview)  # it may be resuming
+        if busy and self.scheduler.now < until:
             self.scheduler.after(SECOND // 50, partial(self._map_state, candidate, until), Kind.TIMER)
-            return
-        tokens = what_becomes(candidate.process, self.running, plan_of(candidate.envelope.plan))
-        for token in tokens:
-            self._note(f"migration: {token}")
-        blocked = "; ".join(str(token) for token in tokens if token.fate == "blocked")
-        error = f"the state does not fit the new model: {blocked}" if blocked else ""
-        self._protocol.handle(Mapped(error))
+        elif self.running is None:
+            self._protocol.handle(Mapped("it is still resuming what it ran before"))
+        else:
+            foreseen = foresee(candidate.process, self.running, candidate.envelope.plan, self.hash)
+            self._foreseen = candidate.envelope.deployment, foreseen
+            self._protocol.handle(Mapped(foreseen.blocked))
 
-    def _take_over(self, candidate: Candidate) -> Callable[[], object]:
-        """Give the candidate's process the state of what runs. Returns what lets it go on."""
-        from fame.robot.take_over import go_on_after, take_over, timers_of
-
-        old, new = self.running, candidate.process
-        assert old is not None
-        timers = timers_of(old)
+    def _take_over(self, candidate: Candidate, before: str) -> Callable[[], object]:
+        """Give the candidate's process the state of what runs, of the model `before`. Returns what lets it go on."""
+        assert self.running is not None
+        envelope = candidate.envelope
+        proved = signer(asdict(envelope), self._trusted) if envelope.signature and self._trusted else ""
+        who = proved or f"{printable(envelope.who) or 'somebody'} (unverified)"
+        text = f"migrated from model {before[:12]} to {envelope.hash[:12]} by {who}"
         try:
-            take_over(new, old, plan_of(candidate.envelope.plan))
+            return take_over(candidate.process, self.running, envelope.plan, text)
         except MissionError as error:  # somebody has moved a token since it was found to fit
             self._note(f"starts from the beginning: {error}")
-            return new.start
-        self._note(f"migrated from model {self.hash[:12]} to {candidate.envelope.hash[:12]}")
-        return partial(go_on_after, new, timers)
+            return candidate.process.start
 
     def _load(self, envelope: Envelope) -> None:
         Work(self.scheduler, self._loading(envelope), self._on_loaded)
@@ -404,30 +414,33 @@ class EngineNode:
         candidate, self.candidate = self.candidate, None
         if candidate is not None:
             candidate.close()
+            if self._keeper is not None and not self._stopped:
+                self._keeper.forget_promise()
         if self.running is not None:
             self.running.release()
 
-    def _close_running(self) -> None:
-        """The safe state comes last: scripts that leave may have commanded something else."""
+    def _close_running(self, safe: str) -> None:
+        """The safe state (of a mission that is so) comes last: scripts that leave may have commanded something else."""
         self._stop_resuming()
         if self.running is not None:
-            self.running.host.make_safe("terminated")
+            self.running.host.make_safe(safe)
             self.running.close()
 
     # ---- what was running when the engine ended ----------------------------------------------------------------------
 
     @property
     def resuming(self) -> bool:
-        """Whether a mission of before is being loaded, or waits for its topics."""
+        """Whether a stored mission is being loaded, or waits for its topics."""
         return self._stored is not None
 
     def _resume(self) -> None:
         """Load what was running. Raises ConfigError for a state that cannot be used."""
         stored = self._stored = self._keeper.read(self._trusted) if self._keeper is not None else None
         if stored is None:
+            self._keep_promise()
             return
         envelope = stored.envelope
-        self._protocol.state = resumed(self.robot, envelope)
+        self._protocol.state, self._before = resumed(self.robot, envelope), envelope.hash
         Work(self.scheduler, self._loading(envelope), partial(self._on_loaded_again, stored))
 
     def _on_loaded_again(self, stored: Stored, result: RobotNode | FameError) -> None:
@@ -444,13 +457,23 @@ class EngineNode:
     def _go_on(self, go_on: Callable[[], object], missing: Sequence[str]) -> None:
         if self._resuming is None:
             return
+        if isinstance(self._time, ClockFollower) and not self._time.known:  # timers count from the time of the world
+            self.scheduler.after(SECOND // 50, partial(self._go_on, go_on, missing), Kind.TIMER)
+            return
         if missing:
-            self._note(f"goes on although nobody came to {', '.join(missing)} within {MATCHING:g} s")
+            self._note(f"continues without {', '.join(missing)}, not discovered within {MATCHING:g} s")
         self.running, self._resuming, self._stored = self._resuming.process, None, None
         if self._feed is not None:
             self._feed.begin(self.running, resumed=True)
         go_on()
-        self._note("goes on with its mission")
+        self._note("continues its mission")
+        self._keep_promise()
+
+    def _keep_promise(self) -> None:
+        """Load what the engine before had promised to start: its sender, or the others of its team, decide."""
+        envelope = self._keeper.promised(self._trusted) if self._keeper is not None else None
+        if envelope is not None:
+            self._protocol.handle(Received(envelope))
 
     def _stop_resuming(self) -> None:
         """Another deployment takes the place of what was to go on."""
@@ -464,7 +487,9 @@ class EngineNode:
         running = self.running
         if running is None:
             return
-        self._note(f"holds: its state cannot be written: {reason}" if reason else "goes on: its state is written again")
+        self._note(
+            f"holds: its state cannot be written: {reason}" if reason else "continues: its state can be written again"
+        )
         self.scheduler.soon(running.hold if reason else running.release, Kind.RESUMPTION)
 
     # ---- the end ---------------------------------------------------------------------------------------------------
@@ -488,7 +513,7 @@ class EngineNode:
     def close(self) -> None:
         """Bring the robot to its safe state and close all endpoints."""
         self.stop()
-        self._close_running()
+        self._close_running("terminated")
         if self._feed is not None:
             self._feed.close()
         self.node.close()

@@ -66,7 +66,9 @@ class Envelope:
     team      the robots that start together with it
     engines   the `Report.engine` of each of them: reports of another engine are not believed
     migrate   whether what runs goes over to the model, instead of being cancelled; `plan` as of
-              `fame.deploy.migration_plan`
+              `fame.deploy.migration`
+    preview   whether it only asks what would become of the tokens: nothing is held, nothing started
+    who       whose deployment it is: what keys prove counts more
     again     whether the robot had this process before, and lost it
     born      as in the `Report` of the engine that it is for: a recorded envelope is useless for a later engine
     issued    s since 1970; like `signature` only where keys are used (`fame.deploy.signing`)
@@ -83,6 +85,8 @@ class Envelope:
     engines: Mapping[str, str] = field(default_factory=dict, hash=False)
     migrate: bool = False
     plan: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    preview: bool = False
+    who: str = ""
     again: bool = False
     begun: bool = False
     proof: Mapping[str, Any] = field(default_factory=dict, hash=False)
@@ -96,7 +100,7 @@ class Envelope:
         return self.sequence, self.deployment
 
     def to_json(self) -> str:
-        """As it is sent."""
+        """The JSON text that is sent."""
         return json.dumps({"fame": 1, **asdict(self)}, sort_keys=True)
 
 
@@ -110,10 +114,11 @@ class Report:
     deployed   the deployment that its process came with, `hash` the model
     candidate  the deployment that is to replace it, while it is loading, ready or holding
     sequence   of the newest that it has loaded: the next one has to be above it, older ones are ``stale``
-    answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, ``left`` (the engine ended),
-               ``asking`` (the other robots what became of it), to `deployment`; or empty.
+    answer     ``ready``, ``previewed``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, ``left`` (the
+               engine ended), ``asking`` (the other robots what became of it), to `deployment`; or empty.
                On ``bpmn_task`` (`fame.deploy.requests`): what was done (``completed`` ...) or ``refused``
     problem    of a model that was refused: a `Problem`, which `reason` has in one sentence
+    migration  with ``ready`` and ``previewed``: what becomes of its state (`fame.deploy.migration.Foreseen`)
     elements   how many elements have been completed
     ahead      what timers of start events will still start: nothing, ``endless`` (cycles without end), ``due``
     waits      tokens that wait: `element`, `for` (in words), `since` (s), `topics` (each with the number of publishers)
@@ -138,6 +143,7 @@ class Report:
     answer: str = ""
     reason: str = ""
     problem: Mapping[str, Any] = field(default_factory=dict)
+    migration: Mapping[str, Any] = field(default_factory=dict)
     instances: int = 0
     started: int = 0
     completed: int = 0
@@ -164,7 +170,7 @@ class Report:
         return f"{self.born} {self.key}"
 
     def to_json(self) -> str:
-        """As it is sent."""
+        """The JSON text that is sent."""
         return json.dumps(asdict(self), sort_keys=True)
 
     @classmethod
@@ -176,6 +182,10 @@ class Report:
             return _message(cls, json.loads(text), _REPORT)
         except (ValueError, TypeError, RecursionError):
             return None
+
+
+def _is_object(value: Any) -> bool:
+    return isinstance(value, dict)
 
 
 _TEXT, _NAME = fields.text(SIZE), fields.text(1000)
@@ -190,7 +200,9 @@ _ENVELOPE: dict[str, fields.Check] = {
     "team": fields.sequence(fields.robot),
     "engines": fields.mapping(fields.robot, _NAME),
     "migrate": fields.flag,
-    "plan": lambda value: isinstance(value, dict),
+    "plan": _is_object,
+    "preview": fields.flag,
+    "who": _NAME,
     "again": fields.flag,
     "begun": fields.flag,
     "born": fields.integer(0, 2**63),
@@ -208,6 +220,10 @@ _ERROR: dict[str, fields.Check] = {
     **dict.fromkeys(("code", "element", "name", "file", "text"), _TEXT),
     "line": fields.integer(),
 }
+_TOKEN: dict[str, fields.Check] = {
+    **dict.fromkeys(("element", "fate", "target", "reason", "name"), _TEXT),
+    "others": fields.sequence(_TEXT),
+}
 _PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
 _REPORT: dict[str, fields.Check] = {
     "robot": fields.robot,
@@ -220,6 +236,14 @@ _REPORT: dict[str, fields.Check] = {
     "answer": _NAME,
     "reason": _TEXT,
     "problem": fields.record(_PROBLEM),
+    "migration": fields.record(
+        {
+            "hash": fields.text(64),
+            "tokens": fields.sequence(fields.record(_TOKEN)),
+            "gone": fields.sequence(fields.record(_TOKEN)),
+            "state": _is_object,
+        }
+    ),
     "instances": fields.integer(),
     "started": fields.integer(),
     "elements": fields.integer(),
@@ -250,7 +274,7 @@ def model_hash(model: bytes) -> str:
 def read_envelope(text: str, robot: str, now: float) -> Envelope:
     """The envelope that was received `now` (s since 1970); a bare model becomes one. Raises DeploymentError."""
     if len(text) > SIZE:
-        raise DeploymentError(f"{len(text)} characters; at most {SIZE} are taken", cause="size")
+        raise DeploymentError(f"{len(text)} characters; at most {SIZE} are accepted", cause="size")
     text = text.removeprefix("\ufeff")  # byte order mark
     if text.lstrip().startswith("<"):
         key = _text_hash(text)
@@ -272,7 +296,7 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
             cause="clock",
         )
     if envelope.phase == "load" and _text_hash(envelope.model) != envelope.hash:
-        raise DeploymentError("the model does not have the hash that the envelope says", cause="hash")
+        raise DeploymentError("the hash of the model differs from that in the envelope", cause="hash")
     return envelope
 
 

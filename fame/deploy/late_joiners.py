@@ -1,4 +1,4 @@
-"""Keep a team supplied: robots that come late, or come back, get what the others have.
+"""Send late joiners their processes: robots that join late, or restart, get what the others have.
 
 Theory of operation. `LateJoiners` listens to every engine that a pool of its model wants. Those that report ``waiting``
 are sent their parts, all that wait at that moment in one deployment, so that they find each other. Robots that have a
@@ -35,7 +35,7 @@ RETRY = 10.0
 
 @dataclass(frozen=True, slots=True)
 class JoinersState:
-    """What is known of the robots.
+    """The state of the robots.
 
     waiting    those that report that they wait for a process
     supplied   those that have had the model before
@@ -59,7 +59,7 @@ class Reported:
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """A robot has no engine any more."""
+    """A robot no longer has an engine."""
 
     robot: str
 
@@ -73,14 +73,14 @@ class Polled:
 
 @dataclass(frozen=True, slots=True)
 class Started:
-    """A robot of the deployment that is under way has started its process."""
+    """A robot of the current deployment has started its process."""
 
     robot: str
 
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The deployment is over."""
+    """The deployment has ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ Event = Reported | Left | Polled | Started | Ended
 
 
 def step(state: JoinersState, event: Event) -> tuple[JoinersState, tuple[Supply, ...]]:
-    """The next state, and what is to be done."""
+    """The next state and the actions."""
     match event:
         case Reported(robot, "waiting"):
             return replace(state, waiting=state.waiting | {robot}), ()

@@ -36,7 +36,7 @@ GONE = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SplitterStatus:
-    """The status of a splitter. `born` (ns since 1970) is its age and name; `deployed` the hash of a diagram.
+    """The status of a splitter. `born` (ns since 1970) identifies it and is its age; `deployed` the hash of a diagram.
 
     `issued` (s since 1970) and `signature` are there where keys are used.
     """
@@ -66,7 +66,7 @@ class SplitterStatus:
         return abs(now - self.issued) <= RECENT
 
     def to_json(self) -> str:
-        """As it is sent."""
+        """The JSON text that is sent."""
         return json.dumps(asdict(self))
 
     @classmethod
@@ -150,7 +150,7 @@ class Lead:
 
 @dataclass(frozen=True, slots=True)
 class StandBy:
-    """Lead no more."""
+    """Stop leading."""
 
     reason: str
 
@@ -163,7 +163,7 @@ Action = Lead | StandBy
 
 
 def step(state: ElectionState, event: Event) -> tuple[ElectionState, tuple[Action, ...]]:
-    """The next state, and what is to be done."""
+    """The next state and the actions."""
     match event:
         case Heard(status, now):
             return _heard(state, status, now), ()

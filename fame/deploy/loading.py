@@ -1,4 +1,4 @@
-"""Load a process beside the mission that runs, and wait with it for its topics, its sender, and the process before it.
+"""Load a process beside the running mission, and wait for its topics, its sender, and the end of the old process.
 
 Loading is in a thread, and so is what any process needs even before the first one comes. A task is a generator. What
 it does between two ``yield``s is done in the scheduler's thread; what it yields is a function, called in a thread of
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope
-from fame.deploy.robot_protocol import MATCHING
+from fame.deploy.robot_state import MATCHING
 from fame.deploy.termination import Answered
 from fame.errors import FameError, ModelError
 from fame.middleware import messages
@@ -51,7 +51,7 @@ class TooLong(BaseException):
 
 
 class Work(Generic[Result]):
-    """A task under way. `done` is called once, in the scheduler's thread, with its result or its FameError."""
+    """A running task. `done` is called once, in the scheduler's thread, with its result or its FameError."""
 
     def __init__(self, scheduler: Scheduler, task: Task[Result], done: Callable[[Result | FameError], object]) -> None:
         self._scheduler, self._task, self._done = scheduler, task, done
@@ -262,7 +262,7 @@ class Candidate:
         self._peers: Peers | None = None
 
     def match(self, done: Callable[[Sequence[str]], object]) -> None:
-        """Wait until the promised other ends of its topics are there; `done` gets those missing after `MATCHING` s."""
+        """Wait for the promised other ends of its topics; `done` gets those missing after `MATCHING` s."""
         self._match(done, self._scheduler.now + round(MATCHING * SECOND))
 
     def _match(self, done: Callable[[Sequence[str]], object], until: int) -> None:
@@ -279,7 +279,7 @@ class Candidate:
         self._after(seconds, silence)
 
     def ask_others(self, answered: Callable[[Answered], object]) -> None:
-        """Ask the other robots of the deployment what became of it."""
+        """Ask the other robots of the deployment for its outcome."""
         if self._peers is None:
             others = sorted(set(self.envelope.team) - {self.process.namespace})
             self._peers = Peers(self.envelope, others, self._node, answered)
@@ -351,7 +351,7 @@ class Peers:
             out.publish(messages.create(STRING, question.to_json()))
 
     def close(self) -> None:
-        """Close the endpoints."""
+        """Close all endpoints."""
         for subscription in self._in:
             subscription.close()
         for publisher in self._out.values():

@@ -30,7 +30,7 @@ class Machine(Generic[State, Event, Action]):
         self._events: deque[Event] = deque()
 
     def handle(self, event: Event) -> None:
-        """Take one event, now or after the one that is being handled."""
+        """Handle an event, now or after the current one."""
         self._events.append(event)
         if len(self._events) > 1:
             return

@@ -65,7 +65,7 @@ class TaskRequest:
         return replace(request, signature=sign(asdict(request), key))
 
     def to_json(self) -> str:
-        """As it is sent."""
+        """The JSON text that is sent."""
         return json.dumps(asdict(self), sort_keys=True)
 
 
@@ -84,11 +84,11 @@ _REQUEST: dict[str, fields.Check] = {
 
 
 def read_request(text: str) -> TaskRequest:
-    """What came in. Raises DeploymentError."""
+    """Read a request. Raises DeploymentError."""
     from fame.engine.data import is_variable
 
     if len(text) > SIZE:
-        raise DeploymentError(f"{len(text)} characters for a task; at most {SIZE} are taken", cause="size")
+        raise DeploymentError(f"{len(text)} characters for a task; at most {SIZE} are accepted", cause="size")
     try:
         found = json.loads(text)
         request = TaskRequest(**found) if fields.first_invalid(found, _REQUEST) is None else None
@@ -192,7 +192,7 @@ class TaskClient:
         self._next: Entry = scheduler.after(round(SETTLE * SECOND), self._ask, Kind.TIMER)
 
     def close(self) -> None:
-        """Close the endpoints."""
+        """Close all endpoints."""
         self._next.cancel()
         self._out.close()
         self._end.close()
@@ -240,7 +240,7 @@ class AbortClient:
         self._in = node.subscription(f"/{robot}/bpmn_status", STRING, self._on_status, STATUS_QOS)
 
     def close(self) -> None:
-        """Close the endpoints."""
+        """Close all endpoints."""
         if self._next is not None:
             self._next.cancel()
         self._in.close()

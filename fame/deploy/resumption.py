@@ -1,7 +1,8 @@
-"""Keep what an engine runs on disk, with the deployment that it came with, and take it up again.
+"""Store an engine's mission with its deployment on disk, and resume it.
 
 The directory holds the journal of the mission (`fame.robot.journal`) and a file with the envelope of its deployment,
-which the header of the journal names by its hash. A new deployment writes both anew before its process starts.
+which the header of the journal names by its hash. A new deployment writes both anew before its process starts. A robot
+that is ready to start one keeps that as well: if its engine ends then, the next one is ready again.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
@@ -19,11 +21,14 @@ from fame.deploy.signing import verify_signature
 from fame.errors import ConfigError, DeploymentError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from fame.deploy.loading import Candidate
     from fame.robot import RobotNode
     from fame.robot.durable import Recorder
     from fame.robot.journal import Contents, StateDirectory
 
-_ENVELOPE = "deployment-"
+_ENVELOPE, _PROMISE = "deployment-", "promise"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,26 +76,34 @@ class StateKeeper:
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
         if sha256(data).hexdigest() != header["envelope_hash"]:
-            raise ConfigError("is not the deployment that the journal names, or is damaged", file=str(path))
-        try:
-            envelope = stored_envelope(data.decode())
-            if trusted:
-                verify_signature(asdict(envelope), trusted)
-                if model_hash(envelope.model.encode()) != envelope.hash:
-                    raise DeploymentError("the model does not have the hash that was signed")
-        except DeploymentError as error:
-            raise ConfigError(str(error), file=str(path)) from None
-        return envelope
+            raise ConfigError("is damaged, or not the deployment that the journal names", file=str(path))
+        return _verified(data, path, trusted)
+
+    def promised(self, trusted: Sequence[Any]) -> Envelope | None:
+        """What the engine before was ready to start, verified, if there was something. Raises ConfigError."""
+        path = self.directory.path / _PROMISE
+        return _verified(path.read_bytes(), path, trusted) if path.exists() else None
 
     def away(self, stored: Stored, process: RobotNode) -> float:
         """How long the engine was away (s)."""
         if isinstance(process.scheduler, WallScheduler):
             return max(0.0, time.time() - self.directory.last_seen)
-        from fame.robot.durable import epoch_of, last_time
+        from fame.robot.restoring import epoch_of, last_time
 
         return max(0.0, (epoch_of(process) + process.scheduler.now - last_time(stored.contents)) / SECOND)
 
     # ---- writing -----------------------------------------------------------------------------------------------------
+
+    def promise(self, candidate: Candidate | None) -> None:
+        """Keep what the robot is ready to start: should it crash now, its team may start all the same."""
+        if candidate is not None:
+            with suppress(OSError):  # of a full disk the recorder of what runs tells
+                self.directory.write_file(_PROMISE, _text(candidate.envelope))
+
+    def forget_promise(self) -> None:
+        """The sender, or the team, has decided."""
+        with suppress(OSError):
+            (self.directory.path / _PROMISE).unlink(missing_ok=True)
 
     def begin(self, envelope: Envelope, process: RobotNode) -> None:
         """Record a process that is about to start."""
@@ -98,7 +111,7 @@ class StateKeeper:
         from fame.robot.journal import Journal
 
         self.stop()
-        data = json.dumps({"fame": 1, **asdict(envelope)}, sort_keys=True).encode()
+        data = _text(envelope)
         key = sha256(data).hexdigest()
         name = f"{_ENVELOPE}{key[:16]}"
         header = {
@@ -114,7 +127,8 @@ class StateKeeper:
         self.recorder.begin_with(lambda: self.directory.write_file(name, data), lambda: self._remove_all_but(name))
 
     def _remove_all_but(self, name: str) -> None:
-        """Remove the deployments of before, as soon as no journal names them."""
+        """Remove the deployments of before, as soon as no journal names them, and the promise."""
+        self.forget_promise()
         for path in self.directory.path.glob(f"{_ENVELOPE}*"):
             if path.name != name:
                 path.unlink(missing_ok=True)
@@ -124,8 +138,9 @@ class StateKeeper:
 
         Raises ConfigError for the state of another program.
         """
-        from fame.robot.durable import Recorder, restored
+        from fame.robot.durable import Recorder
         from fame.robot.journal import Journal
+        from fame.robot.restoring import restored
 
         tables = restored(process, stored.contents)
         try:
@@ -158,3 +173,20 @@ def _later(process: RobotNode) -> Callable[[Callable[[], object]], object] | Non
     if not isinstance(scheduler, WallScheduler):
         return None
     return lambda function: scheduler.soon(function, Kind.MESSAGE)
+
+
+def _text(envelope: Envelope) -> bytes:
+    return json.dumps({"fame": 1, **asdict(envelope)}, sort_keys=True).encode()
+
+
+def _verified(data: bytes, path: Path, trusted: Sequence[Any]) -> Envelope:
+    """The envelope in a file. Raises ConfigError, also if it is not signed by a trusted key where there are some."""
+    try:
+        envelope = stored_envelope(data.decode(errors="replace"))
+        if trusted:
+            verify_signature(asdict(envelope), trusted)
+            if model_hash(envelope.model.encode()) != envelope.hash:
+                raise DeploymentError("the hash of the model differs from the signed one")
+    except DeploymentError as error:
+        raise ConfigError(str(error), file=str(path)) from None
+    return envelope

@@ -18,21 +18,46 @@ Invariants, checked for every reachable state in ``tests/test_robot_protocol.py`
 - Of the envelopes that wait only the newest is loaded; the others are answered ``superseded``.
 - The same deployment is never loaded twice: the last answer to it is repeated.
 - Every model is answered in the end.
+- A preview of a migration neither holds nor replaces anything, and is refused while a deployment is under way.
 
 Nothing here sends, waits, loads or looks at a clock: `fame.deploy.engine_node` carries the actions out.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 from fame.deploy import termination
 from fame.deploy.envelope import SILENCE, Envelope, Problem
+from fame.deploy.robot_state import (
+    MATCHING,
+    Action,
+    AskOthers,
+    AwaitSender,
+    Candidate,
+    Discard,
+    Drop,
+    Event,
+    Hold,
+    Load,
+    LoadDue,
+    Loaded,
+    Mapped,
+    MapState,
+    Match,
+    Matched,
+    Note,
+    Received,
+    Replace,
+    Replaced,
+    Reply,
+    RobotState,
+    Run,
+    ScheduleLoad,
+    Stopped,
+)
 from fame.deploy.termination import Answered, Instruction, Ready, Silence
 
-MATCHING = 5.0
-"""How long a robot waits for the other ends of its topics (s)."""
 ASKING = 1.0
 """How often a robot that holds asks the other robots (s)."""
 _ANSWERS = 100
@@ -41,214 +66,7 @@ _NOT_READY = "it is not ready: the other ends of its topics are not there yet"
 _NEWER = "a newer one waits; its sender decides, since others may have been told to start"
 _NOT_READY_FOR_PEER = "the sender fell silent; it was not ready here"
 _ENDS = "the engine ends"
-
-
-# ---- state -----------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """A process that is loaded and is to replace what runs.
-
-    commit  what was promised, once it is ready
-    asked   whether the other robots have been asked since the sender fell silent
-    holds   whether what runs is suspended, since the others did not answer at once
-    """
-
-    envelope: Envelope
-    stage: Literal["matching", "ready", "replacing"] = "matching"
-    commit: Ready | None = None
-    asked: bool = False
-    holds: bool = False
-
-    @property
-    def asks(self) -> bool:
-        """Whether it asks the other robots, since its sender fell silent."""
-        return self.commit is not None and self.commit.asking
-
-    @property
-    def why_it_holds(self) -> str:
-        """The reason, for people."""
-        missing = sorted(self.commit.unheard) if self.commit is not None else ()
-        return f"the sender fell silent, and what became of it at {', '.join(missing)} is not known"
-
-
-@dataclass(frozen=True, slots=True)
-class RobotState:
-    """How far a robot is.
-
-    running  the envelope of what runs, without its model
-    waiting  the newest envelope that is not loaded yet; it keeps waiting while it is being loaded
-    loading  the envelope whose model is being loaded, even if it has been aborted meanwhile
-    newest   `Envelope.order` of the newest that was loaded: older ones are ``stale``
-    answers  the last final answer to each of the last 100 deployments, oldest first
-    """
-
-    robot: str
-    running: Envelope | None = None
-    waiting: Envelope | None = None
-    loading: Envelope | None = None
-    candidate: Candidate | None = None
-    newest: tuple[int, str] = (-1, "")
-    answers: tuple[Reply, ...] = ()
-
-    @property
-    def deployed(self) -> str:
-        """The deployment that runs, or nothing."""
-        return self.running.deployment if self.running is not None else ""
-
-    def answer_to(self, deployment: str) -> Reply | None:
-        """The last final answer."""
-        return next((one for one in self.answers if one.deployment == deployment), None)
-
-    def candidate_of(self, deployment: str) -> Candidate | None:
-        """The candidate, if it came with this deployment."""
-        same = self.candidate is not None and self.candidate.envelope.deployment == deployment
-        return self.candidate if same else None
-
-
-def resumed(robot: str, envelope: Envelope) -> RobotState:
-    """The state of a robot whose engine goes on with what it had been running."""
-    answers = (Reply("started", envelope.deployment),)
-    return RobotState(robot, running=replace(envelope, model=""), newest=envelope.order, answers=answers)
-
-
-# ---- events ----------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Received:
-    """An envelope that was read and verified."""
-
-    envelope: Envelope
-
-
-@dataclass(frozen=True, slots=True)
-class LoadDue:
-    """The time to load the waiting model has come (after `ScheduleLoad`)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Loaded:
-    """The result of `Load`: a process, or an error, with its place where it has one."""
-
-    error: str = ""
-    problem: Problem | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Matched:
-    """The result of `Match`: the promised ends that are missing, as ``topic (publisher)``."""
-
-    missing: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Mapped:
-    """The result of `MapState`: an error if the state does not fit the new model."""
-
-    error: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Replaced:
-    """What ran has ended, its scripts included (after `Replace`)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Stopped:
-    """The engine ends."""
-
-
-Event = Received | LoadDue | Loaded | Matched | Mapped | Silence | Answered | Replaced | Stopped
-
-
-# ---- actions ---------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Reply:
-    """Report an answer to a deployment. `repeated`: it was given before, so it goes only to the sender that asked."""
-
-    answer: str
-    deployment: str
-    reason: str = ""
-    problem: Problem | None = None
-    repeated: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Note:
-    """Report to the observer of this engine."""
-
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class ScheduleLoad:
-    """Give `LoadDue` as soon as all messages of this moment are in: of a burst only the newest is loaded."""
-
-
-@dataclass(frozen=True, slots=True)
-class Load:
-    """Read, check and compile the model beside what runs; then give `Loaded`."""
-
-    envelope: Envelope
-
-
-@dataclass(frozen=True, slots=True)
-class Discard:
-    """Close the process that has just been loaded: it is not wanted any more."""
-
-
-@dataclass(frozen=True, slots=True)
-class Match:
-    """Wait until the promised other ends of the candidate's topics are there, at most `MATCHING` s; give `Matched`."""
-
-    envelope: Envelope
-
-
-@dataclass(frozen=True, slots=True)
-class MapState:
-    """Find out whether the state of what runs, which is suspended, fits the candidate; give `Mapped`."""
-
-
-@dataclass(frozen=True, slots=True)
-class AwaitSender:
-    """Give `Silence` after this many seconds, unless this action or the end of the candidate comes before."""
-
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class AskOthers:
-    """Ask the other robots of the deployment what became of it; give `Answered` for each answer."""
-
-
-@dataclass(frozen=True, slots=True)
-class Hold:
-    """Suspend what runs, in the safe state."""
-
-
-@dataclass(frozen=True, slots=True)
-class Drop:
-    """Close the candidate; what runs goes on."""
-
-
-@dataclass(frozen=True, slots=True)
-class Replace:
-    """Cancel what runs, or let it stay suspended for a migration; when its scripts have left, give `Replaced`."""
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """Start the candidate's process, or let it take over the state of what ran."""
-
-
-Action = (
-    Reply | Note | ScheduleLoad | Load | Discard | Match | MapState | AwaitSender | AskOthers
-    | Hold | Drop | Replace | Run
-)  # fmt: skip
+_UNDER_WAY = "another deployment is under way; ask again when it is over"
 
 
 # ---- transitions -----------------------------------------------------------------------------------------------------
@@ -308,6 +126,8 @@ class _Transition:
             self._repeat(deployment, Reply("", deployment))
         elif envelope.phase == "load" and envelope.order <= newest:
             self._do(Reply("stale", deployment, f"sequence {envelope.sequence} is older than {newest[0]}"))
+        elif envelope.preview and (waiting or self.state.loading or self.state.candidate):
+            self._do(Reply("refused", deployment, _UNDER_WAY))
         else:
             self.state = replace(self.state, waiting=envelope)
             if waiting is None:
@@ -388,11 +208,13 @@ class _Transition:
         if candidate is None or candidate.stage != "matching":
             return
         if missing:
-            self._drop("refused", f"nobody came to {', '.join(missing)} within {MATCHING:g} s")
+            self._drop("refused", f"{', '.join(missing)} not discovered within {MATCHING:g} s")
         elif candidate.envelope.phase == "run":
             self._replace(candidate)
         elif candidate.envelope.migrate and self.state.running is not None:
-            self._do(Hold(), MapState())
+            self._do(*([] if candidate.envelope.preview else [Hold()]), MapState())
+        elif candidate.envelope.preview:
+            self._drop("previewed", "it runs nothing, and would start the model")
         else:
             self._promise(candidate)
 
@@ -400,7 +222,9 @@ class _Transition:
         candidate = self.state.candidate
         if candidate is None or candidate.stage != "matching":
             return
-        if error:
+        if candidate.envelope.preview:
+            self._drop("previewed", error)
+        elif error:
             self._drop("refused", error)
         else:
             self._promise(candidate)

@@ -29,10 +29,14 @@ from fame.deploy.envelope import (
     model_hash,
     signed,
 )
+from fame.deploy.loading import Task, Work
 from fame.deploy.machine import Machine
+from fame.deploy.migration import Foreseen
 from fame.deploy.sender_protocol import (
     Action,
     Answered,
+    Approve,
+    Approved,
     Begun,
     CancelTimers,
     Closed,
@@ -49,9 +53,12 @@ from fame.deploy.sender_protocol import (
     TimerFired,
     step,
 )
+from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node
 
+Approval = Callable[[Mapping[str, Pool], Mapping[str, Foreseen]], str]
+"""Gives a reason against a migration, or nothing; called with the pool of each robot, and what is foreseen of it."""
 PATIENCE = 10.0
 """How long a deployment waits for a robot (s)."""
 
@@ -61,9 +68,11 @@ class Deployment:
 
     `robots` are the namespaces to play it (by default those that have an engine and that a pool wants); `only`
     restricts it to some of them; `again` are those that had the model before; with `migrate` what runs goes over to the
-    model by a `plan` (`fame.deploy.migration_plan`); `key` signs what is sent. `ended` is
-    called once, when all have started or it is known that they will not; `robots` then has the result of each, and
-    `envelopes` what each was sent. Raises ModelError, ConfigError and DeploymentError for what cannot be sent at all.
+    model by a `plan` (`fame.deploy.migration`), for somebody (`who`), if `approve` gives no reason against what is
+    `foreseen` of each robot; it is called in a thread. A `preview` only asks what would become of it.
+    `key` signs what is sent. `ended` is called once, when all have started or it is known that they will not; `robots`
+    then has the result of each, and `envelopes` what each was sent. Raises ModelError, ConfigError and DeploymentError
+    for what cannot be sent at all.
     """
 
     id: str
@@ -86,6 +95,9 @@ class Deployment:
         again: Collection[str] = (),
         migrate: bool = False,
         plan: Mapping[str, Any] | None = None,
+        approve: Approval = lambda pools, foreseen: "",
+        preview: bool = False,
+        who: str = "",
         library: Library | None = None,
         patience: float = PATIENCE,
         key: Any = None,
@@ -95,7 +107,9 @@ class Deployment:
 
         library = library or Library()
         self.id: str = id
-        self._migrate, self._plan = migrate, dict(plan or {})
+        self._migration: dict[str, Any] = {"migrate": migrate, "plan": dict(plan or {}), "preview": preview, "who": who}
+        self._approve = approve
+        self.foreseen: dict[str, Foreseen] = {}
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
         self._ended, self._patience, self._key, self._wall_time = ended, patience, key, wall_time
@@ -103,7 +117,14 @@ class Deployment:
         pools = assign_robots(definitions, named, found=robots is None, only=only)
         sent = {robot: pool for robot, pool in pools.items() if not only or robot in only}
         refuse_errors(definitions, [pool.process for pool in sent.values()], library, sent=True)
-        state = SenderState(tuple(map(RobotProgress, sent)), sequence=sequence, signed=key is not None)
+        self.pools: Mapping[str, Pool] = sent
+        state = SenderState(
+            tuple(map(RobotProgress, sent)),
+            sequence=sequence,
+            signed=key is not None,
+            migrates=migrate,
+            preview=preview,
+        )
         self._protocol: Machine[SenderState, Event, Action] = Machine(state, step, self._perform)
         self.envelopes: dict[str, Envelope] = self._models(definitions, pools, sent, again, library)
         self._source_maps = {
@@ -114,7 +135,7 @@ class Deployment:
         self._timer: Entry | None = None
         self._known: dict[str, Report] = {}  # the last report of each, whatever it is about
         self._readers = {robot: ReportReader.of_sender(robot, key) for robot in sent}
-        self.node: Node = middleware.node("fame_deploy")
+        self.node: Node = middleware.node("_fame_deploy")
         self._out = {robot: self.node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in sent}
         for robot in sent:
             self.node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._on_report, robot), STATUS_QOS)
@@ -138,8 +159,7 @@ class Deployment:
                 promises=promised[robot],
                 team=list(sent),
                 again=robot in again,
-                migrate=self._migrate,
-                plan=self._plan,
+                **self._migration,
             )
             for robot, pool in sent.items()
         }
@@ -190,6 +210,8 @@ class Deployment:
         ahead = is_ahead(report.sequence, self._wall_time())
         self._protocol.handle(Heard(robot, -1 if ahead else report.sequence))
         if report.deployment == self.id and not self.done:
+            if report.migration:
+                self.foreseen[robot] = Foreseen.from_json(report.migration)
             reason = self._source_maps[robot].report(report).reason
             self._protocol.handle(Answered(robot, report.answer, reason, self.scheduler.now))
 
@@ -213,8 +235,18 @@ class Deployment:
             case CancelTimers():
                 self._cancel(self._timer)
                 self._cancel(self._limit)
+            case Approve():
+                Work(self.scheduler, self._approval(), self._on_approved)
             case End():
                 self._ended(self)
+
+    def _approval(self) -> Task[str]:
+        """Look at what is foreseen, in a thread."""
+        refusal: str = yield partial(self._approve, self.pools, dict(self.foreseen))
+        return refusal
+
+    def _on_approved(self, result: str | FameError) -> None:
+        self._protocol.handle(Approved(str(result), self.scheduler.now))
 
     def _envelope(self, robot: str, phase: str) -> Envelope:
         return Envelope(deployment=self.id, sequence=self.sequence, robot=robot, phase=phase)

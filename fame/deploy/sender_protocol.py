@@ -7,6 +7,10 @@ Theory of operation. One model goes to all its robots, and all of them start or 
         └──────────────────────────────────────────┴──one refuses, patience ends, two engines of one name,
                                                       the sender itself was stopped──> abort to all ──> over, failed
 
+A migration is approved between ``load`` and ``start``: what runs is suspended everywhere, so that its state can be
+looked at as a whole, and it may not stay suspended for more than `HOLDING` s. A preview only asks all robots, and ends
+when all have answered.
+
 ``load``, ``hold`` and ``start`` are repeated every second: to receive one twice has no effect but the answer. A robot
 that is ready waits for its sender for `SILENCE` s and then decides with the others (`fame.deploy.termination`), so a
 sender that was stopped for longer must not start anybody.
@@ -36,9 +40,12 @@ DISCOVERY = 0.5
 """How long a sender without keys waits for reports of all robots before it loads (s)."""
 REPEAT = 1.0
 """After how long a robot that did not answer is asked again (s)."""
+HOLDING = 4.8
+"""How long robots may be held for a migration before it starts or is aborted (s)."""
 REFUSALS = frozenset({"refused", "stale", "superseded", "aborted", "left"})
 """Answers that end a deployment for all."""
 _VOTES = REFUSALS | {"ready", "asking"}
+_PREVIEWS = REFUSALS | {"previewed"}
 _RESULTS = (REFUSALS - {"superseded"}) | {"started"}
 
 
@@ -66,16 +73,22 @@ class SenderState:
     signed    whether keys are used: then every robot has to be heard before it is loaded
     heard     the robots that have reported anything
     begun     when it began, `spoke` when all were last told something (ns)
+    migrates  whether what runs is to go over: it is approved before it starts
+    preview   whether it only asks what would become of what runs
+    holding   since when a robot has been ready for a migration (ns); -1 if none is
     """
 
     robots: tuple[RobotProgress, ...]
     sequence: int = 0
     signed: bool = False
-    phase: Literal["discovery", "load", "start", "over"] = "discovery"
+    phase: Literal["discovery", "load", "approval", "start", "over"] = "discovery"
     failed: bool = False
     heard: frozenset[str] = frozenset()
     begun: int = 0
     spoke: int = 0
+    migrates: bool = False
+    preview: bool = False
+    holding: int = -1
 
 
 # ---- events ----------------------------------------------------------------------------------------------------------
@@ -132,7 +145,15 @@ class Closed:
     """The sender leaves: what is not decided yet is aborted."""
 
 
-Event = Begun | Heard | Answered | RivalFound | TimerFired | PatienceEnded | Closed
+@dataclass(frozen=True, slots=True)
+class Approved:
+    """The migrated state of all robots has been looked at (after `Approve`); `refusal` says why it must not start."""
+
+    refusal: str
+    now: int
+
+
+Event = Begun | Heard | Answered | RivalFound | TimerFired | PatienceEnded | Closed | Approved
 
 
 # ---- actions ---------------------------------------------------------------------------------------------------------
@@ -160,6 +181,11 @@ class StartTimer:
 
 
 @dataclass(frozen=True, slots=True)
+class Approve:
+    """Find out whether the migrated state of all robots is one to start from; give `Approved`."""
+
+
+@dataclass(frozen=True, slots=True)
 class CancelTimers:
     """Wait for nothing any more."""
 
@@ -169,7 +195,7 @@ class End:
     """Report to the caller that the deployment is over."""
 
 
-Action = Prepare | Send | StartTimer | CancelTimers | End
+Action = Prepare | Send | StartTimer | Approve | CancelTimers | End
 
 
 # ---- transitions -----------------------------------------------------------------------------------------------------
@@ -192,6 +218,8 @@ def step(state: SenderState, event: Event) -> tuple[SenderState, tuple[Action, .
             return _timer(state, now)
         case PatienceEnded(patience):
             return _end(_map(state, lambda each: _impatient(state, each, patience)), failed=True)
+        case Approved(refusal, now) if state.phase == "approval":
+            return _refused(state, refusal) if refusal else _start(state, now)
         case Closed():
             return _stop(state, failed=True)
     return state, ()
@@ -210,8 +238,10 @@ def _timer(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...
             return state, (StartTimer(SETTLE),)
         state, actions = _send_all(replace(state, phase="load"), now)
         return state, (Prepare(), *actions)
-    if state.phase == "load" and _was_stopped(state, now):
+    if state.phase in ("load", "approval") and _was_stopped(state, now):
         return _end_stopped(state, now)
+    if state.phase in ("load", "approval") and 0 <= state.holding <= now - round(HOLDING * SECOND):
+        return _refused(state, f"robots would be held for more than {HOLDING:g} s, and no robot is started")
     return _send_all(state, now)
 
 
@@ -221,12 +251,19 @@ def _send_all(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, 
         sent = [Send(each.robot, "start", begun) for each in state.robots if each.state == "ready"]
     else:
         sent = [Send(each.robot, "load" if each.state == "silent" else "hold") for each in state.robots]
-    return replace(state, spoke=now), (*sent, StartTimer(REPEAT))
+    repeat = REPEAT
+    if state.holding >= 0 and state.phase != "start":
+        repeat = max(SETTLE, min(REPEAT, HOLDING - (now - state.holding) / SECOND))
+    return replace(state, spoke=now), (*sent, StartTimer(repeat))
 
 
 def _answered(state: SenderState, event: Answered) -> tuple[SenderState, tuple[Action, ...]]:
     took = (event.now - state.begun) / SECOND
-    if state.phase == "load" and event.answer in _VOTES:
+    if state.phase == "load" and state.preview and event.answer in _PREVIEWS:
+        state = _progress(state, event, took)
+        states = {each.state for each in state.robots}
+        return _end(state, failed=states != {"previewed"}) if "silent" not in states else (state, ())
+    if state.phase in ("load", "approval") and event.answer in _VOTES:
         return _vote(_progress(state, event, took), event.now)
     if state.phase == "start" and event.answer in _RESULTS:
         state = _progress(state, event, took)
@@ -240,11 +277,24 @@ def _vote(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]
     states = {each.state for each in state.robots}
     if states & (REFUSALS | {"asking"}):
         return _end(state, failed=True)
-    if states != {"ready"}:
+    if state.migrates and state.holding < 0:
+        state = replace(state, holding=now)
+    if states != {"ready"} or state.phase == "approval":
         return state, ()
+    if state.migrates:
+        return replace(state, phase="approval"), (Approve(),)
+    return _start(state, now)
+
+
+def _start(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
     if _was_stopped(state, now):
         return _end_stopped(state, now)
     return _send_all(replace(state, phase="start"), now)
+
+
+def _refused(state: SenderState, refusal: str) -> tuple[SenderState, tuple[Action, ...]]:
+    """A migration must not start: each robot goes on with what it had."""
+    return _end(_map(state, lambda each: replace(each, reason=each.reason or refusal)), failed=True)
 
 
 def _was_stopped(state: SenderState, now: int) -> bool:
@@ -254,7 +304,7 @@ def _was_stopped(state: SenderState, now: int) -> bool:
 
 def _end_stopped(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
     still = (now - state.spoke) / SECOND
-    reason = f"this command was stopped for {still:.0f} s, and starts nobody"
+    reason = f"this command was stopped for {still:.0f} s and starts no robot"
     return _end(_map(state, lambda each: replace(each, reason=each.reason or reason)), failed=True)
 
 
@@ -272,14 +322,15 @@ def _rival(each: RobotProgress, robot: str) -> RobotProgress:
 
 
 def _end(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[Action, ...]]:
-    if failed and state.phase != "start":
+    if failed and state.phase != "start" and not state.preview:
         state = _explain(state)
     state, actions = _stop(state, failed=failed)
     return state, (*actions, End())
 
 
 def _stop(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[Action, ...]]:
-    aborted = [Send(each.robot, "abort") for each in state.robots] if failed and state.phase == "load" else []
+    undecided = state.phase in ("load", "approval") and not state.preview
+    aborted = [Send(each.robot, "abort") for each in state.robots] if failed and undecided else []
     return replace(state, phase="over", failed=failed), (CancelTimers(), *aborted)
 
 
@@ -287,7 +338,7 @@ def _explain(state: SenderState) -> SenderState:
     """Separate the robots that caused the failure from the others."""
     failing = {each.robot for each in state.robots if each.state in REFUSALS | {"asking"} or each.reason}
     names = ", ".join(each.robot for each in state.robots if each.robot in failing)
-    silent = "had not answered yet" if state.phase == "load" else f"was not asked yet because of {names}"
+    silent = "had not answered yet" if state.phase in ("load", "approval") else f"was not asked yet because of {names}"
 
     def explained(each: RobotProgress) -> RobotProgress:
         reason = silent if each.state == "silent" else f"called off because of {names}"

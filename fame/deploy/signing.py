@@ -1,4 +1,4 @@
-"""Signed deployments: a robot that trusts some keys runs what they signed, for it, now, and nothing else.
+"""Signed deployments: a robot with trusted keys runs only what they signed recently for this robot.
 
 Keys are Ed25519 (RFC 8032), kept as PEM files. What is signed is everything that an envelope says but the text of the
 model, which its hash stands for. It holds for `FRESH` seconds and for one run of an engine, so that one that has just
@@ -128,7 +128,7 @@ def is_vouched(robot: str, key: str, voucher: str, trusted: Sequence[Ed25519Publ
 
 
 def is_signed(said: Mapping[str, Any], key: str) -> bool:
-    """Whether the owner of a public key (as text) said it."""
+    """Whether the owner of a public key (as text) signed it."""
     try:
         public = _cryptography()[0].Ed25519PublicKey.from_public_bytes(base64.b64decode(key, validate=True))
         verify_signature(said, [public])
@@ -152,7 +152,9 @@ def verify_signature(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey
 
     signature = said.get("signature", "")
     if not signature:
-        raise DeploymentError("not signed; this robot runs only what a trusted key signed", cause="signature")
+        raise DeploymentError(
+            "not signed; this robot runs only deployments signed with a trusted key", cause="signature"
+        )
     try:
         blob = base64.b64decode(signature, validate=True)
     except ValueError:
@@ -188,9 +190,7 @@ def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: fl
         text = f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)"
         raise DeploymentError(text, cause="clock")
     if said.get("born", 0) != born:
-        raise DeploymentError(
-            "signed for another run of this robot's engine: it may have been recorded", cause="replay"
-        )
+        raise DeploymentError("signed for another run of this robot's engine: it may be a replay", cause="replay")
 
 
 def _write_public(private: Ed25519PrivateKey, path: Path) -> None:

@@ -134,7 +134,7 @@ class SplitterNode:
                 self._take_over(inherited)
             case StandBy(reason):
                 self._cease()
-                self._report(f"stands by: {reason}")
+                self._report(f"standby: {reason}")
 
     def _take_over(self, inherited: Collection[str]) -> None:
         """Keep the team of the leader before supplied; deploy what it had not deployed."""
@@ -171,7 +171,7 @@ class SplitterNode:
         from fame.check.gate import refuse_errors
 
         if len(text) > LIMIT:
-            raise DeploymentError(f"{len(text)} characters; at most {LIMIT} are taken", cause="size")
+            raise DeploymentError(f"{len(text)} characters; at most {LIMIT} are accepted", cause="size")
         text = self._diagrams.read(text, purpose, self._wall_time())
         definitions = read_text(text, file=DIAGRAM)
         library = self._options["library"]

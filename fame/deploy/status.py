@@ -56,7 +56,7 @@ class Warnings:
         return [warning for warning in new if warning.topic == except_for]
 
     def lines(self) -> list[str]:
-        """For a report."""
+        """The latest warnings, for a report."""
         return [*self._losses[:_KEPT], *map(str, self._latest)]
 
 
@@ -149,6 +149,7 @@ class Status:
         reason: str = "",
         problem: Problem | None = None,
         *,
+        migration: Mapping[str, Any] | None = None,
         repeated: bool = False,
         cause: str = "",
     ) -> None:
@@ -157,7 +158,7 @@ class Status:
         `cause` is that of a refusal: what refusals with different texts have in common.
         """
         if answer != "refused" or repeated:
-            self._publish(answer, deployment, reason, problem)
+            self._publish(answer, deployment, reason, problem, migration)
         elif deployment:
             self._publish_refusal(deployment, reason, problem, cause)
         else:
@@ -167,13 +168,21 @@ class Status:
         self._publish("refused", deployment, reason, problem)
         self._on_refusal(reason, deployment, cause)
 
-    def _publish(self, answer: str, deployment: str, reason: str, problem: Problem | None) -> None:
+    def _publish(
+        self,
+        answer: str,
+        deployment: str,
+        reason: str,
+        problem: Problem | None,
+        migration: Mapping[str, Any] | None = None,
+    ) -> None:
         report = Report(
             robot=self._robot,
             deployment=deployment,
             answer=answer,
             reason=reason,
             problem=asdict(problem) if problem is not None else {},
+            migration=migration or {},
             born=self._born,
             time=self._scheduler.now / SECOND,
             **self._progress(),
@@ -200,11 +209,11 @@ class Status:
             return
         proved = proves_presence(other, self._robot, self._trusted, self._wall_time())
         if proved and self._progress()["state"] == "waiting":
-            raise FameError(f"there is an engine {self._robot!r} already; a robot has one")
+            raise FameError(f"there is an engine {self._robot!r} already")
         if other.engine not in self._met_others and len(self._met_others) < _OTHERS:
             self._met_others.add(other.engine)
             why = "runs a process" if proved else "cannot tell it from a stranger: it does not prove its name"
-            self._note(f"an older engine says that it is {self._robot!r}; this one goes on, because it {why}")
+            self._note(f"an older engine has the name {self._robot!r}; this one continues, because it {why}")
 
 
 class Absences:

@@ -35,7 +35,7 @@ class Ready:
 
     @property
     def unheard(self) -> frozenset[str]:
-        """The others whose state is not known."""
+        """The other robots whose state is unknown."""
         return self.others - self.asked
 
 
@@ -73,12 +73,12 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class Ask:
-    """Hold, ask the others, and report it; give `Silence` after a while without a decision."""
+    """Hold, ask the others, and report this; give `Silence` after a while without a decision."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReportAsking:
-    """Tell the sender, which sent something else, that this robot asks the others."""
+    """Report to the sender that this robot is asking the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,18 +88,18 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class Abort:
-    """Drop the candidate: what runs goes on."""
+    """Drop the candidate and keep the running process."""
 
     reason: str = ""
 
 
 Event = Instruction | Answered | Silence
 Action = Wait | Ask | ReportAsking | Start | Abort
-NOBODY = "the sender fell silent, and nobody was told to start"
+NOBODY = "the sender fell silent before it told any robot to start"
 
 
 def step(state: Ready, event: Event) -> tuple[Ready, Action | None]:
-    """The next state, and what is to be done. After `Start` and `Abort` nothing follows."""
+    """The next state and the actions. After `Start` and `Abort` nothing follows."""
     match event:
         case Instruction(phase="abort"):
             return state, Abort()

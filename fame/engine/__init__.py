@@ -1,9 +1,9 @@
-"""How tokens move: the interpreter of one robot's process. No I/O, no threads, no clock, no XML, no ROS.
+"""The interpreter of one robot's process: how tokens move. No I/O, no threads, no clock, no XML, no ROS.
 
 `compile_program` makes a `Program` of a process and all that it calls; an `Engine` holds the instances of it. The world
 is a `Host`: the engine calls it, and gets stimuli in return (`Engine.start`, `deliver`, `timer_fired`, `script_ended`,
 `complete_task`). Each stimulus runs to completion: every token moves until it rests. Semantics are those of BPMN 2.0
-chapter 13, with what DESIGN section 3 adds.
+chapter 13, with what docs/semantics.md adds.
 
 What an observer gets, as (instance, scope, element, what, detail):
 

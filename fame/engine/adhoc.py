@@ -1,4 +1,4 @@
-"""Ad-hoc sub-processes (standard 13.3.5): activities that begin without being led to, until enough has been done.
+"""Ad-hoc sub-processes (standard 13.3.5): activities that start without incoming flow, until a condition holds.
 
 By the standard somebody picks one enabled activity after another. Here the model picks: the elements that its
 collection names, in that order, or (without one) all that have no incoming flow, in the order of the file. Any of these

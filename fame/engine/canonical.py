@@ -32,7 +32,7 @@ Keys = dict[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Stimuli:
-    """What an engine would take now.
+    """The stimuli that an engine accepts now.
 
     scripts  waits of running scripts and services, by key
     timers   nodes of pending timers, by key
@@ -72,6 +72,7 @@ class Forms:
     decode    the opposite; makes a new value if it can be changed
     variable  (name, value) of a variable -> hashable; as `encode` by default
     kept      whether a variable belongs to the form; all that is data by default
+    constant  whether `decode` always gives the same value, which nothing can change
     """
 
     program: Program
@@ -86,8 +87,16 @@ class Forms:
         decode: Callable[[Any], Any],
         kept: Callable[[str], bool] = lambda name: True,
         variable: Callable[[str, Any], Hashable] | None = None,
+        constant: Callable[[Hashable], bool] = lambda code: False,
     ) -> None:
         self.variable: Callable[[str, Any], Hashable] = variable or (lambda name, value: encode(value))
+        self.constant = constant
+        self.counts: list[int] = [0] * len(program.elements)
+        """Completions of elements in all engines that were revived, together."""
+        self.contents: list[_Content] = []
+        self._content_numbers: dict[Form, int] = {}
+        self.given: dict[int, tuple[dict[str, Any], _Content]] = {}
+        """The dicts of variables of the engine that was revived last, by id, and what they held then."""
         self.program, self.encode, self.decode, self.kept = program, encode, decode, kept
         self.nodes: tuple[Node, ...] = (*program.nodes, *OF_NO_PROGRAM)
         self.numbers: dict[Node, int] = {node: number for number, node in enumerate(self.nodes)}
@@ -100,9 +109,31 @@ class Forms:
             raise RuntimeError("a form is taken between two stimuli, when nothing is being cancelled or held")
         return _Walk(self, engine).form()
 
+    def content(self, own: Form) -> int:
+        """The number of what a dict of variables holds: (name, code), sorted."""
+        number = self._content_numbers.get(own)
+        if number is None:
+            number = self._content_numbers[own] = len(self.contents)
+            self.contents.append(_Content(own, self))
+        return number
+
     def revived(self, form: Form, host: Host, new_variables: Callable[[], dict[str, Any]], *, moves: int) -> Engine:
         """An engine of that form. Any number of engines may be made of it; `moves` as of `Engine`."""
         return _Revival(self, form, Engine(self.program, host, new_variables, moves=moves)).engine
+
+
+class _Content:
+    """What a dict of variables holds. `codes` of the values that are made anew each time.
+
+    constants  values that nothing can change, and their codes
+    """
+
+    __slots__ = ("codes", "constants", "values")
+
+    def __init__(self, own: Form, forms: Forms) -> None:
+        self.values = {name: forms.decode(code) for name, code in own if forms.constant(code)}
+        self.constants = {name: (self.values[name], code) for name, code in own if name in self.values}
+        self.codes = [(name, code) for name, code in own if name not in self.values]
 
 
 # ---- to the form -------------------------------------------------------------------------------------
@@ -193,14 +224,25 @@ class _Walk:
         if place is not None:
             return place
         outer = self._dict(variables.outer) if isinstance(variables, Variables) else -1
-        encode, kept = self.forms.variable, self.forms.kept
-        own = sorted(
-            [(name, encode(name, value)) for name, value in variables.items() if kept(name) and is_data(name, value)],
-            key=lambda item: item[0],
-        )
         place = self.dicts[id(variables)] = len(self.variables)
-        self.variables.append((outer, tuple(own)))
+        self.variables.append((outer, self._content(variables)))
         return place
+
+    def _content(self, variables: dict[str, Any]) -> int:
+        """The number of what a dict of variables holds."""
+        forms = self.forms
+        encode, kept = forms.variable, forms.kept
+        given = forms.given.get(id(variables))
+        known = given[1].constants if given is not None else {}
+        own = []
+        for name in sorted(variables):
+            value = variables[name]
+            constant = known.get(name)
+            if constant is not None and constant[0] is value:
+                own.append((name, constant[1]))
+            elif kept(name) and is_data(name, value):
+                own.append((name, encode(name, value)))
+        return forms.content(tuple(own))
 
     def _scope(self, scope: Scope) -> Hashable:
         nodes, number = self.nodes, self.number
@@ -291,8 +333,9 @@ class _Revival:
         (instances, scopes, waits, boxes, listeners, conditions, named, inclusive, starts, waiting, gathered, order,
          variables) = form  # fmt: skip
         self.dicts: list[dict[str, Any]] = []
-        for outer, own in variables:
-            self.dicts.append(self._dict(outer, own))
+        forms.given = {}
+        for outer, content in variables:
+            self.dicts.append(self._dict(outer, forms.contents[content]))
         count = len(scopes) + len(waits) + len(boxes)
         self.keys: list[int] = list(range(count + 1))
         for rank, number in enumerate(order):
@@ -316,10 +359,16 @@ class _Revival:
         if waiting or gathered:
             self._starts(waiting, gathered)
 
-    def _dict(self, outer: int, own: Form) -> dict[str, Any]:
-        decode = self.forms.decode
-        values = {name: decode(value) for name, value in own}
-        return {**self.engine.new_variables(), **values} if outer < 0 else Variables(self.dicts[outer], values)
+    def _dict(self, outer: int, content: _Content) -> dict[str, Any]:
+        if outer >= 0:
+            values = content.values | {name: self.forms.decode(code) for name, code in content.codes}
+            return Variables(self.dicts[outer], values)
+        variables = self.engine.new_variables()
+        variables.update(content.values)
+        for name, code in content.codes:
+            variables[name] = self.forms.decode(code)
+        self.forms.given[id(variables)] = variables, content
+        return variables
 
     def _scope(self, number: int, item: Form, roots: dict[int, int]) -> Scope:
         parent, node, body, variables, tokens, state, _, joins, rare = item
@@ -334,6 +383,7 @@ class _Revival:
         scope.tokens, scope.state = tokens, state
         if not parent:
             instance = Instance(scope.key, self.engine.program, self.dicts[roots[number]])
+            instance.counts = self.forms.counts
             scope.instance, scope.counts, instance.root = instance, instance.counts, scope
             self.engine.instances[scope.key] = instance
         else:

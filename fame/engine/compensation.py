@@ -90,7 +90,7 @@ def handler_of(node: Node) -> Node | None:
 
 
 def _undo_next(engine: EngineState, undoing: Scope) -> None:
-    """Undo one more activity; after the last one the thrower goes on."""
+    """Compensate one more activity; after the last one the thrower continues."""
     if not undoing.done:
         scopes.finish(engine, undoing)
         return

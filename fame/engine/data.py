@@ -92,7 +92,7 @@ class Variables(dict[str, Any]):
             del self.outer[name]
 
     def define(self, name: str, value: Any) -> None:
-        """Set the scope's own variable `name`, whatever is outside."""
+        """Set the scope's own variable `name`, also if an outer scope has one."""
         super().__setitem__(name, value)
         self._own.add(name)
 

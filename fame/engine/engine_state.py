@@ -1,4 +1,4 @@
-"""What every step works on: the program, the host, the ready queue, and the tables of what waits.
+"""The state that every step works on: the program, the host, the ready queue, and the tables of waits.
 
 One first-in-first-out queue `ready` holds (node, scope) for each token that may move, and (None, (topic, message)) for
 each message thrown by this robot.
@@ -80,7 +80,7 @@ class EngineState:
         return self.counter
 
     def forget_starts(self) -> None:
-        """Nothing begins any more, and nothing that was held goes on."""
+        """Drop all pending starts and everything that is held."""
         self.armed_starts.clear()
         self.held = None
         self.waiting_starts.clear()

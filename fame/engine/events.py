@@ -43,7 +43,7 @@ class Raise:
 
 
 def throw(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """Publish; own catchers are reached once the tokens ahead of this one wait, then this token goes on."""
+    """Publish; own catchers are reached once the tokens ahead of this one wait, then this token continues."""
     spec: Throw = node.spec
     try:
         value = spec.payload(scope.variables) if spec.payload is not None else None
@@ -94,7 +94,7 @@ def raise_error(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def escalate(engine: EngineState, scope: Scope, node: Node) -> None:
-    """An escalation: the token is first in line, and goes on unless its scope is cancelled or suspended."""
+    """Throw an escalation: the token is first in line, and continues unless its scope is cancelled or suspended."""
     try:
         code = _code_of(node.spec, scope.variables)
     except BaseException as error:

@@ -1,4 +1,4 @@
-"""Errors and escalations: how they climb until something catches them (DESIGN section 3; standard 13.5.2).
+"""Errors and escalations: how they climb until something catches them (docs/semantics.md; standard 13.5.2).
 
 From the failing activity outwards: its boundary events, then the event sub-process of its scope; then the activity
 that this scope is has failed, through sub-processes and calls alike. What fails in a handler has failed outside the
@@ -82,7 +82,7 @@ def abandon(
 
 
 def conclude_failed(engine: EngineState, scope: Scope, node: Node) -> None:
-    """What an uncaught error goes on with."""
+    """Conclude the failure of an instance after an uncaught error."""
     scopes.close_scope(engine, scope)
     scopes.conclude(engine, scope.instance, "failed")
 

@@ -118,14 +118,14 @@ def _reach(join: Node, node: Node) -> int:
 
 
 def _holds_token(child: Scope | Wait) -> bool:
-    """Whether it stands for a token of its scope that can go on in it."""
+    """Whether it represents a token of its scope that can continue in it."""
     if isinstance(child, Wait):
         return child.token
     return child.node is not None and not isinstance(child.node.spec, Handler)
 
 
 def _pass_through(engine: EngineState, scope: Scope, join: Node) -> None:
-    """One token of each filled flow goes on as one."""
+    """Merge one token of each filled flow into one, which continues."""
     joins = scope.joins
     assert joins is not None
     counts = joins.pop(join)

@@ -76,7 +76,7 @@ def open_handler(engine: EngineState, start: Node, scope: Scope, cancelling: Can
 
 
 def suspend(engine: EngineState, scope: Scope, handler: Scope) -> Cancelling:
-    """Hold all that goes on in a scope, but for `handler` and the other event sub-processes that wait there."""
+    """Suspend a scope except `handler` and the other event sub-processes that wait there."""
     scope.suspender, scope.mark = handler, handler.key
     scope.state += 1
     for inner in _held_scopes(scope):
@@ -89,7 +89,7 @@ def suspend(engine: EngineState, scope: Scope, handler: Scope) -> Cancelling:
 
 
 def resume(engine: EngineState, scope: Scope) -> None:
-    """The handler has ended normally: all goes on."""
+    """Resume the scope: the handler has ended normally."""
     scope.suspender = None
     _go_on(engine, [scope, *_held_scopes(scope)], _held_waits(scope))
 
@@ -107,7 +107,7 @@ def hold(engine: EngineState) -> None:
 
 
 def release(engine: EngineState) -> None:
-    """What was held goes on. Its scripts must have ended."""
+    """Continue what was held. Its scripts must have ended."""
     if engine.held is not None:
         (held, waits), engine.held = engine.held, None
         _go_on(engine, [scope for scope in held if scope.alive], [wait for wait in waits if wait.alive])

@@ -1,4 +1,4 @@
-"""What an engine asks of the world, and what a script may throw.
+"""The interface of an engine to the world, and the effects of scripts.
 
 The engine calls its host; the host never calls back from inside such a call. What it has to report (a timer fired, a
 script ended) is a later stimulus of its own. Waits are named by their integer keys, so that no handle of the host is

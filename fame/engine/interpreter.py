@@ -27,7 +27,7 @@ PORTION = 300
 """Moves after which observers get what happened, if the stimulus lasts that long."""
 
 TRACE = 100_000
-"""Moves that are followed to find the elements of such a loop."""
+"""Moves that are followed at most to find the elements of such a loop; no more than led there."""
 
 
 class Engine(EngineState):
@@ -82,13 +82,13 @@ class Engine(EngineState):
         return instance
 
     def deliver(self, topic: str, message: Any) -> None:
-        """A signal, or a message for this process, came from outside; unless somebody waits, little is done."""
+        """Deliver a signal or message from outside; cheap if nothing waits for it."""
         if topic in self.listeners or topic in self.program.starts:
             deliver(self, topic, message)
             self.run()
 
     def post(self, topic: str, message: Any) -> None:
-        """A script published: own catchers get it in its turn, behind which the script's token goes on."""
+        """Deliver what a script has published to own catchers in its turn; then the script's token continues."""
         self.ready.append((None, (topic, message)))
         self.unsettled = True
 
@@ -128,7 +128,7 @@ class Engine(EngineState):
         self.run()
 
     def complete_task(self, element: str, values: dict[str, Any] | None = None, instance: int | None = None) -> None:
-        """Somebody did what a user, manual or receive task waits for. Raises MissionError if none waits there."""
+        """Complete a user, manual or receive task. Raises MissionError if none waits there."""
         for candidate in self.instances.values():
             if instance not in (None, candidate.key):
                 continue
@@ -164,7 +164,7 @@ class Engine(EngineState):
             self.run()
 
     def set_variables(self, values: dict[str, Any], instance: int | None = None) -> None:
-        """Set variables of the instances that run. Raises MissionError if none runs."""
+        """Set variables of the running instances. Raises MissionError if none runs."""
         repair.set_variables(self, values, instance)
         self.stepped()
 
@@ -174,7 +174,7 @@ class Engine(EngineState):
         self.run()
 
     def restart(self) -> None:
-        """Once, after `fame.engine.restore`: start scripts again, and let go on what waited for scripts to leave."""
+        """Continue after `fame.engine.restore`, once: start scripts again; resume what waited for their end."""
         for wait in sorted(self.waits.values(), key=attrgetter("key")):
             if wait.started and wait.alive and not wait.paused:
                 tasks.restart(self, wait)
@@ -187,7 +187,7 @@ class Engine(EngineState):
             self.run()
 
     def release(self) -> None:
-        """Go on after `hold`, whose scripts must have ended."""
+        """Continue after `hold`, whose scripts must have ended."""
         handlers.release(self)
         self.run()
 
@@ -239,7 +239,8 @@ class Engine(EngineState):
                         left = self.limit
             if not (self.inclusive and gateways.decide_inclusive(self)):
                 break
-        self.observe()
+        if self._trail:
+            self.observe()
         if self.settled is not None:
             self.settled()
 
@@ -248,7 +249,7 @@ class Engine(EngineState):
         instance, ready = scope.instance, self.ready
         passes: dict[str, int] = {}
         ready.appendleft((node, scope))
-        for _ in range(TRACE):
+        for _ in range(min(TRACE, self.limit)):
             if not ready:
                 break
             follower, place = ready.popleft()

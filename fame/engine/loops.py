@@ -176,7 +176,7 @@ def go_round(engine: EngineState, whole: Scope, node: Node, first: bool) -> None
 
 
 def leave(engine: EngineState, scope: Scope, whole: Scope) -> None:
-    """The last instance has ended: what they gave goes out, and the token goes on."""
+    """Leave the loop after its last instance: pass on the results, and continue the token."""
     assert whole.node is not None
     output = whole.node.spec.output
     subprocesses.leave_with(engine, scope, whole, [(output, whole.items["out"])] if output else [])

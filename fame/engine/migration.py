@@ -1,4 +1,4 @@
-"""Carry the state of an engine over to another program: a changed model goes on where the old one was.
+"""Transfer the state of an engine to another program: a changed model continues where the old one was.
 
 An element that has the same id and kind in both programs goes over by itself; a `Plan` names another element, lets it
 begin again, or drops its tokens. What listens without a token (boundary events, event sub-processes, queues) is closed
@@ -22,6 +22,7 @@ from fame.engine.state import RUNNING, Wait
 from fame.engine.steps import ABANDONED
 from fame.errors import MissionError
 
+_NEVER_WAIT = ("start", "end", "throw", "boundary")
 Fate = Literal["keep", "restart", "abandon", "blocked"]
 
 
@@ -43,18 +44,26 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """A token and what becomes of it. `target`: the element in the new program; `reason`: why it is blocked."""
+    """A token and what becomes of it.
+
+    target   the element in the new program; `reason`: why it is blocked
+    name     the label of the element
+    others   elements of its kind that are new: where a blocked token could go to
+    """
 
     element: str
     fate: Fate
     target: str = ""
     reason: str = ""
+    name: str = ""
+    others: tuple[str, ...] = ()
 
     def __str__(self) -> str:
+        place = f'"{self.name}" ({self.element})' if self.name else self.element
         if self.fate == "blocked":
-            return f"{self.element}: {self.reason}"
+            return f"{place}: {self.reason}"
         to = f" as {self.target}" if self.target not in ("", self.element) else ""
-        return f"{self.element}: {self.fate}{to}"
+        return f"{place}: {self.fate}{to}"
 
 
 def migrate(data: Data, old: Program, new: Program, plan: Plan) -> tuple[Data, list[Token]]:
@@ -72,6 +81,21 @@ def migrate(data: Data, old: Program, new: Program, plan: Plan) -> tuple[Data, l
 def preview(data: Data, old: Program, new: Program, plan: Plan) -> list[Token]:
     """What would become of each token."""
     return _Migration(data, old, new, plan).tokens
+
+
+def gone(old: Program, new: Program, plan: Plan) -> list[Token]:
+    """Elements at which a token of the old program could wait, and that have no counterpart: as if one did."""
+    before, now = kinds(old), kinds(new)
+    fresh = [id for id in now if id not in before]
+    return [
+        Token(node.id, "blocked", "", f"the new model has no {before[node.id]} {node.id}", node.name,
+              tuple(sorted(id for id in fresh if now[id] == before[node.id])))
+        for process in old.sources
+        for node in process.body.walk()
+        if isinstance(node, model.Activity | model.Event) and getattr(node, "place", "") not in _NEVER_WAIT
+        and now.get(node.id) != before[node.id]
+        and not (node.id in plan.to or node.id in plan.restart or node.id in plan.abandon)
+    ]  # fmt: skip
 
 
 def kinds(program: Program) -> dict[str, str]:
@@ -93,7 +117,7 @@ def kind_of(element: model.FlowNode) -> str:
         case model.SubProcess():
             return f"{'repeated ' if element.loop is not None else ''}{element.kind} sub-process"
         case model.Activity():
-            return f"{'repeated ' if element.loop is not None else ''}{type(element).__name__}"
+            return f"{'repeated ' if element.loop is not None else ''}call activity"
     return type(element).__name__
 
 
@@ -101,6 +125,7 @@ class _Migration:
     def __init__(self, data: Data, old: Program, new: Program, plan: Plan) -> None:
         self._data, self._old, self._new, self._plan = data, old, new, plan
         self._old_kinds, self._new_kinds = kinds(old), kinds(new)
+        self._names = {node.id: node.name for process in old.sources for node in process.body.walk()}
         self._pseudo = {node.key for node in OF_NO_PROGRAM}
         self._waits = {item["key"]: item for item in data["waits"]}
         self._scopes = {item["key"]: item for item in data["scopes"]}
@@ -158,16 +183,16 @@ class _Migration:
         target = self._target(element)
         if element in self._plan.abandon:
             self._leave(item, parent, ABANDONED.key)
-            self.tokens.append(Token(element, "abandon"))
+            self._add(element, "abandon")
             return False
         again = element in self._plan.restart or self._has_other_alternatives(item, key)
         entry = self._entry(target, parent)
         if not again and self._node(key) is not None:
-            self.tokens.append(Token(element, "keep", target))
+            self._add(element, "keep", target)
             return True
         if (again or element in self._plan.to) and entry is not None:
             self._leave(item, parent, entry)
-            self.tokens.append(Token(element, "restart", target))
+            self._add(element, "restart", target)
             return False
         self._block(element)
         return False
@@ -203,7 +228,12 @@ class _Migration:
             self._gone.add(item["box"])
 
     def _block(self, element: str) -> None:
-        self.tokens.append(Token(element, "blocked", self._target(element), self._why_not(element)))
+        kind = self._old_kinds.get(element)
+        others = [id for id, other in self._new_kinds.items() if other == kind and id not in self._old_kinds]
+        self._add(element, "blocked", self._target(element), self._why_not(element), tuple(sorted(others)))
+
+    def _add(self, element: str, fate: Fate, target: str = "", reason: str = "", others: tuple[str, ...] = ()) -> None:
+        self.tokens.append(Token(element, fate, target, reason, self._names.get(element, ""), others))
 
     def _check_continuations(self) -> None:
         for item in self._data["continuations"]:

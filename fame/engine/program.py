@@ -1,4 +1,4 @@
-"""What an engine runs: a program of linked nodes, compiled once from a process and all that it calls.
+"""The program of an engine: linked nodes, compiled once from a process and all processes that it calls.
 
 A *node* is a place where a token can be: most elements are one node, some are several (the ports of a join, the
 triggers of a multiple event). A node has a *step*, the function that is called when a token comes to it, and is linked

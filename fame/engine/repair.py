@@ -1,4 +1,4 @@
-"""Repair of what runs: incidents, and what people do to tokens and variables.
+"""Repair of a running process: incidents, and changes of tokens and variables by people.
 
 An *incident* is a token at an element whose error nothing has caught. If the host wants incidents
 (`EngineState.on_incident`), such an error does not fail its instance: the token stays, as a wait that nothing but a
@@ -57,7 +57,7 @@ def retry(engine: EngineState, element: str, values: Mapping[str, Any]) -> None:
 
 
 def set_variables(engine: EngineState, values: Mapping[str, Any], instance: int | None = None) -> None:
-    """Set variables of the instances that run. Raises MissionError if none runs."""
+    """Set variables of the running instances. Raises MissionError if none runs."""
     found = [each for each in engine.instances.values() if instance in (None, each.key)]
     if not found:
         raise MissionError("no instance is running, so there are no variables to set", element=engine.program.process)

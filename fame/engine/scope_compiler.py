@@ -31,7 +31,7 @@ class Compiler:
 
     make      makes the nodes of one element
     called    the bodies of called processes, by file and id
-    original  whether the process at hand means suspension by interruption (DESIGN section 3)
+    original  whether the process at hand means suspension by interruption (docs/semantics.md)
     unfilled  its variables that a caught message may fill by their names alone
     """
 
@@ -204,15 +204,18 @@ class ScopeCompiler:
         """Say which node is an element, and add the nodes that assign its data objects."""
         self.main[element.id] = self.entries[element.id] = node
         self.exits[element.id] = [node] if exits is None else exits
-        takes = isinstance(element, model.Event) and element.place in ("start", "catch", "boundary")
-        before = self._values(element.data_inputs) + _pairs(element.copies_in)
-        after = [] if takes else self._values(element.data_outputs) + _pairs(element.copies_out)
-        if isinstance(element, model.Event) and element.io is not None:
-            after += _pairs(element.io.outputs)
+        before = self._values(element.data_inputs, element.copies_in)
+        required = self._required(element)
+        if isinstance(element, model.Event):
+            throws = element.place in ("throw", "end")
+            after = self._values(element.data_outputs, element.copies_out) if throws else []
+            if element.io is not None:
+                after += _pairs(element.io.outputs)
+        else:
+            after = self._values(element.data_outputs, element.copies_out)
         if before:
             first = self.node(element, steps.assign, "/inputs", Assignments(self.assignments(before, element)))
             first.next, first.part_of, self.entries[element.id] = node, node, first
-        required = self._required(element) if isinstance(element, model.Activity) else ()
         if (after or required) and self.exits[element.id]:
             spec = Assignments(self.assignments(after, element), required)
             last = self.node(element, steps.assign, "/outputs", spec)
@@ -224,14 +227,20 @@ class ScopeCompiler:
         self.link(self.exits[element], last)
         self.exits[element] = [last]
 
-    def _required(self, activity: model.Activity) -> tuple[str, ...]:
+    def _required(self, element: model.FlowNode) -> tuple[str, ...]:
         """The variables that an activity has to set: its own outputs, and those of the data objects it writes."""
-        objects = (self.objects[id] for id in activity.data_outputs if id in self.objects)
-        return tuple(dict.fromkeys([*activity.required, *(name for item in objects for name in item.names)]))
+        if not isinstance(element, model.Activity) or not (element.required or element.data_outputs):
+            return ()
+        objects = (self.objects[id] for id in element.data_outputs if id in self.objects)
+        return tuple(dict.fromkeys([*element.required, *(name for item in objects for name in item.names)]))
 
-    def _values(self, objects: Iterable[str]) -> list[tuple[str, model.Expression]]:
-        """The assignments of data objects, by their ids; inner bodies see the objects of outer ones."""
-        return [pair for id in objects if id in self.objects for pair in self.objects[id].values]
+    def _values(
+        self, objects: tuple[str, ...], copies: tuple[model.Assignment, ...]
+    ) -> list[tuple[str, model.Expression]]:
+        """The assignments of data objects, by their ids (inner bodies see those of outer ones), then the copies."""
+        if not objects and not copies:
+            return []
+        return [pair for id in objects if id in self.objects for pair in self.objects[id].values] + _pairs(copies)
 
     # ---- flows ---------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Scopes: how they open, end, are cancelled and replaced, and what waits for what is cancelled.
+"""Scopes: how they open, end, are cancelled and replaced, and what waits for cancelled scripts.
 
 Whatever cancels (`kill`, `replace`, `cancel_wait`) gives the keys of the scripts that are still in their ``finally``;
 `proceed` takes them, and lets a token go on at once or when the last of them has ended.
@@ -49,7 +49,7 @@ def arm_scope(engine: EngineState, scope: Scope) -> None:
 
 
 def close_scope(engine: EngineState, scope: Scope) -> None:
-    """Close a scope and disarm its boundary events and whatever waits in it."""
+    """Close a scope and disarm its boundary events and everything that waits in it."""
     scope.state = DEAD
     scope.instance.scopes -= 1
     if scope.arms:
@@ -95,7 +95,7 @@ def finish(engine: EngineState, scope: Scope) -> None:
 
 
 def conclude(engine: EngineState, instance: Instance, status: Status) -> None:
-    """An instance is over."""
+    """Note that an instance has ended."""
     instance.status = status
     engine.instances.pop(instance.key, None)
     if engine.program.observed:
@@ -121,7 +121,7 @@ def count_event(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def complete(engine: EngineState, scope: Scope, node: Node) -> None:
-    """An element at which a token waited has completed: the token goes on."""
+    """Complete an element at which a token waited: the token continues."""
     scope.counts[node.slot] += 1
     if node.plain_step is not None:
         engine.notify(scope, node.left)
@@ -132,7 +132,7 @@ def complete(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def replace(engine: EngineState, scope: Scope, handles: tuple[Node, ...]) -> tuple[Scope, Cancelling]:
-    """Cancel what goes on in a scope; a new one takes its place, with one token and the same boundary events."""
+    """Cancel a scope; a new one takes its place, with one token and the same boundary events."""
     parent = scope.parent
     heir = Scope(engine.new_key(), parent, scope.node, None, scope.variables)
     heir.handles, heir.items, heir.done = handles, scope.items, scope.done

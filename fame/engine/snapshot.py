@@ -1,4 +1,4 @@
-"""An engine's state as data, and the engine again (DESIGN section 3, "State is data").
+"""An engine's state as data, and the engine again (docs/semantics.md).
 
 Scopes, waits and mailboxes are named by their integer keys, nodes by their keys in the program, which is itself named
 by its hash: a state is of use with that program alone. What is no data stays behind: functions, classes and modules
@@ -218,16 +218,19 @@ def _continuation(continuation: Continuation) -> Data:
     return {"node": continuation.node.key, "scope": continuation.scope.key}
 
 
+_KNOWN = frozenset({bool, int, str, type(None)})
+
+
 def encode(value: Any, dump: Convert = no_data) -> Any:
     """A value as JSON-able data. What JSON does not know is an object with one key that begins with ``$``."""
     if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
         return value
     if isinstance(value, float):
-        return {"$float": repr(value)}
+        return {"$float": repr(float(value))}
     if isinstance(value, bytes):
         return {"$bytes": value.hex()}
     if isinstance(value, list):
-        return [encode(item, dump) for item in value]
+        return list(value) if _is_plain(value) else [encode(item, dump) for item in value]
     if isinstance(value, tuple | set | frozenset):
         items = value if isinstance(value, tuple) else sorted(value, key=repr)
         return {f"${type(value).__name__}": [encode(item, dump) for item in items]}
@@ -236,6 +239,12 @@ def encode(value: Any, dump: Convert = no_data) -> Any:
             return {key: encode(item, dump) for key, item in value.items()}
         return {"$dict": [[encode(key, dump), encode(item, dump)] for key, item in value.items()]}
     return {"$object": encode(dump(value), dump)}
+
+
+def _is_plain(items: list[Any]) -> bool:
+    """Whether JSON knows all items. A map has many thousands of them: a call for each would take most of the time."""
+    kinds = set(map(type, items))
+    return kinds <= _KNOWN or (kinds == {float} and all(map(math.isfinite, items)))
 
 
 # ---- from data -----------------------------------------------------------------------------------

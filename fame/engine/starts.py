@@ -26,8 +26,10 @@ from fame.engine.state import Arrived, Gathered, Instance, Listener, Scope
 def open_instance(engine: EngineState, entry: Node, values: dict[str, Any] | None) -> Instance:
     """Make an instance and put its first token at `entry`."""
     variables = engine.new_variables()
-    variables.update(engine.parameters)
-    variables.update(values or {})
+    if engine.parameters:
+        variables.update(engine.parameters)
+    if values:
+        variables.update(values)
     instance = Instance(engine.new_key(), engine.program, variables)
     root = Scope(engine.new_key(), None, None, engine.program.body, variables)
     root.instance, root.counts, instance.root, instance.scopes = instance, instance.counts, root, 1

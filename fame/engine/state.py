@@ -74,7 +74,7 @@ class Scope:
 
     @property
     def alive(self) -> bool:
-        """Whether it goes on, suspended or not."""
+        """Whether it has not ended, suspended or not."""
         return self.state >= 0
 
 
@@ -228,7 +228,7 @@ class Instance:
 
 
 class Continuation:
-    """What goes on when cancelled scripts have ended: a token at `node`. `pending`: how many have not."""
+    """A token at `node` that continues when cancelled scripts have ended. `pending`: how many have not."""
 
     __slots__ = ("node", "pending", "scope")
 

@@ -227,7 +227,7 @@ def terminate(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def finish(engine: EngineState, scope: Scope, node: Node) -> None:
-    """What goes on when all that was cancelled has ended: the scope ends."""
+    """End the scope when everything that was cancelled has ended."""
     scopes.finish(engine, scope)
 
 

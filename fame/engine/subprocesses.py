@@ -67,7 +67,7 @@ def _own_variables(engine: EngineState, spec: Activity, outer: dict[str, Any]) -
 
 
 def leave(engine: EngineState, scope: Scope, inner: Scope) -> None:
-    """The scope of such an activity has ended: its results go out, and the token goes on."""
+    """Leave an activity whose scope has ended: pass on its results, and continue the token."""
     node = inner.node
     assert node is not None
     spec: Activity = node.spec
@@ -84,7 +84,7 @@ def leave(engine: EngineState, scope: Scope, inner: Scope) -> None:
 
 
 def leave_with(engine: EngineState, scope: Scope, inner: Scope, results: Sequence[tuple[str, Any]]) -> None:
-    """Set variables outside, and let the token go on."""
+    """Set variables outside, and continue the token."""
     node = inner.node
     assert node is not None
     if inner.done or compensation.handler_of(node) is not None:
@@ -106,7 +106,7 @@ def fire_handler(engine: EngineState, wait: Wait) -> None:
 
 
 def end_handler(engine: EngineState, scope: Scope, handler: Scope) -> Scope | None:
-    """The last token of a handler is gone: what it suspended goes on; if that has no token left, it ends too."""
+    """End a handler without tokens: resume what it suspended; if that has no token left, it ends too."""
     node = handler.node
     assert node is not None
     scopes.count(engine, handler, node)

@@ -1,4 +1,4 @@
-"""Tasks: scripts, services, expressions, and what waits for somebody or for a message."""
+"""Tasks: scripts, services, expressions, and tasks that wait for a person or a message."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def evaluate(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def wait_for_somebody(engine: EngineState, scope: Scope, node: Node) -> None:
-    """A user or manual task: the token waits until somebody completes it."""
+    """A user or manual task: the token waits until a person completes it."""
     waiting.wait_at(engine, node, scope)
 
 
@@ -145,10 +145,14 @@ def make(context: ScopeCompiler, task: model.Task) -> Node:
     return context.node(task, steps.pass_on)
 
 
+_SCRIPT_CATCH = triggers.catching(trigger=SCRIPT)
+"""That of all scripts: nothing in it depends on the task."""
+
+
 def _running(context: ScopeCompiler, task: model.Task, step: Step, spec: Script) -> Node:
     """A node at which a token waits if what it runs does."""
     node = context.node(task, step, spec=spec)
-    node.catch = triggers.catching(trigger=SCRIPT)
+    node.catch = _SCRIPT_CATCH
     return node
 
 

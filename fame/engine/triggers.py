@@ -1,4 +1,4 @@
-"""What a catching event waits for: nodes for its triggers, whatever the event is (start, intermediate, boundary)."""
+"""The triggers of catching events of any kind (start, intermediate, boundary), as nodes."""
 
 from __future__ import annotations
 

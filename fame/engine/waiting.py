@@ -1,4 +1,4 @@
-"""What waits: tokens, boundary events, starts of event sub-processes; and what wakes them.
+"""Waits of tokens, boundary events and start events of event sub-processes, and what ends them.
 
 A wait is armed by its trigger: in the table of listeners (signal, message), at a timer of the host, in the list of
 conditions. What is disarmed is in none of them. How each trigger arms, disarms, is suspended and resumed is in the
@@ -41,7 +41,7 @@ def arm(engine: EngineState, wait: Wait) -> None:
 
 
 def disarm(engine: EngineState, wait: Wait) -> None:
-    """Whatever could wake it, and whatever is armed because of it, is forgotten."""
+    """Disarm everything that could wake it, and everything that is armed because of it."""
     wait.alive = False
     disarm_trigger = wait.catch.trigger.disarm
     disarm_trigger(engine, wait)

@@ -1,4 +1,4 @@
-"""Writes what happens in a run to a file, for people, tables, process mining and replay, and reads it back.
+"""Write the events of a run to a file, for people, tables, process mining and replay, and read them back.
 
 The suffix of the file selects the format:
 
@@ -16,7 +16,8 @@ equal bytes. Events are written as they occur. The file is complete when the ``w
     elements       names and kinds of elements
     reading        visited elements, and the outcomes of their executions
     channels       topics and schemas of a recording
-    recorder       writes the recording of a run in one process
+    recorder       collects what the recording of a run in one process has
+    recording_file writes it: the file, its channels; recorder_process: in a second process
     recording      reads recordings (mcap_index finds their chunks)
     team_state     the state of a team at one time
     live_team      follows a team on the network
@@ -27,11 +28,26 @@ equal bytes. Events are written as they occur. The file is complete when the ``w
 
 from __future__ import annotations
 
-from fame.log.lines import COLUMNS
-from fame.log.reading import outcomes, visits
-from fame.log.recorder import About
-from fame.log.recording import Recording
-from fame.log.team_state import RobotState, TeamState
-from fame.log.writing import logging_to
+from typing import TYPE_CHECKING
 
-__all__ = ["COLUMNS", "About", "Recording", "RobotState", "TeamState", "logging_to", "outcomes", "visits"]
+from fame.imports import attach
+
+if TYPE_CHECKING:
+    from fame.log.lines import COLUMNS as COLUMNS
+    from fame.log.reading import outcomes as outcomes, visits as visits
+    from fame.log.recorder import About as About
+    from fame.log.recording import Recording as Recording
+    from fame.log.team_state import RobotState as RobotState, TeamState as TeamState
+    from fame.log.writing import logging_to as logging_to
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "lines": ["COLUMNS"],
+            "reading": ["outcomes", "visits"],
+            "recorder": ["About"],
+            "recording": ["Recording"],
+            "team_state": ["RobotState", "TeamState"],
+            "writing": ["logging_to"],
+        },
+    )

@@ -15,8 +15,8 @@ from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.elements import element_info
 from fame.log.ocel import write_ocel
-from fame.log.recorder import RecordingFile
 from fame.log.recording import Message, Recording
+from fame.log.recording_file import RecordingFile
 from fame.log.team_state import TeamState
 from fame.log.writing import RECORDING, logging_to, new_file
 from fame.robot.events import Event
@@ -43,7 +43,7 @@ def models_of(recording: Recording) -> list[Definitions]:
 
 
 def convert(source: str | Path, target: str | Path, on_progress: OnProgress = lambda done: None) -> None:
-    """Convert a recording to the form that the name of the target says.
+    """Convert a recording to the format given by the suffix of the target.
 
     Raises ConfigError for a name with another end, a file that is no recording, and one that cannot be written.
     """
@@ -150,7 +150,7 @@ class _Merging:
         return True
 
     def _take_key(self, file: RecordingFile, time: int, number: int, message: Message) -> None:
-        """Take over the state of robots that this recording begins to tell of, also after a gap in it."""
+        """Add the state of robots that this recording contains from now on, also after a gap."""
         state = TeamState.from_key(time, message.json())
         fresh = [
             robot
@@ -187,5 +187,5 @@ class _Merging:
 
 
 def _subject(message: Message) -> str:
-    """What must not be told twice: a robot, or a topic."""
+    """The robot or topic that a message is about: each comes from one recording at a time."""
     return str(message.json()["robot"]) if message.topic in (EVENTS, VARIABLES, WAITING) else message.topic

@@ -1,7 +1,7 @@
-"""The log that an engine keeps for itself: recordings in a folder, of bounded size, whatever becomes of the network.
+"""The recordings that an engine writes itself: files in a folder, of bounded size, independent of the network.
 
-What the engine tells its watchers is written here, too. A file that has become large is finished, and the next one
-begins with the state of that moment; the oldest are deleted. `fame log merge` puts the files of a team together.
+They contain what the engine publishes for recorders and views. A file that has become large is finished, and the next
+one begins with the current state; the oldest are deleted. `fame log merge` puts the files of a team together.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from fame.clock import SECOND, Entry, Scheduler, date_text
 from fame.errors import ConfigError
 from fame.log.channels import KEY
 from fame.log.live_team import LiveTeam
-from fame.log.recorder import RecordingFile
+from fame.log.recording_file import RecordingFile
 from fame.log.writing import RECORDING, new_file
 
 FILES, SIZE = 10, 50_000_000
@@ -56,7 +56,7 @@ class EngineLog:
         self._team.feed(self._robot, text)
 
     def on_model(self, model: Mapping[str, Any]) -> None:
-        """From now on the robot runs this: it begins a new file."""
+        """Begin a new file for the process that the robot runs from now on."""
         self._model = model
         self._finish()
 
@@ -89,7 +89,7 @@ class EngineLog:
         return file
 
     def _delete_oldest(self) -> None:
-        """Keep as many files of this robot as wanted."""
+        """Delete the oldest files of this robot beyond the number to keep."""
         own = sorted(self._folder.glob(f"{self._robot}-*{RECORDING}"), key=lambda path: path.stat().st_mtime)
         for path in own[: -self._files]:
             path.unlink(missing_ok=True)
@@ -114,7 +114,7 @@ class EngineLog:
 
     def _give_up(self, error: Exception) -> None:
         self._broken, self._file = True, None
-        self._note(f"the log is not written any more: {error}")
+        self._note(f"the recording can no longer be written: {error}")
 
     def close(self) -> None:
         """Finish the file."""

@@ -1,8 +1,9 @@
-"""Follows a team on the network: what the engines tell on ``/<robot>/bpmn_events`` becomes the messages of a recording.
+"""Follow a team on the network: batches of ``/<robot>/bpmn_events`` become the messages of a recording.
 
-Batches of several robots come in any order. They wait for half a second, so that what `on_message` gets is in the order
-of time. A robot that is new, or of which a batch was lost, gives everything with a later batch: then a message of
-``/fame/key`` comes, with the state of the whole team, and what was lost is counted in `gaps`.
+Batches of several robots come in any order. They wait for a while (half a second unless a page wants them earlier), so
+that what `on_message` gets is in the order of time. A robot that is new, or of which a batch was lost, gives everything
+with a later batch: then a message of ``/fame/key`` comes, with the state of the whole team and with ``gaps``, and what
+was lost is counted and reported.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ OnMessage = Callable[[int, str, str], object]
 
 EVENTS_TOPIC, MODEL_TOPIC, STRING = "bpmn_events", "bpmn_model", "std_msgs/msg/String"
 
-_DELAY = SECOND // 2
+DELAY = SECOND // 2
 """How long batches wait for those of other robots (ns)."""
 _DISCOVERY = SECOND // 2
 """How often robots are looked for (ns)."""
@@ -39,12 +40,13 @@ _CHANNELS = {"events": EVENTS, "variables": VARIABLES, "waiting": WAITING}
 
 @dataclass(slots=True)
 class _Source:
-    """What is known of one robot's batches."""
+    """The state of one robot's batches."""
 
     session: int = -1
     batch: int = 0
     time: int = 0  # of the robot's clock at the last batch (ns)
     synchronised: bool = False
+    lost: int = 0  # batches since it was
     ends: list[Any] = field(default_factory=list)
 
 
@@ -69,9 +71,10 @@ class LiveTeam:
         *,
         on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
         robots: frozenset[str] = frozenset(),
+        delay: int = DELAY,
     ) -> None:
         self._node, self._middleware, self._scheduler, self._on_message = node, middleware, scheduler, on_message
-        self._on_model, self._wanted = on_model, robots
+        self._on_model, self._wanted, self._delay = on_model, robots, delay
         self.state: TeamState = TeamState()
         self.epoch: datetime | None = None
         self.models: dict[str, Mapping[str, Any]] = {}
@@ -91,7 +94,7 @@ class LiveTeam:
         return sorted(self._sources)
 
     def last_time(self, robot: str) -> int:
-        """The time of a robot's clock when it told something last (ns); 0 if it has not."""
+        """The time of a robot's clock in its last batch (ns); 0 without one."""
         return self._sources[robot].time if robot in self._sources else 0
 
     def feed(self, robot: str, text: str) -> None:
@@ -138,6 +141,7 @@ class LiveTeam:
         elif batch["batch"] != source.batch + 1:
             self.gaps[robot] = self.gaps.get(robot, 0) + max(1, batch["batch"] - source.batch - 1)
             source.synchronised = False
+            source.lost += max(1, batch["batch"] - source.batch - 1)
         source.batch, source.time = batch["batch"], batch["time"]
         if "begins" in batch:
             source.synchronised = True
@@ -148,7 +152,8 @@ class LiveTeam:
                 self.enter(time + shift, partial(self._change, _CHANNELS[channel], content))
         elif "key" in batch:
             source.synchronised = True
-            self.enter(batch["time"] + shift, partial(self._synchronise, robot, batch["key"]))
+            self.enter(batch["time"] + shift, partial(self._synchronise, robot, batch["key"], source.lost))
+            source.lost = 0
 
     def enter(self, time: int, action: Callable[[int], object]) -> None:
         """Call `action` in its turn: with this time (ns since `epoch`), or a later one if that has passed."""
@@ -156,18 +161,18 @@ class LiveTeam:
         heappush(self._waiting, (time, number, action))
         self._arrived[number] = self._scheduler.now
         if self._release is None:
-            self._release = self._scheduler.after(_DELAY, self._on_due)
+            self._release = self._scheduler.after(self._delay, self._on_due)
 
     def _on_due(self) -> None:
-        """Give away what has waited long enough, and all that comes before it."""
+        """Pass on the messages that have waited long enough, and all earlier ones."""
         self._release = None
-        due = [time for time, number, _ in self._waiting if self._arrived[number] <= self._scheduler.now - _DELAY]
+        due = [time for time, number, _ in self._waiting if self._arrived[number] <= self._scheduler.now - self._delay]
         self._give(max(due, default=-1))
         if self._waiting:
-            self._release = self._scheduler.after(_DELAY // 2, self._on_due)
+            self._release = self._scheduler.at(min(self._arrived.values()) + self._delay, self._on_due)
 
     def _give(self, until: int) -> None:
-        """Give away everything up to a time."""
+        """Pass on all messages up to a time."""
         while self._waiting and self._waiting[0][0] <= until:
             time, number, action = heappop(self._waiting)
             del self._arrived[number]
@@ -175,14 +180,19 @@ class LiveTeam:
                 action(max(time, self._last))
 
     def _begin(self, robot: str, process: str, time: int) -> None:
-        """A robot begins with a process: from now on everything is told."""
+        """Note that a robot starts a process: its batches are complete from now on."""
         self.state.robots[robot] = RobotState(process=process)
         self._put_key(max(time, self._last + 1))
 
-    def _synchronise(self, robot: str, key: Mapping[str, Any], time: int) -> None:
-        """Replace the state of a robot."""
+    def _synchronise(self, robot: str, key: Mapping[str, Any], lost: int, time: int) -> None:
+        """Replace the state of a robot, of which so many batches were lost."""
         self.state.robots[robot] = RobotState.from_key(key)
-        self._put_key(max(time, self._last + 1))  # what was told at the last instant is in it
+        time = max(time, self._last + 1)  # what was told at the last instant is in it
+        self._put_key(time, {robot: lost})
+        if lost:
+            text = f"{lost} batch{'es' * (lost > 1)} of events lost: what happened before is not recorded"
+            report = {"instance": 0, "scope": 0, "marks": [["", "report", text]]}
+            self._change(EVENTS, {"robot": robot, "events": [report]}, time)
 
     def _change(self, topic: str, content: Mapping[str, Any], time: int) -> None:
         if time > self._last and time >= self._key_due:
@@ -191,13 +201,16 @@ class LiveTeam:
         self._on_message(time, topic, json.dumps(content, ensure_ascii=False, separators=(",", ":")))
         self._last = time
 
-    def _put_key(self, time: int) -> None:
+    def _put_key(self, time: int, gaps: Mapping[str, int] | None = None) -> None:
         self.state.time = time
-        self._on_message(time, KEY, self.state.key_text())
+        text = self.state.key_text()
+        if gaps is not None:  # in front, where a reader sees it at once
+            text = f'{{"gaps":{json.dumps(gaps)},{text[1:]}'
+        self._on_message(time, KEY, text)
         self._last, self._key_due = time, time + SECOND
 
     def close(self) -> None:
-        """Give away everything that waits, and close all subscriptions."""
+        """Pass on all remaining messages, and close all subscriptions."""
         self._discovery.cancel()
         if self._release is not None:
             self._release.cancel()

@@ -1,4 +1,4 @@
-"""Where the chunks of an MCAP file are, and what else is in it.
+"""The index of an MCAP file: its chunks, channels, metadata and attachments.
 
 A whole file has an index at its end. One that was cut short has none: it is read from its beginning, up to where it is
 whole.
@@ -62,7 +62,7 @@ def read_index(stream: BinaryIO, file: str) -> McapIndex:
         index = _scan(stream)
         if not index.chunks:
             raise ConfigError("was cut short before anything was recorded", file=file)
-        index.warnings.append(f"{file}: was cut short; it is read up to where it is whole")
+        index.warnings.append(f"{file}: is incomplete; it is read up to the damaged place")
     index.chunks = sorted(index.chunks, key=attrgetter("start"))
     return index
 
@@ -93,7 +93,7 @@ def _broken() -> tuple[type[Exception], ...]:
 
 
 def _read_summary(stream: BinaryIO) -> McapIndex | None:
-    """The index that the file has at its end; None if it has none."""
+    """The index at the end of the file; None without one."""
     from mcap.reader import SeekingReader
 
     stream.seek(0)
@@ -121,7 +121,7 @@ def _read_summary(stream: BinaryIO) -> McapIndex | None:
 
 
 def _scan(stream: BinaryIO) -> McapIndex:
-    """What is whole in a file, read from its beginning."""
+    """Index the undamaged part of a file, read from its beginning."""
     from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
     from mcap.stream_reader import StreamReader, breakup_chunk
 

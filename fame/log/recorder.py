@@ -1,109 +1,38 @@
-"""Writes the recording of a run: one MCAP file with everything that a replay needs (docs/recordings.md).
+"""Records a run in this process: an observer that collects what a recording has (docs/recordings.md).
 
-A `Recorder` is an observer of robots in one process. Of each instant it writes what changed in each robot, in this
-order: events, variables, waiting tokens. A key message comes before the first change after each second: everything as
-it was until then.
+Of each instant it takes what changed in each robot, in this order: events, variables, waiting tokens. A key message
+comes before the first change after each second: everything as it was until then. The observer makes no JSON: that does
+a `RunWriter`, which may be in another process.
 """
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND, Kind, Scheduler
 from fame.engine.state import Trail
-from fame.log.channels import CHANNELS, FORMAT
+from fame.log.recording_file import RunWriter
 from fame.middleware import codec
+from fame.middleware.interface import ENGINE
 from fame.robot.changes import ChangeTracker
 from fame.robot.events import Event
 
 if TYPE_CHECKING:
-    from mcap.writer import Writer
-
     from fame.robot import RobotNode
-
-_CHUNK = 1 << 18
-"""Bytes of a chunk before it is compressed: what a crash may lose, and what a seek has to read."""
-
-
-ENGINE_NODE = "fame_engine"
-"""The name of every robot's engine node."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class About:
-    """What a recording says of itself. `attachments` are further files: (name, media type, content)."""
+    """The metadata of a recording. `attachments` are further files: (name, media type, content)."""
 
     metadata: Mapping[str, str] = field(default_factory=dict)
     attachments: Sequence[tuple[str, str, bytes]] = ()
-
-
-class RecordingFile:
-    """An MCAP file with the channels of a recording, written message by message."""
-
-    def __init__(self, stream: BinaryIO) -> None:
-        from mcap.writer import CompressionType, Writer
-
-        self._writer: Writer = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
-        self._writer.start(profile="", library=f"fame {_version()}")
-        self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
-        self._sequences: dict[int, int] = {}
-
-    def describe(self, metadata: Mapping[str, str]) -> None:
-        """Write what the recording says of itself."""
-        whole = {"format": str(FORMAT), "fame": _version(), "python": sys.version.split()[0], **metadata}
-        self._writer.add_metadata("fame", whole)
-
-    def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Write a file into the recording."""
-        self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
-
-    def message_channel(self, topic: str, type: str, node: str) -> int:
-        """The number of a new channel for messages of a ROS 2 type that `node` (full name) publishes, as CDR."""
-        schema = self._schemas.get(type)
-        if schema is None:
-            text = codec.typestore(type).generate_msgdef(type, ros_version=2)[0]
-            schema = self._schemas[type] = self._writer.register_schema(type, "ros2msg", text.encode())
-        return self._writer.register_channel(topic, "cdr", schema, {"node": node})
-
-    def put(self, topic: str, time: int, text: str) -> None:
-        """Write a message of one of `CHANNELS`: JSON, at a time (ns)."""
-        channel = self._channels.get(topic)
-        if channel is None:
-            name, schema = CHANNELS[topic]
-            schema_id = self._writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
-            channel = self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
-        self.write(channel, time, text.encode("utf-8", "backslashreplace"))
-
-    def write(self, channel: int, time: int, data: bytes) -> None:
-        """Write a message."""
-        sequence = self._sequences[channel] = self._sequences.get(channel, 0) + 1
-        self._writer.add_message(channel, time, data, time, sequence)
-
-    def flush(self) -> None:
-        """Write what was recorded so far to the file: it can be read if this process ends now."""
-        self._writer.flush()  # type: ignore[no-untyped-call]
-
-    def finish(self) -> None:
-        """Write the index."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
-
-
-def _version() -> str:
-    """The version of FAME; empty where it is not installed."""
-    try:
-        return version("fame-robots")
-    except PackageNotFoundError:
-        return ""
 
 
 LogTopics = Literal["signals", "all"]
@@ -113,7 +42,7 @@ LogTopics = Literal["signals", "all"]
 class TopicRecorder:
     """Records messages as CDR as they are published. `begin` gives the file."""
 
-    def __init__(self, begin: Callable[[], RecordingFile], *, every: bool) -> None:
+    def __init__(self, begin: Callable[[], RunWriter], *, every: bool) -> None:
         self._begin, self._every = begin, every
         self._middleware: Any = None
         self._robots: set[str] = set()
@@ -127,7 +56,7 @@ class TopicRecorder:
 
     def _tap(self, publisher: Any) -> Callable[[Any], object] | None:
         """What records the messages of a publisher; it is chosen at its first message, when all endpoints exist."""
-        chosen: list[tuple[RecordingFile, int] | None] = []
+        chosen: list[tuple[RunWriter, int] | None] = []
         if "/msg/" not in publisher.type:  # feedback of an action: rosbags cannot write the definition of its type
             return None
 
@@ -151,7 +80,11 @@ class TopicRecorder:
         info = self._middleware.topics[topic].info()
         if topic.split("/")[1] not in self._robots:
             return True
-        return all(name.endswith(f"/{ENGINE_NODE}") for name in (*info.publishers, *info.subscribers))
+        return all(name.endswith(f"/{ENGINE}") for name in (*info.publishers, *info.subscribers))
+
+
+PutScene = Callable[[str, int, Callable[[], str]], object]
+"""Takes a topic, a time (ns), and what makes the message (JSON), which can be pickled."""
 
 
 class Recorder:
@@ -160,11 +93,12 @@ class Recorder:
     `topics`: the messages of which topics are recorded (`LogTopics`).
     """
 
-    def __init__(self, start: Callable[[], RecordingFile], topics: LogTopics = "signals") -> None:
+    def __init__(self, start: Callable[[], RunWriter], topics: LogTopics = "signals") -> None:
         self._start = start
         self._topics = TopicRecorder(self.begin, every=topics == "all")
-        self._file: RecordingFile | None = None
+        self._file: RunWriter | None = None
         self._trackers: dict[str, ChangeTracker] = {}
+        self._processes: dict[str, str] = {}
         self._changed: dict[str, ChangeTracker] = {}
         self._scheduler: Scheduler | None = None
         self._next_key = self._last = -1
@@ -174,22 +108,28 @@ class Recorder:
         """Whether the file is being written."""
         return self._file is not None
 
-    def begin(self) -> RecordingFile:
+    def begin(self) -> RunWriter:
         """Start writing, and return the file."""
         if self._file is None:
             self._file = self._start()
+            for name, process in self._processes.items():
+                self._file.robot(name, process)
         return self._file
 
     def watch(self, node: RobotNode) -> Callable[[], object]:
         """Record this robot."""
-        tracker = ChangeTracker(node, lambda channel, time, text: self.begin().put(f"/fame/{channel}", time, text))
-        self._trackers[node.name], self._scheduler = tracker, node.scheduler
+        name = node.name
+        tracker = ChangeTracker(node, lambda time, changes: self.begin().changes(name, time, changes))
+        self._trackers[name], self._scheduler = tracker, node.scheduler
+        self._processes[name] = node.mission.process.id
+        if self._file is not None:
+            self._file.robot(name, self._processes[name])
         self._topics.add(node)
         return partial(self._mark, tracker)
 
-    def watch_world(self, record: Callable[[Callable[[str, int, str], object]], object]) -> None:
-        """Record a simulated world: `record` is called with a function that takes topic, time (ns) and JSON."""
-        record(lambda topic, time, text: self.begin().put(topic, time, text))
+    def watch_world(self, record: Callable[[PutScene], object]) -> None:
+        """Record a simulated world: `record` is called with a function that takes its messages."""
+        record(lambda topic, time, text: self.begin().scene(topic, time, text))
 
     def __call__(self, event: Event) -> None:
         tracker = self._trackers.get(event.robot)
@@ -216,16 +156,12 @@ class Recorder:
         assert self._scheduler is not None
         time = self._scheduler.now
         if time >= self._next_key and time > self._last:
-            self._put_key(time)
+            self.begin().key(time)
+            self._next_key = time + SECOND
         self._last = time
         changed, self._changed = self._changed, {}
         for tracker in changed.values():
             tracker.flush(time)
-
-    def _put_key(self, time: int) -> None:
-        robots = ",".join(f"{json.dumps(name)}:{tracker.key()}" for name, tracker in self._trackers.items())
-        self.begin().put("/fame/key", time, f'{{"robots":{{{robots}}}}}')
-        self._next_key = time + SECOND
 
     def finish(self) -> None:
         """Write what has not been written, and the index."""
@@ -235,24 +171,23 @@ class Recorder:
 
 @contextmanager
 def recording_to(
-    open_stream: Callable[[], BinaryIO], files: Iterable[Definitions], about: About, topics: LogTopics
+    start: Callable[[], RunWriter], files: Iterable[Definitions], about: About, topics: LogTopics
 ) -> Iterator[Recorder]:
-    """An observer that writes a recording. `open_stream` is called before the first message."""
-    with ExitStack() as stack:
+    """An observer that writes a recording. `start` is called before the first message."""
 
-        def start() -> RecordingFile:
-            file = RecordingFile(stack.enter_context(open_stream()))
-            file.describe(about.metadata)
-            for name, media_type, data in (*model_attachments(files), *about.attachments):
-                file.attach(name, media_type, data)
-            return file
+    def begin() -> RunWriter:
+        writer = start()
+        writer.describe(about.metadata)
+        for name, media_type, data in (*model_attachments(files), *about.attachments):
+            writer.attach(name, media_type, data)
+        return writer
 
-        recorder = Recorder(start, topics)
-        try:
-            yield recorder
-        finally:
-            if recorder.begun:
-                recorder.finish()
+    recorder = Recorder(begin, topics)
+    try:
+        yield recorder
+    finally:
+        if recorder.begun:
+            recorder.finish()
 
 
 def model_attachments(files: Iterable[Definitions]) -> Iterator[tuple[str, str, bytes]]:

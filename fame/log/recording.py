@@ -56,12 +56,12 @@ class Recording:
     """The recording of a run. To be closed, or used in a ``with`` block.
 
     file         its path
-    metadata     what it says of itself: format, seed, versions, command, epoch
+    metadata     format, seed, versions, command, epoch
     models       name -> XML of the models and called processes; `attachments` has all files
     topics       what was recorded, by name
     robots       names of the robots
     start, end   ns of the first and the last message
-    warnings     what a person should know
+    warnings     problems of the file, such as a missing end
     """
 
     metadata: Mapping[str, str]
@@ -170,7 +170,7 @@ class Recording:
     def events(
         self, start: int | None = None, end: int | None = None, robots: Collection[str] | None = None
     ) -> Iterator[Event]:
-        """What happened, in order, from `start` to `end` (ns, both inclusive)."""
+        """Events in order, from `start` to `end` (ns, both inclusive)."""
         for message in self.messages((EVENTS,), start, end):
             data = message.json()
             robot = data["robot"]
@@ -181,7 +181,7 @@ class Recording:
 
     def state(self, time: int) -> TeamState:
         """The state of the team at the end of the instant `time` (ns)."""
-        key = self._last(KEY, time)
+        key = self.last(KEY, time)
         state = TeamState(time) if key is None else TeamState.from_key(key.time, key.json())
         for message in self.messages((EVENTS, VARIABLES, WAITING), state.time if key is not None else None, time):
             state.apply(message.time, message.topic, message.json())
@@ -189,17 +189,17 @@ class Recording:
         return state
 
     def world(self, time: int) -> dict[str, dict[str, Any]]:
-        """How the robots of the simulated world looked last at `time` (ns), by name; empty without a world."""
-        message = self._last(WORLD, time)
+        """The last appearance of the simulated robots up to `time` (ns), by name; empty without a world."""
+        message = self.last(WORLD, time)
         entities = message.json()["entities"] if message is not None else []
         return {entity["id"]: _metadata(entity, "appearance") for entity in entities}
 
     def ground(self, time: int) -> dict[str, Any]:
-        """What stood and lay on the ground at `time` (ns); empty without a world."""
-        message = self._last(GROUND, time) or self._last(GROUND, self.end)
+        """The objects on the ground at `time` (ns); empty without a world."""
+        message = self.last(GROUND, time) or self.last(GROUND, self.end)
         return _metadata(message.json()["entities"][0], "ground") if message is not None else {}
 
-    def _last(self, topic: str, time: int) -> Message | None:
+    def last(self, topic: str, time: int) -> Message | None:
         """The last message of a topic until `time` (ns)."""
         numbers = {number for number, channel in self._channels.items() if channel.topic == topic}
         best: Message | None = None

@@ -1,4 +1,4 @@
-"""Records a team on the network: a node that writes what its robots tell, their signals and the simulated world."""
+"""Record a team on the network: a node that writes the robots' events, their signals and the simulated world."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from typing import Any
 from fame.clock import SECOND, Entry, Scheduler, date_text
 from fame.errors import MessageError
 from fame.log.channels import GROUND, WORLD
-from fame.log.live_team import STRING, LiveTeam, now_since
-from fame.log.recorder import ENGINE_NODE, LogTopics, RecordingFile
+from fame.log.live_team import DELAY, STRING, LiveTeam, now_since
+from fame.log.recorder import LogTopics
+from fame.log.recording_file import RecordingFile
 from fame.middleware import codec
-from fame.middleware.interface import LATCHED, Message, Middleware, QoS, TopicInfo
+from fame.middleware.interface import ENGINE, LATCHED, Message, Middleware, QoS, TopicInfo
 from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE, nanoseconds
 
 WORLD_SCENE, WORLD_GROUND = "/world_scene", "/world_ground"
@@ -33,6 +34,7 @@ class TeamRecorder:
     """Records the robots of a team, or those named in `robots`, until `close`. `note` gets lines for people.
 
     `open_file` is called before the first message. `models`: attach what each robot runs; `on_model` gets it, too.
+    `delay`: how long batches wait for those of other robots (ns).
     """
 
     def __init__(
@@ -45,6 +47,7 @@ class TeamRecorder:
         robots: frozenset[str] = frozenset(),
         metadata: Mapping[str, str] | None = None,
         models: bool = True,
+        delay: int = DELAY,
         note: Callable[[str], object] = lambda text: None,
         on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
     ) -> None:
@@ -59,7 +62,7 @@ class TeamRecorder:
         self._clock: int | None = None  # simulated time, ns
         self._node = middleware.node("fame_recorder")
         self.team: LiveTeam = LiveTeam(
-            self._node, middleware, scheduler, self._put, on_model=self._on_model, robots=robots
+            self._node, middleware, scheduler, self._put, on_model=self._on_model, robots=robots, delay=delay
         )
         self._node.subscription(CLOCK, CLOCK_TYPE, self._on_clock, QoS(reliability="best_effort", depth=1))
         self._node.subscription(WORLD_SCENE, STRING, partial(self._on_scene, WORLD))
@@ -138,8 +141,8 @@ class TeamRecorder:
         if last in _INTERNAL or info.name in _GENERAL:
             return False
         ends = (*info.publishers, *info.subscribers)
-        engines = sum(name.endswith(f"/{ENGINE_NODE}") for name in ends)
-        strangers = [name for name in ends if not name.endswith((f"/{ENGINE_NODE}", "/fame_recorder"))]
+        engines = sum(name.endswith(f"/{ENGINE}") for name in ends)
+        strangers = [name for name in ends if not name.endswith((f"/{ENGINE}", "/fame_recorder"))]
         if self._every:
             return engines > 0 or first in self.team.robots
         return engines > 0 and not (first in self.team.robots and strangers)

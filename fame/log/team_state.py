@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fame.log.channels import EVENTS, VARIABLES, WAITING
-from fame.robot.changes import COUNTED, forget_ended
+from fame.robot.change_text import COUNTED, forget_ended
 
 _encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
 

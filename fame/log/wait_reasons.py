@@ -1,4 +1,4 @@
-"""Why a token waits, for people: what ``fame status --why`` prints."""
+"""Explain why a token waits: the lines of ``fame status --why``."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ class WaitReason:
                 yield printable(f"    {name} {value}")
         for topic in self.token.get("topics", ()):
             nodes = self.token.get("publishers", {}).get(topic, ())
-            yield printable(f"  {topic} is published by {', '.join(nodes)}" if nodes else f"  nobody publishes {topic}")
+            by = f"is published by {', '.join(nodes)}" if nodes else "has no publisher"
+            yield printable(f"  {topic} {by}")
         missed = self.token.get("missed")
         if missed is not None:
             ago = max(0.0, (self.now - missed["time"]) / SECOND)

@@ -7,13 +7,15 @@
     errors            errors and warnings of all backends
     actions           goals of actions, on services and topics
     simulated_time    following the clock of a world
+    parameters        parameter services of nodes
+    network           a model of the network for the local backend: delay, loss, partitions
 
     local             the backend within one process: deterministic, on the engine's clock
     dds               the backend between processes and machines: Cyclone DDS, on the wire of ROS 2
     zenoh             the backend between processes and machines: Eclipse Zenoh, in the words of rmw_zenoh
     ros               the backend inside a ROS 2 system: rclpy
     data_scheduler    the wall clock that waits for data itself
-    wire_base         base classes of the backends between processes
+    wire_base         base classes of the backends between processes; wire_endpoints: of their endpoints
     self_echo_filter  drops the messages that come back to the node that sent them
 
     messages          the class of each message type; messages from mappings and values, and plain data from messages

@@ -89,7 +89,7 @@ class ActionClient:
         return known
 
     def close(self) -> None:
-        """Close all endpoints. Goals go on: cancel them first to end them."""
+        """Close all endpoints. Goals continue: cancel them first to end them."""
         self.goals.clear()
         for end in (self._send_goal, self.get_result, self.cancel_goal, self._feedback):
             end.close()

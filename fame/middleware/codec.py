@@ -164,4 +164,4 @@ def unpack_text(data: bytes | memoryview) -> str:
                 return data[8:end].decode()
             except UnicodeDecodeError as error:
                 raise MessageError(f"cannot read {len(data)} bytes of CDR: {error}", type=STRING) from None
-    raise MessageError(f"cannot read {len(data)} bytes of CDR: they hold no text", type=STRING)
+    raise MessageError(f"cannot read {len(data)} bytes of CDR: expected a text", type=STRING)

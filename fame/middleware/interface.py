@@ -30,9 +30,14 @@ class QoS:
 
 
 SIGNAL = QoS()
-"""Reliable, keep last 100 (DESIGN section 7)."""
+"""Reliable, keep last 100."""
 SENSOR_DATA = QoS(reliability="best_effort", depth=5)
 LATCHED = QoS(durability="transient_local", depth=1)
+
+ENGINE = "fame_engine"
+"""The name of the node of every robot's engine, in the namespace of the robot."""
+MISSION = "mission"
+"""The part of it that runs a process."""
 
 UNKNOWN_NODE = "/_NODE_NAME_UNKNOWN_"
 """The node of an endpoint that no node has announced (yet); what ROS tools show there too, without the slash."""
@@ -212,7 +217,8 @@ class Middleware(Protocol):
     def losses(self) -> list[str]:
         """Which of its endpoints have lost messages, and how many each, in words."""
 
-    def node(self, name: str, namespace: str = "") -> Node: ...
+    def node(self, name: str, namespace: str = "", part: str = "") -> Node:
+        """Make a node. Several may have the same name, as in ROS; those that are a `part` are one node to others."""
 
     def graph(self) -> Sequence[TopicInfo]:
         """Every topic that has an endpoint, in the order of names."""

@@ -70,7 +70,7 @@ class LocalMiddleware:
         self.taps: list[Callable[[LocalPublisher], Callable[[Message], object] | None]] = []
         self._on_warning = on_warning
 
-    def node(self, name: str, namespace: str = "") -> LocalNode:
+    def node(self, name: str, namespace: str = "", part: str = "") -> LocalNode:
         """A new node. Several may have the same name, as in ROS."""
         node = LocalNode(self, name, namespace.strip("/"))
         self.nodes.append(node)
@@ -263,7 +263,7 @@ class LocalPublisher:
 
 @dataclass(frozen=True, slots=True)
 class _Tap:
-    """What stands beside the subscriptions of a publisher: gets messages as they are published."""
+    """An observer of a publisher: receives messages as they are published."""
 
     enqueue: Callable[[Message], object]
 

@@ -18,7 +18,7 @@ from functools import partial
 from fame.clock import SECOND, Action, Entry, Kind, Scheduler
 from fame.middleware import messages
 from fame.middleware.interface import EndpointWarning, Message, Node, QoS
-from fame.middleware.wire_base import WireMiddleware
+from fame.middleware.wire_base import WireMiddleware, WireNode
 
 CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 CLOCK_QOS = QoS(depth=10)
@@ -41,14 +41,14 @@ _REPORT_PERIOD = SECOND
 
 
 class Lockstep:
-    """Holds the nodes of a middleware whose names `holds` accepts: those that exist, and those to come.
+    """Holds the nodes of a middleware that `holds` accepts: those that exist, and those to come.
 
     It makes a run between processes repeatable. A held node gets no message as it comes in: `release` delivers all that
     wait, sorted by topic, sender and receiver, those of one sender in its order. `flush` ensures that what held nodes
     have sent is there when the next step begins. Services and actions are not held.
     """
 
-    def __init__(self, middleware: WireMiddleware, holds: Callable[[str], bool]) -> None:
+    def __init__(self, middleware: WireMiddleware, holds: Callable[[WireNode], bool]) -> None:
         self._middleware = middleware
         middleware.hold(holds)
 
@@ -87,6 +87,11 @@ class ClockFollower(Scheduler):
         self._goal = 0  # how far our time may go, ns
         self._scheduled = False
 
+    @property
+    def known(self) -> bool:
+        """Whether a time of the clock has come."""
+        return self._last is not None
+
     def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
         entry = super().at(time, action, kind)
         if entry.time <= self.now and not self._running:
@@ -94,7 +99,7 @@ class ClockFollower(Scheduler):
         return entry
 
     def on_clock(self, time: int) -> None:
-        """Go on to the time of the clock (ns)."""
+        """Advance to the time of the clock (ns)."""
         last, passed = self._last, self._wall.now - self._last_at
         if last is None:  # the first time may be any, unless something waits already
             last, passed = (time if self.next_time() is None else 0), 0
@@ -110,18 +115,24 @@ class ClockFollower(Scheduler):
         node.subscription(CLOCK, CLOCK_TYPE, lambda message: self.on_clock(nanoseconds(message.clock)), _FOLLOWER_QOS)
 
     def subscribe_in_lockstep(self, node: Node, lockstep: Lockstep) -> None:
-        """Follow the clock step by step, and report each step as done. The first only waits for earlier messages."""
+        """Follow the clock step by step, and report each step as done. The first only waits for earlier messages.
+
+        A world repeats a step for an engine that has come back: who has done it reports that again.
+        """
         done = node.publisher(STEP_DONE, STEP_DONE_TYPE)
-        begun = False
+        last, begun = -1, False
 
         def step(message: Message) -> None:
-            nonlocal begun
+            nonlocal last, begun
             time = nanoseconds(message.clock)
-            if begun:
+            if last < 0:
+                self.on_clock(time)
+            elif time != last or not begun:  # the first step is at the initial time
+                begun = True
                 lockstep.release(lambda action: self.at(time + self._offset, action, Kind.MESSAGE))
                 self.on_clock(time)
                 self.run(self._goal)
-            begun = True
+            last = time
             lockstep.flush()
             done.publish(messages.create(STEP_DONE_TYPE, {"stamp": message.clock, "frame_id": node.namespace}))
 

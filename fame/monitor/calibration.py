@@ -15,6 +15,7 @@ far as more data give smaller losses.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -46,7 +47,8 @@ class Calibration:
     runs        n
     margin      factor that was applied to the thresholds
     scores      (runs, channels): the largest loss of each run, by a model that was learned without it
-    levels      mean of the logarithms of the scores, per channel; `deviations` of them
+    levels      mean of the logarithms of the scores, per channel; `deviations` of them; none of scores of whole runs
+    least       smallest threshold that was allowed, of scores of whole runs
     """
 
     thresholds: tuple[float, ...]
@@ -57,6 +59,7 @@ class Calibration:
     scores: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     levels: tuple[float, ...] = ()
     deviations: tuple[float, ...] = ()
+    least: float = 0.0
 
     @property
     def text(self) -> str:
@@ -72,7 +75,7 @@ class Calibration:
         return {
             "thresholds": list(self.thresholds), "asked": self.asked, "promised": self.promised, "runs": self.runs,
             "margin": self.margin, "scores": self.scores, "levels": list(self.levels),
-            "deviations": list(self.deviations),
+            "deviations": list(self.deviations), "least": self.least,
         }  # fmt: skip
 
     @classmethod
@@ -85,7 +88,25 @@ class Calibration:
         return cls(
             thresholds, float(plain["asked"]), None if promised is None else float(promised), int(plain["runs"]),
             float(plain["margin"]), np.asarray(plain["scores"], dtype=np.float64), levels, deviations,
+            float(plain.get("least", 0.0)),
         )  # fmt: skip
+
+
+_RATE_TEXT = re.compile(r"\s*([0-9.eE+-]+)\s*(?:per\s+(run|hour))?\s*")
+
+
+def false_alarm_rate(text: str, seconds: float) -> float:
+    """Read ``0.01 per run`` or ``0.5 per hour``, with runs of a mean duration: per run. Raises ConfigError."""
+    found = _RATE_TEXT.fullmatch(str(text))
+    try:
+        value = float(found[1]) if found else math.nan
+    except ValueError:
+        value = math.nan
+    rate = value * seconds / 3600 if found and found[2] == "hour" else value
+    if not 0 < rate < 1:
+        text = f"expected a rate such as '0.01 per run' or '0.5 per hour', below 1 per run, got {text!r}"
+        raise ConfigError(text, element="FalseAlarms")
+    return rate
 
 
 def runs_needed(rate: float) -> int:
@@ -123,6 +144,23 @@ def calibrate(scores: Floats, rate: float = RATE, margin: float | None = None) -
     )  # fmt: skip
 
 
+def calibrate_runs(scores: Floats, rate: float = RATE, margin: float = MARGIN, least: float = 0.0) -> Calibration:
+    """Set the threshold on the score of a whole run from the scores of runs (runs,), which a run must exceed.
+
+    Split conformal prediction as above, without a scale: equal scores, such as many zeros, keep the promise. The
+    threshold is `least` or more, and `margin` multiplies the largest score where there is no promise. Raises
+    ConfigError as `calibrate`.
+    """
+    runs = len(scores)
+    if runs < 2:
+        raise ConfigError(f"has {runs} run; at least 2 are needed to set thresholds")
+    place = rank(runs, rate) if runs >= FEWEST else None
+    promised = None if place is None else 1 - place / (runs + 1)
+    factor = margin if place is None else 1.0
+    limit = factor * float(scores.max()) if place is None else float(np.sort(scores)[place - 1])
+    return Calibration((max(limit, least),), rate, promised, runs, factor, scores[:, None], least=least)
+
+
 def _scale(logs: Floats) -> tuple[Floats, Floats]:
     """Give mean and deviation per channel of log scores (runs, channels)."""
     runs = len(logs)
@@ -152,6 +190,16 @@ def left_out_alarms(scores: Floats, rate: float, margin: float | None = None) ->
         if (row > thresholds).any():
             alarms.append(number)
     return alarms
+
+
+def measured_alarms(calibration: Calibration) -> int:
+    """Count the runs of a calibration that would raise an alarm if the others had set the thresholds."""
+    scores, asked, margin = calibration.scores, calibration.asked, calibration.margin
+    if calibration.levels:
+        return len(left_out_alarms(scores, asked, margin))
+    every, column = range(len(scores)), scores[:, 0]
+    limits = [calibrate_runs(np.delete(column, n), asked, margin, calibration.least).thresholds[0] for n in every]
+    return int((column > limits).sum())
 
 
 def interval(count: int, total: int, confidence: float = 0.95) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Drift: slow changes over many runs, told apart from anomalies of one run.
+"""Drift: slow changes over many runs, as distinct from anomalies of one run.
 
 Each run gives a score per channel. Against the runs of the calibration, z = (log score - mean) / deviation. A
 cumulative sum per channel (one-sided CUSUM: Page 1954) grows by z - `SLACK` and never falls below 0; above `LIMIT` the
@@ -56,14 +56,14 @@ class DriftMonitor:
         return tuple(name for name, total in zip(self.names, self.sums, strict=True) if total > LIMIT)
 
     def save(self, path: Path) -> None:
-        """Store the sums, to go on in another process."""
+        """Store the sums, to continue in another process."""
         path.parent.mkdir(parents=True, exist_ok=True)
         whole = path.with_name(f".{path.name}.part")
         whole.write_text(json.dumps({"names": self.names, "sums": self.sums.tolist(), "runs": self.runs}) + "\n")
         whole.replace(path)
 
     def restore(self, path: Path) -> None:
-        """Go on from what `save` stored, if the file exists. Raises ConfigError if it is of other channels."""
+        """Continue from what `save` stored, if the file exists. Raises ConfigError if it is of other channels."""
         if not path.exists():
             return
         try:
@@ -78,7 +78,7 @@ class DriftMonitor:
 
 
 class Drift(Processor):
-    """Tells once which channels drift: takes the smoothed losses of a model, as `Threshold` does.
+    """Reports each drifting channel once: takes the smoothed losses of a model, as `Threshold` does.
 
     A run ends when no sample has come for `gap`, and with the node. The sums go on from run to run, and with a `state`
     file from one start of the node to the next. `name` and `sum` have one value per drifting channel.

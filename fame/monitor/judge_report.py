@@ -13,7 +13,8 @@ import numpy as np
 
 from fame.errors import ConfigError
 from fame.imports import require
-from fame.monitor.judge import JudgedRun, Judgement
+from fame.monitor.arrays import Floats
+from fame.monitor.judge import RESAMPLINGS, JudgedRun, Judgement
 from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, QUIET, line_style
 
 if TYPE_CHECKING:
@@ -27,8 +28,9 @@ body{font:15px/1.5 system-ui,sans-serif;color:#222;max-width:960px;margin:2em au
 h1{font-size:1.5em}h2{font-size:1.15em;margin-top:2em;border-bottom:1px solid #ddd}
 table{border-collapse:collapse;width:100%;font-size:14px}
 th,td{text-align:left;padding:.25em .6em;border-bottom:1px solid #eee}
-td.n{text-align:right;font-variant-numeric:tabular-nums}.bad{color:#b3261e;font-weight:600}.good{color:#256029}
-svg{width:100%;height:auto}.row{display:flex;flex-wrap:wrap;gap:1em}.row>div{flex:1 1 400px}.quiet{color:#666}
+td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}.bad{color:#b3261e;font-weight:600}.good{color:#256029}
+svg{width:100%;height:auto;margin-top:1em}
+.row{display:flex;flex-wrap:wrap;gap:1em}.row>div{flex:1 1 400px}.quiet{color:#666}
 """
 
 
@@ -65,7 +67,9 @@ def _promise(card: dict[str, Any]) -> str:
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(text)}</th>" for text in heads)
+    numbers = [cell.startswith('<td class="n"') for cell in rows[0]] if rows and heads else []
+    kinds = [' class="n"' if number else "" for number in numbers] or [""] * len(heads)
+    head = "".join(f"<th{kind}>{escape(text)}</th>" for text, kind in zip(heads, kinds, strict=True))
     body = "".join(f"<tr>{''.join(row)}</tr>" for row in rows)
     return f"<table><tr>{head}</tr>{body}</table>" if heads else f"<table>{body}</table>"
 
@@ -179,6 +183,7 @@ def _draw_scores(axes: Axes, runs: Sequence[JudgedRun]) -> None:
             numbers, scores = [run.number for run in chosen], [max(run.score, 1e-3) for run in chosen]
             axes.scatter(numbers, scores, s=16, color=colour, label=name, zorder=3)
     axes.axhline(1, color="black", linewidth=0.8, linestyle="--", label="threshold")
+    axes.locator_params(axis="x", integer=True)
     axes.set(xlabel="run", ylabel="largest loss / threshold", yscale="log", title="Score of each run")
     axes.legend(fontsize=8, frameon=False)
 
@@ -192,13 +197,29 @@ def _draw_drift(axes: Axes, judgement: Judgement) -> None:
         colour, style = line_style(place)
         axes.plot(judgement.drift[:, channel], style, color=colour, linewidth=1.2, label=channels[channel])
     axes.axhline(LIMIT, color="black", linewidth=0.8, linestyle="--", label="limit")
-    axes.set(xlabel="run", ylabel="cumulative sum", title="Drift (channels with the largest sums)")
+    axes.locator_params(axis="x", integer=True)
+    axes.set(xlabel="benign run", ylabel="cumulative sum", title="Drift (channels with the largest sums)")
     axes.legend(fontsize=7, frameon=False, ncols=3)
+
+
+def _band(axes: Axes, labels: Any, scores: Any, curve: Callable[[Any, Any], tuple[Floats, Floats]]) -> None:
+    """Shade where 95 % of the curves (x growing, y) of resampled runs are."""
+    random, grid = np.random.default_rng(0), np.linspace(0, 1, 101)
+    drawn = []
+    for _ in range(RESAMPLINGS):
+        rows = random.integers(0, len(labels), len(labels))
+        if 0 < labels[rows].sum() < len(rows):
+            x, y = curve(labels[rows], scores[rows])
+            drawn.append(np.interp(grid, x, y))
+    if drawn:
+        low, high = np.quantile(drawn, [0.025, 0.975], axis=0)
+        axes.fill_between(grid, low, high, color=BENIGN_COLOUR, alpha=0.15, linewidth=0, label="95 % of resampled runs")
 
 
 def _draw_roc(axes: Axes, labels: Any, scores: Any) -> None:
     from sklearn.metrics import roc_curve
 
+    _band(axes, labels, scores, lambda truth, drawn: roc_curve(truth, drawn)[:2])
     false, true, _ = roc_curve(labels, scores)
     axes.plot(false, true, drawstyle="steps-post", color=BENIGN_COLOUR, linewidth=1.5)
     axes.plot((0, 1), (0, 1), color=QUIET, linewidth=0.8, linestyle=":")
@@ -211,9 +232,15 @@ def _draw_roc(axes: Axes, labels: Any, scores: Any) -> None:
 def _draw_precision(axes: Axes, labels: Any, scores: Any) -> None:
     from sklearn.metrics import precision_recall_curve
 
+    def reversed_curve(truth: Any, drawn: Any) -> tuple[Floats, Floats]:
+        precision, recall, _ = precision_recall_curve(truth, drawn)
+        return recall[::-1], precision[::-1]
+
+    _band(axes, labels, scores, reversed_curve)
     precision, recall, _ = precision_recall_curve(labels, scores)
     axes.plot(recall, precision, drawstyle="steps-post", color=BENIGN_COLOUR, linewidth=1.5)
     axes.set(xlabel="recall", ylabel="precision", ylim=(0, 1.05), xlim=(0, 1.02), title="Precision and recall")
+    axes.legend(fontsize=8, frameon=False, loc="lower left")
 
 
 def _run_plots(runs: Sequence[JudgedRun]) -> str:

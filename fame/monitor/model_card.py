@@ -1,4 +1,4 @@
-"""Model cards: what a model was learned from, what it promises, and its limits, as Markdown and as JSON.
+"""Model cards: the data, promises and limits of a model, as Markdown and as JSON.
 
 A card stands beside its model: ``joint_monitor.skops`` has ``joint_monitor.card.md`` and ``joint_monitor.card.json``.
 All that it says is stored in the model, so that ``fame model show`` needs the model alone.
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fame.errors import ConfigError
-from fame.monitor.calibration import interval, left_out_alarms
+from fame.monitor.calibration import interval, measured_alarms
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model
@@ -39,7 +39,8 @@ def load_any(path: str | Path) -> TrainedModel | Model:
     if found in anomaly.FORMATS:
         return anomaly.load_model(path)
     known = ", ".join((FORMAT, FIRST_FORMAT, *anomaly.FORMATS))
-    raise ConfigError(f"is not a model of FAME: expected one of the formats {known}, got {found!r}", file=str(path))
+    text = f"is not a model of this version: expected one of the formats {known}, got {found!r}"
+    raise ConfigError(f"{text}; fame train or fame adm learn makes it anew", file=str(path))
 
 
 def card_of(model: TrainedModel | Model) -> Card:
@@ -54,15 +55,7 @@ def _trained_card(model: TrainedModel) -> Card:
     from fame.monitor.pipeline.train import warnings_of
 
     conditions, calibration = model.conditions, model.calibration
-    alarms: dict[str, Any] = {"promise": "none: trained by an earlier version"}
-    if calibration is not None:
-        alarms = {
-            "asked": f"{calibration.asked:g} per run",
-            "promise": calibration.text,
-            "promised per run": calibration.promised,
-            "factor on thresholds": calibration.margin,
-            **_measured(calibration),
-        }
+    alarms = {"promise": "none: trained by an earlier version"} if calibration is None else _alarms(calibration)
     largest = model.metrics["training_max"]
     return {
         "Model": {
@@ -88,11 +81,18 @@ def _trained_card(model: TrainedModel) -> Card:
     }  # fmt: skip
 
 
+def _alarms(calibration: Calibration) -> dict[str, Any]:
+    return {
+        "asked": f"{calibration.asked:g} per run", "promise": calibration.text,
+        "promised per run": calibration.promised, "factor on thresholds": calibration.margin, **_measured(calibration),
+    }  # fmt: skip
+
+
 def _measured(calibration: Calibration) -> dict[str, Any]:
     """Give the rate of false alarms of the calibration's runs, each against the thresholds of the others."""
     if calibration.runs < 3:
         return {"measured": f"not with {calibration.runs} runs"}
-    count = len(left_out_alarms(calibration.scores, calibration.asked, calibration.margin))
+    count = measured_alarms(calibration)
     low, high = interval(count, calibration.runs)
     return {
         "measured": f"{count} of {calibration.runs} runs, each against the thresholds of the others",
@@ -102,22 +102,32 @@ def _measured(calibration: Calibration) -> dict[str, Any]:
 
 
 def _anomaly_card(model: Model) -> Card:
+    from fame.monitor.anomaly.ensemble import Ensemble
     from fame.monitor.anomaly.paths import PathDetector
 
     limits = [
         "Points are scored against runs of the training: a changed task, load or speed needs a new model.",
         "Stamps are made up at the usual rate where messages have none.",
     ]
-    if isinstance(model.estimator, PathDetector):
-        limits.append(model.estimator.limits_text())
-    else:
-        limits.append("This classifier sees single points: their order and time do not count.")
+    members = model.estimator.members if isinstance(model.estimator, Ensemble) else (model,)
+    for each in members:
+        if isinstance(each.estimator, PathDetector):
+            limits.append(each.estimator.limits_text())
+        else:
+            limits.append(f"{each.name} sees single points: their order and time do not count.")
+    detector = type(model.estimator).__name__
+    if isinstance(model.estimator, Ensemble):
+        detector = f"{model.estimator.rule} {', '.join(each.name for each in members)}"
+    alarms = (
+        {"promise": "none: learned without FalseAlarms"} if model.calibration is None else _alarms(model.calibration)
+    )
     return {
         "Model": {
-            "made by": "fame adm learn", "detector": f"{model.name} ({type(model.estimator).__name__})",
+            "made by": "fame adm learn", "detector": f"{model.name} ({detector})",
             "joints": ", ".join(model.joints), "usual run": f"{model.nominal} points",
         },
         "Data": {"sha256": model.data},
+        "False alarms": alarms,
         "Threshold": {
             "score": model.threshold,
             "in points": model.alarm_text(),

@@ -1,7 +1,7 @@
 """The node of one robot: its engine, connected to middleware, scheduler and scripts.
 
-node            from loading a process to its end: what others call
-host            what the engine asks of the world
+node            the interface for others, from loading a process to its end
+host            the host of the engine: messages, timers, scripts, events
 mission         the process that a robot runs, with everything that it refers to
 endpoints       publishers and subscriptions of its events and scripts; messages to one robot
 scripts         the runner of its scripts, and the interface that they find
@@ -10,8 +10,15 @@ services        services that a task runs for as long as its scope lasts
 timers          ISO 8601 timers on the scheduler
 waiting_tokens  what its tokens wait for
 events          events of a run, and observers of them
-changes         what changes from instant to instant: events, variables, waiting tokens (plain_values: as JSON)
-live            what watchers in other processes are told of it
+changes         what changes from instant to instant: events, variables, waiting tokens
+change_text     JSON of these changes
+live            publishes these changes for views and recorders
+plain_values    JSON of variables, for these changes
+
+durable         durable execution: records, effects, resumption
+journal         the file of these records
+state_tables    the state of an engine as data; stored_values: values of its variables
+take_over       transfer the state of an old process to a new one
 """
 
 from __future__ import annotations

@@ -1,46 +1,42 @@
-"""What changes in one robot: events, variables, and what its tokens wait for, as JSON for recordings and live views.
+"""Changes in one robot: events, variables, and what its tokens wait for.
 
 A `ChangeTracker` hears what happens in one engine. At the end of the instant (`flush`) it compares variables and
-waiting tokens with what it knew, and gives away what is different; `key` gives everything that it knows, as of the last
-`flush`. The JSON is described in docs/recordings.md.
+waiting tokens with what it knew, and gives away what is different, as plain data that `marshal` takes: JSON is made of
+it elsewhere (`fame.robot.change_text`), in recordings by another process, so that a run is slowed down little.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from itertools import compress
 from operator import is_not
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
-from fame.engine.program import Mark, Node
-from fame.engine.state import Instance, Scope, Trail, Wait, joins_reached, scopes_of
-from fame.robot.plain_values import encode, is_changeable, is_data, json_text, name_text, snapshot_of
+from fame.engine.program import Node
+from fame.engine.state import Instance, Scope, Trail, Wait
+from fame.robot.change_text import Changes, Group, ScopeChange, Token, encode, name_text
+from fame.robot.plain_values import direct, is_changeable, is_data, json_text, snapshot_of
 
 if TYPE_CHECKING:
     from fame.robot.events import Event
     from fame.robot.node import RobotNode
 
-Put = Callable[[str, int, str], object]
-"""Takes a channel (``events``, ``variables``, ``waiting``), a time (ns) and JSON."""
+Put = Callable[[int, Changes], object]
+"""Takes a time (ns) and what has changed until then."""
 
-
-_ENDED = 20
-"""Ended instances that a robot's state keeps."""
-COUNTED = frozenset(("enter", "leave", "take", "cancel", "fail"))
-"""Marks that are counted by element."""
+_MANY = 1000
+"""Groups of marks that are kept while nobody wants them; then they are given away to be counted."""
 _KNOWN = 10_000
-"""Marks and scopes whose JSON is kept."""
+"""Scopes whose place is kept as JSON."""
 _NO_SCRIPT = (0, None, None)
 """The state of a wait that is neither suspended nor for a script."""
 
 
 class ChangeTracker:
-    """What changes in the engine of `node`. `put` gets every change as JSON.
+    """What changes in the engine of `node`. `put` gets every change.
 
-    While it is not `active`, it only counts; after that, the next `flush` gives everything.
+    While it is not `active`, it gives nothing but marks, to be counted; after that, the next `flush` gives everything.
     """
 
     active: bool = True
@@ -48,15 +44,9 @@ class ChangeTracker:
     def __init__(self, node: RobotNode, put: Put) -> None:
         self.robot: str = node.name
         self._node, self._put = node, put
-        self._name = json_text(node.name)
-        self._marks: dict[Mark, str] = {}  # as JSON
-        self._events: list[str] = []
-        self._fresh: list[Mark] = []  # since the last flush
-        self._counted: list[Mark] = []  # before it, not yet in `_counts`
-        self._counts: dict[str, dict[str, int]] = {}
-        self._instances: dict[int, tuple[str, str]] = {}  # key -> process, status
+        self._groups: list[Group] = []
         self._scopes: dict[int, _ScopeVariables] = {}  # by the key of the scope that owns them
-        self._tokens: dict[Hashable, _Token] = {}
+        self._tokens: dict[Hashable, tuple[object, int]] = {}  # waiting tokens: what is compared, since when (ns)
         self._graph_due = 0  # when to look again who publishes (ns)
         self._places: dict[int, str] = {}
         self._waits: dict[Node, str] = {}  # what is the same for every token there
@@ -64,103 +54,81 @@ class ChangeTracker:
     # ---- what happens ------------------------------------------------------------------------------------------------
 
     def event(self, event: Event) -> None:
-        """Something happened, perhaps not a step of a token."""
-        self._add(event.instance, event.scope, [event[4:]])
+        """Take an event, which need not be a step of a token."""
+        self._groups.append((event.instance, event.scope, (event[4:],)))
 
     def trail(self, trail: Trail) -> None:
         """Tokens moved."""
-        for scope, marks in trail:
-            self._add(scope.instance.key, scope.key, marks)
+        self._groups += [(scope.instance.key, scope.key, marks) for scope, marks in trail]
+        if not self.active and len(self._groups) > _MANY:
+            self.give_groups(0)
 
-    def _add(self, instance: int, scope: int, marks: Sequence[Mark]) -> None:
-        if not self.active:
-            self._add_inactive(instance, marks)
-            return
-        known = self._marks
-        try:
-            text = ",".join([known[mark] for mark in marks])
-        except (KeyError, TypeError):  # TypeError: a detail that is not hashable
-            text = ",".join([self._mark(instance, mark) for mark in marks])
-        self._events.append(f'{{"instance":{instance},"scope":{scope},"marks":[{text}]}}')
-        self._fresh += marks
-
-    def _add_inactive(self, instance: int, marks: Sequence[Mark]) -> None:
-        self._counted += marks
-        if len(self._counted) > _KNOWN:
-            self._count()
-        for mark in marks:
-            if mark[1] in ("start", "end"):
-                self._mark(instance, mark)
-
-    def _mark(self, instance: int, mark: Mark) -> str:
-        element, what, detail = mark
-        text = json_text([element, what] if detail is None else [element, what, detail])
-        if what in COUNTED and len(self._marks) < _KNOWN:
-            self._marks[mark] = text
-        elif what == "start":
-            self._instances[instance] = element, "running"
-        elif what == "end":
-            self._instances[instance] = element, str(detail)
-            forget_ended(self._instances)
-        return text
+    def give_groups(self, time: int) -> None:
+        """Pass on the events until `time` (ns) alone."""
+        groups, self._groups = self._groups, []
+        if groups:
+            self._put(time, (groups, (), (), (), ()))
 
     # ---- what is different -------------------------------------------------------------------------------------------
 
     def flush(self, time: int) -> None:
-        """Give away what has changed until `time` (ns), the end of an instant."""
-        if self._events:
-            self._put("events", time, f'{{"robot":{self._name},"events":[{",".join(self._events)}]}}')
-            self._events.clear()
-            self._counted += self._fresh
-            self._fresh.clear()
+        """Pass on all changes until `time` (ns), the end of an instant."""
+        groups, self._groups = self._groups, []
         if time >= self._graph_due:
             self._graph_due = time + SECOND
             if self._node.refresh_publishers():
                 self._waits.clear()
-                self._tokens = {key: replace(token, state=None) for key, token in self._tokens.items()}
-        running = list(self._node.engine.instances.values())
-        self._flush_variables(time, running)
-        self._flush_tokens(time, running)
+                self._tokens = {key: (None, since) for key, (_, since) in self._tokens.items()}
+        owners, waits, joins = _look(self._node.engine.instances.values())
+        scopes, gone = self._compare_variables(owners)
+        tokens, left = self._compare_tokens(time, waits, joins)
+        if groups or scopes or gone or tokens or left:
+            self._put(time, (groups, scopes, gone, tokens, left))
 
-    def _count(self) -> None:
-        """Count what has happened since the last time."""
-        for (element, what), number in Counter([mark[:2] for mark in self._counted]).items():
-            if what in COUNTED:
-                counts = self._counts.setdefault(element, {})
-                counts[what] = counts.get(what, 0) + number
-        self._counted.clear()
+    def _compare_variables(self, owners: Sequence[Scope]) -> tuple[list[ScopeChange], list[int]]:
+        """What changed in scopes with variables of their own, and the keys of those that are gone."""
+        known, changes = self._scopes, list[ScopeChange]()
+        for scope in owners:
+            variables = known.get(scope.key)
+            if variables is None:
+                variables = known[scope.key] = _ScopeVariables(scope)
+                changes.append((scope.key, variables.where, *variables.change()))
+            else:
+                given, unset = variables.change()
+                if given or unset:
+                    changes.append((scope.key, "", given, unset))
+        gone: list[int] = []
+        if len(known) > len(owners):
+            there = {scope.key for scope in owners}
+            gone = [key for key in known if key not in there]
+            for key in gone:
+                del known[key]
+        return changes, gone
 
-    def _flush_variables(self, time: int, running: Sequence[Instance]) -> None:
-        changes, seen = [], set()
-        for scope in (scope for instance in running for scope in scopes_of(instance.root)):
-            if scope.parent is None or scope.parent.variables is not scope.variables:
-                known = self._scopes.get(scope.key)
-                if known is None:
-                    known = self._scopes[scope.key] = _ScopeVariables(scope)
-                seen.add(scope.key)
-                change = known.change()
-                if change:
-                    changes.append(f"{known.where},{change}}}")
-        changes += [f'{self._scopes.pop(key).where},"gone":true}}' for key in self._scopes.keys() - seen]
-        if changes:
-            self._put("variables", time, f'{{"robot":{self._name},"changes":[{",".join(changes)}]}}')
-
-    def _flush_tokens(self, time: int, running: Sequence[Instance]) -> None:
-        before, now, fresh = self._tokens, {}, []
-        for key, scope, element, wait in _tokens(running):
-            state = self._node.wait_state(wait) if wait is not None else None
-            token = before.get(key)
-            if token is None or token.state != state:
-                since = token.since if token is not None else self._node.waiting_since(wait, time) if wait else time
-                where = f'{{"key":"{key}",{self._place(scope)},"element":{name_text(element)},"since":{since},'
-                token = _Token(state, since, where + self._details(wait, state))
-                fresh.append(token.text)
-            now[key] = token
-        gone = [f'"{key}"' for key in before if key not in now]
+    def _compare_tokens(
+        self, time: int, waits: Sequence[Wait], joins: Sequence[tuple[Scope, Node]]
+    ) -> tuple[list[Token], list[str]]:
+        """The tokens that are new or wait for something else, and the keys of those that are gone."""
+        before, now, fresh = self._tokens, dict[Hashable, tuple[object, int]](), list[Token]()
+        state_of = self._node.wait_state
+        for wait in waits:
+            state = state_of(wait)
+            known = before.get(wait.key)
+            if known is None or known[0] != state:
+                since = known[1] if known is not None else self._node.waiting_since(wait, time)
+                known = state, since
+                text, miss = self._details(wait, state), self._node.last_miss(wait)
+                fresh.append((str(wait.key), self._place(wait.scope), wait.node.id, since, text, miss))
+            now[wait.key] = known
+        for scope, join in joins:
+            key = f"{scope.key}@{join.id}"
+            known = before.get(key)
+            if known is None or known[0] is None:
+                known = _NO_SCRIPT, known[1] if known is not None else time
+                fresh.append((key, self._place(scope), join.id, known[1], _JOIN, None))
+            now[key] = known
         self._tokens = now
-        if fresh or gone:
-            text = f'{{"robot":{self._name},"tokens":[{",".join(fresh)}],"gone":[{",".join(gone)}]}}'
-            self._put("waiting", time, text)
+        return fresh, [str(key) for key in before if key not in now]
 
     def _place(self, scope: Scope) -> str:
         """Where a scope is, as members of a JSON object."""
@@ -177,42 +145,15 @@ class ChangeTracker:
             )
         return text
 
-    def _details(self, wait: Wait | None, state: object) -> str:
-        """What a token waits for, as the last members of a JSON object."""
-        if wait is None:
-            return '"kind":"join","text":"tokens on its other flows"}'
+    def _details(self, wait: Wait, state: object) -> str:
+        """What a token waits for, as members of a JSON object."""
         text = self._waits.get(wait.node) if state == _NO_SCRIPT else encode(self._node.wait_details(wait))[1:-1]
         if text is None:
             text = self._waits[wait.node] = encode(self._node.wait_details(wait))[1:-1]
-        miss = self._node.last_miss(wait)
-        if miss is None:
-            return f"{text}}}"
-        return f'{text},"missed":{{"time":{miss[0]},"why":{name_text(miss[1])}}}}}'
-
-    # ---- everything --------------------------------------------------------------------------------------------------
-
-    def key(self) -> str:
-        """Everything, as of the last `flush`."""
-        self._count()
-        instances = [
-            {"instance": key, "process": process, "status": status}
-            for key, (process, status) in self._instances.items()
-        ]
-        variables = ",".join(f"{known.where},{known.everything()}}}" for known in self._scopes.values())
-        tokens = ",".join(token.text for token in self._tokens.values())
-        return (
-            f'{{"process":{json_text(self._node.mission.process.id)},"instances":{encode(instances)},'
-            f'"tokens":[{tokens}],"variables":[{variables}],"counts":{encode(self._counts)}}}'
-        )
+        return text
 
 
-@dataclass(slots=True)
-class _Token:
-    """A token that waits: what is compared, since when (ns), and its JSON."""
-
-    state: object
-    since: int
-    text: str
+_JOIN = '"kind":"join","text":"tokens on its other flows"'
 
 
 class _ScopeVariables:
@@ -226,11 +167,11 @@ class _ScopeVariables:
         self._names: list[str] = []
         self._values: list[Any] = []
         self._changeable: dict[str, Any] = {}  # name -> a copy of what may be changed in place
-        self._texts: dict[str, str] = {}
+        self._texts: dict[str, bytes] = {}  # of these, their JSON
 
-    def change(self) -> str:
-        """What is different now, as members of a JSON object; empty if nothing is."""
-        variables, texts = self._variables, self._texts
+    def change(self) -> tuple[dict[str, Any], list[str]]:
+        """The difference: new values (bytes: JSON), and removed names."""
+        variables = self._variables
         names, values = list(variables), list(dict.values(variables))
         gone: list[str] = []
         if names == self._names:
@@ -238,38 +179,63 @@ class _ScopeVariables:
         else:
             before = dict(zip(self._names, self._values, strict=True))
             changed = [name for name, value in zip(names, values, strict=True) if before.get(name, before) is not value]
+            gone = [name for name in before if not dict.__contains__(variables, name)]
             self._names = names
-            gone = [name for name in texts if not dict.__contains__(variables, name)]
+            for name in gone:
+                self._changeable.pop(name, None)
         self._values = values
-        changed += [name for name, copy in self._changeable.items() if _differs(dict.get(variables, name), copy)]
-        fresh: list[str] = []
+        if self._changeable:
+            get = dict.get
+            changed += [name for name, copy in self._changeable.items() if _differs(get(variables, name), copy)]
+        given: dict[str, Any] = {}
+        changeable = self._changeable
         for name in changed:
             value: Any = dict.get(variables, name)
-            is_number = _is_number(value) and name[:2] != "__"  # most changes are
-            if not is_number and is_changeable(value):
-                self._changeable[name] = snapshot_of(value)
-            elif name in self._changeable:
-                del self._changeable[name]
-            if is_number or is_data(name, value):
-                text = repr(value) if is_number else json_text(value)
-                if texts.get(name) != text:
-                    texts[name] = text
-                    fresh.append(f"{name_text(name)}:{text}")
-        for name in gone:
-            del texts[name]
+            make = _DIRECT.get(value.__class__, _unknown)
+            if name[:2] == "__":
+                continue
+            if make is None:
+                given[name] = value
+            elif make is _unknown:
+                self._give(name, value, given)
+                continue
+            else:
+                given[name] = make(value)
+            if name in changeable:
+                del changeable[name]
+        return given, gone
+
+    def _give(self, name: str, value: Any, given: dict[str, Any]) -> None:
+        """Give a value as JSON, unless that is the same as before, or no data."""
+        kind = value.__class__
+        if kind not in _SEEN:
+            _SEEN.add(kind)
+            make = direct(kind)
+            if make is not None:
+                _DIRECT[kind] = make
+        if not is_data(name, value):
             self._changeable.pop(name, None)
-        parts = [f'"set":{{{",".join(fresh)}}}'] * bool(fresh) + [f'"unset":{encode(gone)}'] * bool(gone)
-        return ",".join(parts)
+            return
+        text = json_text(value).encode("utf-8", "surrogatepass")
+        if is_changeable(value) and not text.startswith(_CUT_ARRAY):
+            same = name in self._changeable and self._texts.get(name) == text
+            self._changeable[name], self._texts[name] = snapshot_of(value), text
+            if same:
+                return
+        else:
+            self._changeable.pop(name, None)
+        given[name] = text
 
-    def everything(self) -> str:
-        """All of them, as a member of a JSON object."""
-        return '"set":{' + ",".join([f"{name_text(name)}:{text}" for name, text in self._texts.items()]) + "}"
+
+def _unknown(value: Any) -> Any:
+    """What is not given directly: lists, mappings, objects, long texts."""
 
 
-def _is_number(value: Any) -> bool:
-    """Whether it is a finite number."""
-    kind = type(value)
-    return (kind is float or kind is int) and value - value == 0
+_DIRECT: dict[type, Callable[[Any], Any] | None] = dict.fromkeys((float, int, bool, type(None), complex))
+"""By class of a value, what gives plain data that does not change, or JSON as bytes; None: the value itself."""
+_SEEN: set[type] = set()
+_CUT_ARRAY = b'{"$cut":"array of'
+"""How the JSON of a large array begins: it tells nothing that a change in place could make different."""
 
 
 def _differs(value: Any, copy: Any) -> bool:
@@ -282,13 +248,29 @@ def _differs(value: Any, copy: Any) -> bool:
         return True
 
 
-def _tokens(running: Iterable[Instance]) -> Iterator[tuple[Hashable, Scope, str, Wait | None]]:
-    """Every token that rests: its key, scope and element, and its wait unless it is at a join."""
-    for instance in running:
-        for wait in instance.waits():
-            yield wait.key, wait.scope, wait.node.id, wait
-        for scope, join, _ in joins_reached(instance.root):
-            yield f"{scope.key}@{join.id}", scope, join.id, None
+def _look(instances: Iterable[Instance]) -> tuple[list[Scope], list[Wait], list[tuple[Scope, Node]]]:
+    """Scopes that own variables, waits that hold a token, joins that some flows have reached; outer before inner."""
+    owners: list[Scope] = []
+    waits: list[Wait] = []
+    joins: list[tuple[Scope, Node]] = []
+    for instance in instances:
+        if instance.status != "running":
+            continue
+        stack = [instance.root]
+        while stack:
+            scope = stack.pop()
+            if scope.parent is None or scope.parent.variables is not scope.variables:
+                owners.append(scope)
+            inner: list[Scope] = []
+            for child in scope.children:
+                if child.__class__ is Scope:
+                    inner.append(child)
+                elif child.token:  # type: ignore[union-attr]  # a wait
+                    waits.append(child)  # type: ignore[arg-type]
+            if scope.joins:
+                joins += [(scope, join) for join, counts in scope.joins.items() if any(counts[: join.spec.need])]
+            stack += reversed(inner)
+    return owners, waits, joins
 
 
 def path_of(scope: Scope) -> Iterator[str]:
@@ -300,10 +282,3 @@ def path_of(scope: Scope) -> Iterator[str]:
             ids.append(around.node.id)
         around = around.parent
     return reversed(ids)
-
-
-def forget_ended(instances: dict[int, tuple[str, str]]) -> None:
-    """Forget the oldest of the instances that have ended, if there are many."""
-    ended = [key for key, (_, status) in instances.items() if status != "running"]
-    for key in ended[:-_ENDED]:
-        del instances[key]

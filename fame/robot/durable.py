@@ -16,38 +16,30 @@ property ``retry`` says.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from datetime import UTC, datetime, timedelta
 from functools import partial
-from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, NamedTuple
 from uuid import NAMESPACE_URL, uuid5
 
-from fame.bpmn.model import Element
 from fame.clock import SECOND, Kind
 from fame.engine import BpmnError
 from fame.engine.state import Wait
-from fame.errors import ConfigError, FameError, MissionError
+from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import Publisher
-from fame.robot.journal import Contents, Journal, Record, write_segment
-from fame.robot.node import INCIDENT, RobotNode
-from fame.robot.state_tables import StateTables, Tables, fold, instance_data, instance_of, restore_engine
-from fame.robot.stored_values import Loader
-from fame.robot.timers import Missed
+from fame.robot.journal import Journal, Record
+from fame.robot.node import RobotNode
+from fame.robot.restoring import epoch_of, go_on, mission_settings, set_timers, tables_of
+from fame.robot.state_tables import StateTables, Tables, instance_data
+from fame.robot.stored_values import plain_messages
 from fame.scripting.requests import Act, Call
 
-Retry = Literal["safe", "never", "ask"]
-RETRIES: tuple[Retry, ...] = ("safe", "never", "ask")
-"""What a task does with a request whose fate is unknown: make it again, fail with code ``lost``, or ask somebody."""
-MISSED: tuple[Missed, ...] = ("fire", "skip", "fail")
 RECOVERED = "~/recovered"
 """The signal that a resumed engine raises inside itself; its payload is how long it was away (s)."""
 _ENDED = 10
 """How many instances that are over are kept."""
 _RETRY_DISK = SECOND
-_UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class _Request(NamedTuple):
@@ -63,14 +55,6 @@ _Effect = tuple[Publisher, Any] | _Request
 
 def _nothing() -> None:
     """What is done around the writing of a state if nothing is."""
-
-
-class Settings(Protocol):
-    """What the elements of a mission say about resumption."""
-
-    def retry(self, element: str) -> Retry: ...
-
-    def missed(self, element: str) -> Missed: ...
 
 
 class Recorder:
@@ -95,8 +79,10 @@ class Recorder:
         self._next = 1
         self._requests: dict[Wait, list[str]] = {}
         self._made: dict[Wait, int] = {}
-        self._ended: dict[str, Any] = {}
-        self._has_ended = False
+        over = [instance for instance in node.instances if instance.status != "running"][-_ENDED:]
+        program = node.engine.program
+        self._ended: dict[str, Any] = {str(each.key): instance_data(each, program) for each in over}
+        self._has_ended = bool(over)
         self._reported: set[tuple[str, str]] = set()
         self._note = ""
         self._before: Callable[[], object] = _nothing
@@ -125,7 +111,7 @@ class Recorder:
             self._fail(error)
 
     def settled(self) -> None:
-        """A stimulus has run to completion: record what it has changed, then let its effects leave."""
+        """Record the changes of a stimulus that has run to completion, then send its effects."""
         if self._quiet or self._trouble:
             return
         batch = self._close_batch()
@@ -171,8 +157,8 @@ class Recorder:
         return epoch_of(self.node) + self.node.scheduler.now
 
     def instance_ended(self, instance: Any) -> None:
-        """Keep the end of an instance."""
-        self._ended[str(instance.key)], self._has_ended = instance_data(instance), True
+        """Record the end of an instance."""
+        self._ended[str(instance.key)], self._has_ended = instance_data(instance, instance.program), True
         for key in list(self._ended)[:-_ENDED]:
             del self._ended[key]
 
@@ -181,7 +167,7 @@ class Recorder:
         self._note = text
 
     def close(self) -> None:
-        """Record and send what is to leave now, and stop. The journal stays open."""
+        """Record and send the remaining effects, and stop. The journal stays open."""
         with suppress(OSError):
             if not self._quiet and not self._trouble:
                 self._flush()
@@ -202,11 +188,11 @@ class Recorder:
     # ---- effects -----------------------------------------------------------------------------------------------------
 
     def signal(self, publisher: Publisher, message: Any) -> None:
-        """A signal or message for all is to leave."""
+        """Send a signal, or a message to all robots, once its record is on the disk."""
         self._outbox.append((publisher, message))
 
     def message(self, topic: str, value: Any, robot: Any) -> None:
-        """A message for one robot is to leave. Raises what `DirectMessages.prepare` raises."""
+        """Send a message to one robot, once its record is on the disk. Raises what `DirectMessages.prepare` raises."""
         direct = self.node.endpoints.direct
         publisher, message = direct.prepare(topic, value, robot)
         recorded = ["message", topic, str(robot), messages.to_mapping(message)]
@@ -373,7 +359,6 @@ def _recorded(effects: Sequence[_Effect]) -> list[list[Any]]:
     found: list[list[Any]] = []
     last: Publisher | None = None
     values: list[Any] = []
-    plain: Callable[[Any], Any] = messages.to_mapping
     for effect in effects:
         if isinstance(effect, _Request):
             found.append(effect.recorded)
@@ -382,128 +367,9 @@ def _recorded(effects: Sequence[_Effect]) -> list[list[Any]]:
         publisher, message = effect
         if publisher is not last:
             last, values = publisher, []
-            plain = messages.to_mapping if messages.fields(publisher.type) else _no_fields
             found.append(["signal", publisher.topic, publisher.type, values])
-        values.append(plain(message))
+        values.append(message)
+    for entry in found:
+        if entry[0] == "signal":
+            entry[3] = plain_messages(entry[2], entry[3])
     return found
-
-
-def _no_fields(message: Any) -> None:
-    """The plain data of a message without fields."""
-
-
-def epoch_of(node: RobotNode) -> int:
-    """The date of second 0 of the mission's time (ns since 1970)."""
-    return (node.epoch - _UNIX) // timedelta(microseconds=1) * 1000
-
-
-def tables_of(node: RobotNode) -> Tables:
-    """The tables of a robot's state beside its engine."""
-    host, epoch = node.host, epoch_of(node)
-    timers = host.timers.state().items()
-    return {
-        "timers": {str(key): [kind, text, base + epoch, fired] for key, (kind, text, base, fired) in timers},
-        "totals": {"": [host.started, host.completed, host.failed, host.elements_done]},
-    }
-
-
-def set_timers(node: RobotNode, tables: Tables, settings: Settings) -> list[Wait]:
-    """Set the timers of a restored engine. Returns the waits whose timer was missed and is to fail."""
-    failed, engine = [], node.engine
-    for text, (kind, expression, base, fired) in tables.get("timers", {}).items():
-        key = int(text)
-        if key not in engine.waits and key not in engine.armed_starts:
-            continue
-        element = engine.timed(key).id
-        missed = settings.missed(element)
-        late = node.host.timers.resume(key, kind, expression, base - epoch_of(node), fired, missed)
-        if late:
-            node.host.report(element, f"{kind} timer {expression} came due while the engine was away: {missed}")
-        if late and missed == "fail" and key in engine.waits:
-            node.host.timers.cancel(key)
-            failed.append(engine.waits[key])
-    return failed
-
-
-def go_on(node: RobotNode) -> None:
-    """Let a restored engine go on: scripts start again, and messages are taken."""
-    if node.engine.incidents:
-        node.hold(INCIDENT)
-    else:
-        node.engine.release()
-    node.engine.restart()
-    node.go_on()
-
-
-# ---- missions --------------------------------------------------------------------------------------------------------
-
-
-class _MissionSettings:
-    def __init__(self, elements: Mapping[str, Mapping[str, str]]) -> None:
-        self._elements = elements
-
-    def retry(self, element: str) -> Retry:
-        found = self._elements.get(element, {}).get("retry", "safe")
-        return found if found in RETRIES else "safe"
-
-    def missed(self, element: str) -> Missed:
-        found = self._elements.get(element, {}).get("missed", "fire")
-        return found if found in MISSED else "fire"
-
-
-def mission_settings(node: RobotNode) -> Settings:
-    """What the elements of a mission say in the properties ``retry`` and ``missed``."""
-    return _MissionSettings({item.id: _properties(item) for _, item in node.mission.flow_nodes()})
-
-
-def _properties(element: Element) -> Mapping[str, str]:
-    return getattr(element, "properties", {})
-
-
-def restored(node: RobotNode, contents: Contents) -> Tables:
-    """Give a robot's node the engine of a journal; nothing moves until `Recorder.go_on`.
-
-    Raises ConfigError for the journal of another program or robot.
-    """
-    tables: Tables = {}
-    for change in (contents.state, *contents.changes):
-        fold(tables, change)
-    load = Loader(node.mission)
-    try:
-        engine = restore_engine(tables, node.engine.program, node.host, node.engine.new_variables, load)
-    except MissionError as error:
-        raise ConfigError(str(error), file=str(contents.path)) from error
-    engine.at_once = node.engine.at_once
-    host = node.host
-    host.started, host.completed, host.failed, host.elements_done = tables["totals"][""]
-    over = [instance_of(data, engine.program, load) for data in tables.get("ended", {}).values()]
-    host.instances[:] = sorted([*over, *engine.instances.values()], key=lambda instance: instance.key)
-    node.attach(engine)
-    return tables
-
-
-def last_time(contents: Contents) -> int:
-    """The date of the last record (ns since 1970)."""
-    return int((contents.changes or [contents.state])[-1]["time"])
-
-
-# ---- without a journal -----------------------------------------------------------------------------------------------
-
-
-def save(node: RobotNode, path: Path, header: Mapping[str, Any]) -> None:
-    """Write the state of a robot between two stimuli into a file. Raises ConfigError."""
-    lost: list[str] = []
-    tables = StateTables(node.engine, lambda name, reason: lost.append(f"variable {name}: {reason}"))
-    over = [instance for instance in node.instances if instance.status != "running"]
-    more = {**tables_of(node), "ended": {str(instance.key): instance_data(instance) for instance in over}}
-    state = tables.changes(more, whole=True)
-    if lost:
-        raise ConfigError(f"the state cannot be stored: {lost[0]}", file=str(path))
-    write_segment(path, header, {"time": epoch_of(node) + node.scheduler.now, **state})
-
-
-def load(node: RobotNode, contents: Contents) -> None:
-    """Give a loaded robot the state of a file, and let it go on. Raises ConfigError for that of another program."""
-    tables = restored(node, contents)
-    set_timers(node, tables, mission_settings(node))
-    go_on(node)

@@ -149,7 +149,7 @@ class DirectMessages:
         self._topics[topic] = type, profile
 
     def connect(self) -> None:
-        """Make the publishers towards all robots that are there."""
+        """Make the publishers to all discovered robots."""
         for topic, (type, profile) in self._topics.items():
             for robot in self._receivers(topic):
                 self._publisher(direct_topic(topic, robot), type, profile)
@@ -159,7 +159,7 @@ class DirectMessages:
         self.enter(*self.prepare(topic, value, robot))
 
     def prepare(self, topic: str, value: Any, robot: Any) -> tuple[Publisher, Message]:
-        """The publisher towards a robot, and the message. Raises what `send` raises."""
+        """The publisher to a robot, and the message. Raises what `send` raises."""
         receivers = self._receivers(topic)
         if robot not in receivers:
             known = ", ".join([*receivers[:_SHOWN], *(["..."] if len(receivers) > _SHOWN else [])]) or "none"
@@ -169,12 +169,12 @@ class DirectMessages:
         return publisher, messages.create(type, value)
 
     def enter(self, publisher: Publisher, message: Message) -> None:
-        """Publish a message as soon as its publisher is connected, after those that wait already."""
+        """Publish a message as soon as its publisher is connected, after those that are already waiting."""
         self._waiting.append((self._scheduler.now + _PATIENCE, publisher, message))
         self._flush()
 
     def close(self) -> None:
-        """Drop the messages that still wait."""
+        """Drop the messages that are still waiting."""
         self._waiting.clear()
         if self._poll is not None:
             self._poll.cancel()

@@ -16,17 +16,17 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.clock import SECOND
-from fame.engine.program import Mark
-from fame.engine.state import Trail
 from fame.imports import require
 
 if TYPE_CHECKING:
     import pandas
 
+    from fame.engine.program import Mark
+    from fame.engine.state import Trail
     from fame.robot.node import RobotNode
 
 Observer = Callable[["Event"], object]
-OnTrail = Callable[[int, str, Trail], object]
+OnTrail = Callable[[int, str, "Trail"], object]
 """Takes time (ns), robot, and what happened to it at that time."""
 
 _new_tuple = tuple.__new__
@@ -104,12 +104,12 @@ class _CombinedObserver:
         self._observers, self._trails = observers, [trail_handler(observer) for observer in observers]
 
     def watch(self, node: RobotNode) -> Callable[[], object]:
-        """Let those watch a robot that want to."""
+        """Pass a robot to the observers that watch robots."""
         steps = [observer.watch(node) for observer in self._observers if hasattr(observer, "watch")]
         return steps[0] if len(steps) == 1 else lambda: [step() for step in steps]
 
-    def watch_world(self, record: Callable[[Callable[[str, int, str], object]], object]) -> None:
-        """Let those record a simulated world that want to."""
+    def watch_world(self, record: Callable[[Callable[[str, int, Callable[[], str]], object]], object]) -> None:
+        """Pass a simulated world to the observers that record it."""
         for observer in self._observers:
             if hasattr(observer, "watch_world"):
                 observer.watch_world(record)

@@ -1,4 +1,4 @@
-"""The host of one robot's engine: everything that `fame.engine` asks of the world.
+"""The host of one robot's engine: the implementation of `fame.engine.host.Host`.
 
 Messages go to the middleware, timers to the scheduler, scripts to their runner, and events of the run to the observer.
 Methods without a docstring are those of `fame.engine.host.Host`.
@@ -52,16 +52,16 @@ class HostOptions:
 
 
 class Recorder(Protocol):
-    """Takes what is to leave the robot, and lets it leave later (`fame.robot.durable`)."""
+    """Takes the effects of an engine, and sends them later (`fame.robot.durable`)."""
 
     def signal(self, publisher: Publisher, message: Any) -> None:
-        """A signal, or a message for all."""
+        """Send a signal, or a message to all robots."""
 
     def message(self, topic: str, value: Any, robot: Any) -> None:
-        """A message for one robot. Raises BpmnError ``unreachable``, MessageError."""
+        """Send a message to one robot. Raises BpmnError ``unreachable``, MessageError."""
 
     def instance_ended(self, instance: Instance) -> None:
-        """An instance is over."""
+        """Record the end of an instance."""
 
     def note(self, text: str) -> None:
         """Prepare for a change of the running process from outside."""

@@ -29,6 +29,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 from uuid import uuid4
 
+import orjson
+
 from fame.errors import ConfigError
 
 FORMAT = 1
@@ -46,7 +48,7 @@ Later = Callable[[Callable[[], object]], object]
 
 @dataclass(frozen=True, slots=True)
 class Contents:
-    """What a segment holds: its header, the state, and the changes of it. `end`: where its good lines end (bytes)."""
+    """The content of a segment: header, state, and changes. `end`: where its undamaged lines end (bytes)."""
 
     path: Path
     header: Record
@@ -56,7 +58,7 @@ class Contents:
 
     @property
     def end(self) -> int:
-        """The length of the good lines (bytes)."""
+        """The length of the undamaged lines (bytes)."""
         return self.ends[-1]
 
 
@@ -123,8 +125,22 @@ def _parsed(line: bytes, seed: int) -> tuple[int, int, Record] | None:
 
 
 def _line(number: int, synced: int, content: Mapping[str, Any], seed: int) -> bytes:
-    text = b"%d %d %s" % (number, synced, json.dumps(content, separators=(",", ":")).encode())
+    text = b"%d %d %s" % (number, synced, _json(content))
     return b"%08x %s\n" % (zlib.crc32(text, seed), text)
+
+
+def _json(content: Mapping[str, Any]) -> bytes:
+    """The JSON of plain data, in which parts may be encoded already (`orjson.Fragment`)."""
+    try:
+        return orjson.dumps(content, option=orjson.OPT_SERIALIZE_NUMPY)
+    except TypeError:  # integers of more than 64 bits, lone surrogates, subclasses of float
+        return json.dumps(content, separators=(",", ":"), default=_fragment).encode()
+
+
+def _fragment(value: Any) -> Any:
+    if isinstance(value, orjson.Fragment):
+        return json.loads(orjson.dumps(value))
+    raise TypeError(type(value).__name__)
 
 
 def write_segment(path: Path, header: Mapping[str, Any], state: Mapping[str, Any]) -> None:
@@ -171,7 +187,7 @@ class StateDirectory:
         os.write(self._lock, str(os.getpid()).encode())
 
     def touch(self) -> None:
-        """Note that the engine is at work."""
+        """Record that the engine is running."""
         with suppress(OSError):
             os.utime(self._lock)
 
@@ -186,7 +202,7 @@ class StateDirectory:
         return read_segment(segments[-1]) if segments else None
 
     def set_aside(self) -> Path | None:
-        """Move an old state into a folder ``old-N`` inside the directory. Returns it, None if there was no state."""
+        """Move an old state into a folder ``old-N`` inside the directory. Returns the folder, None without a state."""
         found = [item for item in self.path.iterdir() if item.name != "lock" and not item.name.startswith("old-")]
         if not found:
             return None
@@ -214,7 +230,7 @@ class StateDirectory:
 
 
 def sync_directory(path: Path) -> None:
-    """Have the names of a directory on the disk. Raises OSError."""
+    """Write the entries of a directory to the disk (`fsync`). Raises OSError."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -246,7 +262,7 @@ class Journal:
 
     @classmethod
     def resume(cls, directory: StateDirectory, found: Contents, later: Later | None = None) -> Journal:
-        """Go on behind the good lines of the newest segment. Raises OSError."""
+        """Continue after the undamaged lines of the newest segment. Raises OSError."""
         journal = cls(directory, found.header, later)
         journal.header = found.header
         journal._seed = _seed(found.header["journal"])
@@ -310,7 +326,7 @@ class Journal:
         self._synced = self._number
 
     def close(self) -> None:
-        """Write to the disk what is not there yet, and close the file."""
+        """Write everything to the disk, and close the file."""
         self._close_file()
 
     def _begin_commits(self) -> None:
@@ -344,7 +360,7 @@ class _Committer:
 
     @property
     def idle(self) -> bool:
-        """Whether nobody waits for the disk."""
+        """Whether no callback waits for the disk."""
         with self._changed:
             return not (self._busy or self._requests)
 
@@ -359,7 +375,7 @@ class _Committer:
             self._changed.notify()
 
     def close(self) -> None:
-        """Do what was asked for, and end the thread."""
+        """Finish all requests, and end the thread."""
         with self._changed:
             self._closing = True
             self._changed.notify()

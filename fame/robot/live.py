@@ -1,4 +1,4 @@
-"""What a robot's engine tells those who watch it from other processes: live views and recorders.
+"""What a robot's engine publishes for live views and recorders in other processes.
 
 On ``/<robot>/bpmn_events`` (std_msgs/msg/String, reliable) are numbered batches of changes as JSON, at most 20 a
 second, while somebody subscribes; on ``/<robot>/bpmn_model`` (transient local) is the model that runs. A new
@@ -17,7 +17,8 @@ from fame.clock import EPOCH, SECOND, Entry, Kind, Scheduler, date_text
 from fame.engine.state import Trail
 from fame.middleware import messages
 from fame.middleware.interface import Node, Publisher
-from fame.robot.changes import COUNTED, ChangeTracker
+from fame.robot.change_text import COUNTED, Changes, ChangeText
+from fame.robot.changes import ChangeTracker
 from fame.robot.events import Event
 
 if TYPE_CHECKING:
@@ -33,17 +34,17 @@ _POLL = SECOND // 4
 
 
 class FeedLog(Protocol):
-    """What is told everything, whether somebody subscribes or not: a log (`fame.log.engine_log`)."""
+    """A log that receives everything, with and without subscribers (`fame.log.engine_log`)."""
 
     def on_batch(self, text: str) -> None:
         """Take a batch."""
 
     def on_model(self, model: Mapping[str, Any]) -> None:
-        """From now on the robot runs this."""
+        """Take the model that the robot runs from now on."""
 
 
 class LiveFeed:
-    """Publishes what changes in one robot, while somebody subscribes.
+    """Publishes the changes of one robot while there are subscribers.
 
     `publisher` and `models` are those of the two topics, made before the first process is loaded, so that who watches
     from the beginning misses nothing. `scheduler` is that of the wall clock; `epoch` is the date of time 0 of the
@@ -75,7 +76,7 @@ class LiveFeed:
 
     @property
     def watched(self) -> bool:
-        """Whether somebody subscribes, or a log is kept."""
+        """Whether there is a subscriber or a log."""
         return self._subscribers > 0 or self._log is not None
 
     def observer(self) -> ProcessFeed:
@@ -103,7 +104,7 @@ class LiveFeed:
             self._log.on_model(model)
 
     def is_current(self, observer: ProcessFeed) -> bool:
-        """Whether its process is what the robot runs."""
+        """Whether the robot runs its process."""
         return observer is self._current
 
     def put(self, channel: str, time: int, text: str) -> None:
@@ -152,7 +153,7 @@ class LiveFeed:
             self._log.on_batch(text)
 
     def close(self) -> None:
-        """Tell what has not been told, and publish nothing more."""
+        """Publish the remaining changes, and stop."""
         if self._changes:
             self._send()
         self._poll.cancel()
@@ -170,11 +171,13 @@ class ProcessFeed:
         self._feed = feed
         self.node = None
         self._tracker: ChangeTracker | None = None
+        self._text = ChangeText("", "")
         self._dirty = False
 
     def watch(self, node: RobotNode) -> Callable[[], object]:
         """Follow this process from its first step on."""
-        self.node, self._tracker = node, ChangeTracker(node, self._feed.put)
+        self.node, self._tracker = node, ChangeTracker(node, self._take)
+        self._text = ChangeText(node.name, node.mission.process.id)
         self._tracker.active = False
         return self._mark
 
@@ -184,23 +187,30 @@ class ProcessFeed:
         self._mark()
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
-        """Take note of what happened."""
+        """Collect the events of one instant."""
         assert self._tracker is not None
         self._tracker.trail(trail)
         self._mark()
 
     def resume(self, *, active: bool) -> None:
-        """Look for changes from now on, or stop that."""
+        """Start or stop looking for changes."""
         assert self._tracker is not None
         if active and not self._tracker.active:
+            self._tracker.give_groups(0)
             self._tracker.active = True
             self._mark()
         self._tracker.active = active
 
-    def key(self) -> str:
-        """Everything, as JSON."""
+    def _take(self, time: int, changes: Changes) -> None:
         assert self._tracker is not None
-        return self._tracker.key()
+        if self._tracker.active:
+            self._text.write(time, changes, self._feed.put)
+        else:
+            self._text.count(changes)
+
+    def key(self) -> str:
+        """The complete state, as JSON."""
+        return self._text.key()
 
     def look(self) -> None:
         """Look for changes at the end of this instant."""
@@ -236,7 +246,7 @@ class ElementFeed:
 
 
 def model_data(node: RobotNode, epoch: datetime) -> Mapping[str, Any]:
-    """What ``bpmn_model`` says: the process that runs, and the files of it and of all that it calls."""
+    """The content of ``bpmn_model``: the running process, its file and those of all processes that it calls."""
     files = {home.file: home for home, _ in node.mission.processes()}
     return {
         "robot": node.name,

@@ -1,4 +1,4 @@
-"""The robot's node: one engine, from loading its process to its end.
+"""The node of a robot: one engine, from loading its process to its end.
 
 Endpoints of every topic that the process and its scripts name are made at load, before the first token moves. A message
 is one stimulus of the engine; so is a step of a script, and a timer. What the robot publishes reaches its own catching
@@ -23,7 +23,7 @@ from fame.engine import Engine, Instance, Program, compile_program
 from fame.engine.state import Wait
 from fame.errors import MessageError
 from fame.middleware import messages
-from fame.middleware.interface import Middleware, Node, resolve
+from fame.middleware.interface import ENGINE, MISSION, Middleware, Node, resolve
 from fame.robot.endpoints import Endpoints
 from fame.robot.events import Event, Observer
 from fame.robot.host import EngineHost, Fields, HostOptions
@@ -102,7 +102,7 @@ class RobotNode:
         self.namespace: str = name if namespace is None else namespace
         self.mission, self.scheduler, self.middleware = mission, scheduler, middleware
         self.epoch: datetime = epoch
-        self.node: Node = middleware.node("fame_engine", self.namespace)
+        self.node: Node = middleware.node(ENGINE, self.namespace, MISSION)
         self.engine: Engine
         self.endpoints: Endpoints = Endpoints(self.node, mission.types, middleware, scheduler)
         options = HostOptions(
@@ -180,7 +180,7 @@ class RobotNode:
         self._take_early()
 
     def go_on(self) -> None:
-        """Take messages again, after an engine was restored: first those that came since `load`."""
+        """Deliver messages again after an engine was restored: first those received since `load`."""
         self.runner.poll()
         self._take_early()
 
@@ -190,13 +190,13 @@ class RobotNode:
             self._on_message(topic, message)
 
     def hold(self, reason: str = "") -> None:
-        """Suspend everything, in the safe state, until `release` for each reason."""
+        """Suspend the mission, in the safe state, until `release` is called for each reason."""
         self._holds.add(reason)
         self.engine.hold()
         self.runner.poll()
 
     def release(self, reason: str = "") -> None:
-        """Go on after `hold`, as soon as its scripts have ended, unless there is another reason to hold."""
+        """Continue after `hold`, as soon as its scripts have ended, unless there is another reason to hold."""
         self._holds.discard(reason)
         if self._holds:
             return
@@ -269,7 +269,7 @@ class RobotNode:
         return [*waiting, *self._waiting.starts(self.engine, due, epoch=self.epoch, by_message=not self.instances)]
 
     def wait_state(self, wait: Wait) -> object:
-        """What changes while a token waits, cheap to compare: `wait_details` differ only if it does."""
+        """A value that is cheap to compare: `wait_details` differ only if it does."""
         return wait.paused, self.runner.request(wait.key), self._waiting.uncorrelated.get(wait.key)
 
     def last_miss(self, wait: Wait) -> tuple[int, str] | None:
@@ -281,7 +281,7 @@ class RobotNode:
         return self._waiting.since(wait, now)
 
     def refresh_publishers(self) -> bool:
-        """Look who publishes now; whether that is different from the last time. `wait_details` differ then."""
+        """Look up the publishers. Returns whether they have changed; `wait_details` differ then."""
         return self._waiting.refresh_publishers()
 
     def wait_details(self, wait: Wait) -> dict[str, Any]:
@@ -308,31 +308,42 @@ class RobotNode:
 
     @property
     def incidents(self) -> list[tuple[str, str, str]]:
-        """Elements that have failed and wait for somebody: id, code of the error, text."""
+        """Elements that have failed and wait for repair: id, code of the error, text."""
         return [(wait.node.id, code, text) for wait, (code, text) in self.engine.incidents.items()]
 
     def retry(self, element: str, values: Mapping[str, Any] | None = None, *, who: str = "") -> None:
-        """Set variables, and execute an element that has failed again. Raises MissionError if it has no incident."""
+        """Set variables, and execute a failed element again. Raises MissionError if it has no incident."""
         self._repair(element, f"retried{_given(values)}", who, lambda: self.engine.retry(element, dict(values or {})))
 
     def set_variables(self, values: Mapping[str, Any], *, who: str = "") -> None:
-        """Set variables of the instances that run. Raises MissionError if none runs."""
+        """Set variables of the running instances. Raises MissionError if none runs."""
         self._repair("", f"set{_given(values)}", who, lambda: self.engine.set_variables(dict(values)))
 
     def move(self, source: str, target: str, *, who: str = "") -> None:
-        """Take a token to another element of its scope. Raises MissionError if that is not possible."""
+        """Move a token to another element of its scope. Raises MissionError if that is not possible."""
         self._repair(source, f"moved to {target}", who, lambda: self.engine.move(source, target))
 
     def _repair(self, element: str, text: str, who: str, act: Callable[[], object]) -> None:
         """Do what somebody wants, with a note in journal and event log."""
         note = f"{text} by {who}" if who else text
-        if self.host.recorder is not None:
-            self.host.recorder.note(f"{element}: {note}" if element else note)
+        self._record_note(element, note)
         act()
-        self.host.emit(Event(self.scheduler.now, self.name, 0, 0, element, "report", note))
+        self._report(element, note)
         if not self.engine.incidents:
             self.release(INCIDENT)
         self.runner.poll()
+
+    def note(self, element: str, text: str) -> None:
+        """Report a request of a person in journal and event log."""
+        self._record_note(element, text)
+        self._report(element, text)
+
+    def _record_note(self, element: str, text: str) -> None:
+        if self.host.recorder is not None:
+            self.host.recorder.note(f"{element}: {text}" if element else text)
+
+    def _report(self, element: str, text: str) -> None:
+        self.host.emit(Event(self.scheduler.now, self.name, 0, 0, element, "report", text))
 
     def _on_incident(self, wait: Wait) -> None:
         """An element has failed: hold the robot, as soon as this stimulus is over."""

@@ -9,24 +9,25 @@ texts, too. In messages without lists, NaN and infinities are null.
 
 from __future__ import annotations
 
-import json
 import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
-from functools import cache, lru_cache
+from functools import cache
 from itertools import islice
 from types import ModuleType
 from typing import Any
 
-import orjson
-
 from fame.middleware import typesystem
 from fame.middleware.messages import Message
+from fame.robot.change_text import TEXT, complex_text, float_text, name_text, string
+
+try:
+    import orjson
+except ImportError:  # a workspace of ROS that was built by colcon alone: messages are encoded field by field
+    orjson = None  # type: ignore[assignment]
 
 ITEMS = 16
 """Most items of a list, array or mapping that is kept whole."""
-TEXT = 1000
-"""Most characters of a text."""
 SIZE = 4000
 """Most characters of a value as JSON."""
 _DEPTH = 8
@@ -36,10 +37,6 @@ _LONG = 64  # items of an array in a message, above which it is cut
 Encode = Callable[[Any, int], str]
 """Gives the JSON of a value; how many levels of lists and mappings it may have."""
 
-_string = json.encoder.encode_basestring
-encode: Callable[[Any], str] = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode
-"""The JSON of plain data."""
-
 
 def json_text(value: Any) -> str:
     """A value as JSON, on one line."""
@@ -47,15 +44,19 @@ def json_text(value: Any) -> str:
     return text if len(text) <= SIZE else _cut(f"{type(value).__name__} of {len(text)} characters")
 
 
-@lru_cache(10_000)
-def name_text(name: str) -> str:
-    """A name as JSON."""
-    return _string(name)
-
-
 def is_data(name: str, value: Any) -> bool:
     """Whether a variable is data: functions, classes, modules and names with two leading underscores are not."""
     return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
+
+
+def direct(kind: type) -> Callable[[Any], Any] | None:
+    """The conversion of a class: numbers to plain data, messages without lists to JSON as bytes; None for others."""
+    if issubclass(kind, Message) and not _has_lists(kind.__msgtype__):
+        return _message_bytes
+    for base in (bool, int, float, complex):
+        if issubclass(kind, base):
+            return base
+    return None
 
 
 def is_changeable(value: Any) -> bool:
@@ -81,7 +82,7 @@ def snapshot_of(value: Any) -> Any:
 
 _CHANGEABLE = frozenset((list, dict, set, bytearray))
 _CHANGED_IN_PLACE: dict[type, bool] = {}
-_RECENT: dict[int, tuple[Message, str]] = {}  # messages by identity, which do not change, and their JSON
+_RECENT: dict[int, tuple[Message, bytes]] = {}  # messages by identity, which do not change, and their JSON
 _MOST_RECENT = 64
 
 
@@ -112,13 +113,11 @@ def _encoder(kind: type) -> Encode:
 
 
 def _float(value: float, depth: int) -> str:
-    if value - value == 0.0:
-        return repr(value)
-    return '"NaN"' if value != value else '"Infinity"' if value > 0 else '"-Infinity"'
+    return float_text(value)
 
 
 def _text(value: str, depth: int) -> str:
-    return _string(value) if len(value) <= TEXT else _cut(f"text of {len(value)}", _string(value[:80]))
+    return string(value) if len(value) <= TEXT else _cut(f"text of {len(value)}", string(value[:80]))
 
 
 def _listing(value: Any, depth: int) -> str:
@@ -163,14 +162,23 @@ def _message(value: Any, depth: int) -> str:
 
 
 def _small_message(value: Any, depth: int) -> str:
-    """A message of a type without lists of any length. Several scopes often have the same one at a time."""
+    """A message of a type without lists of any length."""
+    return _message_bytes(value).decode()
+
+
+def _message_bytes(value: Any) -> bytes:
+    """The same, as bytes. Several scopes often have the same message at a time."""
+    if orjson is None:
+        return _message(value, _DEPTH).encode("utf-8", "surrogatepass")
     known = _RECENT.get(id(value))
     if known is not None and known[0] is value:
         return known[1]
     try:
-        text = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+        text = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY)
     except TypeError:  # what was put into its fields does not fit
-        return _message(value, depth)
+        return _message(value, _DEPTH).encode("utf-8", "surrogatepass")
+    if b"null" in text:  # orjson writes so what is not finite
+        text = _message(value, _DEPTH).encode("utf-8", "surrogatepass")
     if len(_RECENT) >= _MOST_RECENT:
         _RECENT.clear()
     _RECENT[id(value)] = value, text
@@ -193,7 +201,7 @@ def _has_lists(type: str) -> bool:
 
 
 def _cut(text: str, first: str = "") -> str:
-    return f'{{"$cut":{_string(text)}' + (f',"first":{first}' if first else "") + "}"
+    return f'{{"$cut":{string(text)}' + (f',"first":{first}' if first else "") + "}"
 
 
 _ENCODERS: dict[type, Encode] = {
@@ -202,7 +210,7 @@ _ENCODERS: dict[type, Encode] = {
     int: lambda value, depth: repr(value),
     bool: lambda value, depth: "true" if value else "false",
     type(None): lambda value, depth: "null",
-    complex: lambda value, depth: f'"{value.real:.6g}{value.imag:+.6g}j"',
+    complex: lambda value, depth: complex_text(value),
     bytes: lambda value, depth: _cut(f"{len(value)} bytes"),
     bytearray: lambda value, depth: _cut(f"{len(value)} bytes"),
     list: _listing,

@@ -17,7 +17,8 @@ from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import Node, Publisher, resolve
 from fame.robot.endpoints import Endpoints
-from fame.scripting import Robot, Runner, another, interface
+from fame.scripting import Robot, Runner, another
+from fame.scripting.interface import interface
 from fame.scripting.javascript import HOST_API, HostApi
 
 

@@ -47,7 +47,7 @@ class ServiceContext:
 
 
 class RunningService(Protocol):
-    """A service that was started."""
+    """A started service."""
 
     def results(self) -> Mapping[str, Any] | None:
         """Give the variables to set if the service has ended by itself, None while it runs."""

@@ -25,12 +25,14 @@ import marshal
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import orjson
+
 from fame.engine import Engine, Instance, Variables, restore, snapshot
 from fame.engine.host import Host
 from fame.engine.program import Program
 from fame.engine.snapshot import decode, encode
 from fame.errors import MissionError
-from fame.robot.stored_values import dump
+from fame.robot.stored_values import dump, message_json
 
 Table = dict[str, Any]
 Tables = dict[str, Table]
@@ -43,7 +45,7 @@ _ABSENT = object()
 
 
 def fold(tables: Tables, change: Change) -> Tables:
-    """Make a change. Returns the same tables."""
+    """Apply a change. Returns the same tables."""
     for name, entries in change.get("set", {}).items():
         tables.setdefault(name, {}).update(entries)
     for name, keys in change.get("gone", {}).items():
@@ -91,7 +93,7 @@ class StateTables:
         return {part: found for part, found in change.items() if found}
 
     def drop(self, table: str, key: str) -> Change:
-        """The change that an entry is gone."""
+        """The change that removes an entry."""
         self._last[table].pop(key, None)
         return {"gone": {table: [key]}}
 
@@ -141,7 +143,7 @@ class _VariableTable:
         self._next = 0
 
     def forget(self) -> None:
-        """Let everything count as changed."""
+        """Treat everything as changed."""
         self._known = {}
 
     def begin(self) -> None:
@@ -199,6 +201,13 @@ class _VariableTable:
     def _note_value(self, key: str, name: str, value: Any, known: dict[str, tuple[Any, Any]], values: Table) -> None:
         """A value whose content may change: compare that."""
         old = known.get(name)
+        type: Any = getattr(value, "__msgtype__", None)
+        text = message_json(type, value) if type is not None else None
+        if text is not None:
+            if old is None or old[1] != text:
+                known[name] = value, text
+                values[key] = orjson.Fragment(b'{"$object":{"message":"%s","value":%s}}' % (type.encode(), text))
+            return
         try:
             content: Any = marshal.dumps(value, 2)
             if old is not None and old[1] == content:
@@ -262,8 +271,11 @@ def _renumbered(record: list[Any], numbers: Mapping[int, int]) -> list[Any]:
     return [node, numbers[variables], [_renumbered(item, numbers) for item in inner]]
 
 
-def instance_data(instance: Instance, dump: Callable[[Any], Any] = dump) -> dict[str, Any]:
-    """An instance that is over, as plain data. Values that cannot be stored are left out."""
+def instance_data(instance: Instance, program: Program, dump: Callable[[Any], Any] = dump) -> dict[str, Any]:
+    """An instance that is over, as plain data. Values that cannot be stored are left out.
+
+    If it was one of another program, its completed elements are counted at those of the same ids.
+    """
     values = {}
     for name, value in instance.variables.items():
         try:
@@ -274,10 +286,15 @@ def instance_data(instance: Instance, dump: Callable[[Any], Any] = dump) -> dict
     return {
         "key": instance.key,
         "status": instance.status,
-        "counts": _packed(instance.counts),
+        "counts": _packed(instance.counts if instance.program is program else _counts_of(instance, program)),
         "values": values,
         "error": None if error is None else {**error.to_json(), "robot": error.robot},
     }
+
+
+def _counts_of(instance: Instance, program: Program) -> list[int]:
+    visits = dict(instance.visits)
+    return [visits.pop(element, 0) for element in program.elements]
 
 
 def _packed(counts: list[int]) -> str | list[int]:

@@ -7,21 +7,27 @@ defined itself cannot be stored: `unstorable` names it when a model is loaded.
 from __future__ import annotations
 
 import ast
+import re
 import sys
+from base64 import b64decode, b64encode
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from datetime import date, datetime, timedelta
 from decimal import Decimal
 from fractions import Fraction
+from functools import cache
 from importlib import import_module
 from pathlib import Path, PosixPath
 from types import ModuleType
 from typing import Any
 
+import orjson
+
 from fame.bpmn.model import Expression, Task
 from fame.engine.snapshot import no_data
 from fame.errors import MissionError, ModelError
-from fame.middleware import messages
+from fame.middleware import messages, typesystem
 from fame.robot.mission import Mission
 from fame.scripting.analysis import code_names, identifiers_of, script_names
 from fame.scripting.python import parse_python
@@ -42,8 +48,39 @@ _SIMPLE: dict[type, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
 _BY_NAME = {kind.__name__: back for kind, (_, back) in _SIMPLE.items()}
 
 
+def message_json(type: str, value: Any) -> bytes | None:
+    """The JSON of a message, or of a list of messages of a type: fast; None where only `dump` can make it."""
+    if not _is_encoded_directly(type):
+        return None
+    try:
+        text = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY)
+    except TypeError:  # what was put into a field does not fit
+        return None
+    return text if b"null" not in text else None  # NaN and infinities
+
+
+def plain_messages(type: str, sent: Sequence[Any]) -> Any:
+    """Messages of a type as data for a record: as JSON that is encoded already, where that is possible."""
+    if not messages.fields(type):
+        return [None] * len(sent)
+    text = message_json(type, sent)
+    return orjson.Fragment(text) if text is not None else [messages.to_mapping(message) for message in sent]
+
+
+@cache
+def _is_encoded_directly(type: str) -> bool:
+    """Whether the attributes of messages of a type have the names of its fields, so that JSON can be made of them."""
+    fields = typesystem.definition(type).fields
+    return bool(fields) and all(
+        field.name == field.attribute
+        and field.name[0] != "_"
+        and (not field.is_message or _is_encoded_directly(field.base))
+        for field in fields
+    )
+
+
 def dump(value: Any) -> Any:
-    """Plain data of a value that JSON does not know. Raises MissionError for one that cannot be stored."""
+    """Plain data of a value that JSON lacks. Raises MissionError for one that cannot be stored."""
     if hasattr(value, "__msgtype__"):
         return {"message": value.__msgtype__, "value": messages.to_mapping(value)}
     simple = _SIMPLE.get(type(value))
@@ -54,7 +91,9 @@ def dump(value: Any) -> Any:
     if callable(value) and _is_offered(value):
         return {"module": value.__module__, "name": value.__qualname__}
     if type(value).__module__ == "numpy" and hasattr(value, "tolist"):
-        return {"array": value.tolist(), "type": str(value.dtype), "shape": list(value.shape)}
+        plain = value.dtype.kind in "biufc"  # numbers: their bytes
+        data = b64encode(value.tobytes()).decode() if plain else value.tolist()
+        return {"array": data, "type": value.dtype.str if plain else str(value.dtype), "shape": list(value.shape)}
     if isinstance(value, Mapping):
         return dict(value)
     return no_data(value)
@@ -69,7 +108,7 @@ def _is_offered(value: Any) -> bool:
 
 
 class Loader:
-    """Makes the values again. Only what the scripts of the mission import is imported."""
+    """Restores the values. Only modules that the scripts of the mission import are imported."""
 
     def __init__(self, mission: Mission) -> None:
         self._packages = {name.partition(".")[0] for name in imported(mission)}
@@ -85,7 +124,10 @@ class Loader:
         if "array" in data:
             import numpy
 
-            return numpy.array(data["array"], dtype=data["type"]).reshape(data["shape"])
+            kind, found = data["type"], data["array"]
+            if isinstance(found, str):
+                return numpy.frombuffer(b64decode(found), dtype=kind).reshape(data["shape"]).copy()
+            return numpy.array(found, dtype=kind).reshape(data["shape"])
         return self._import(data["module"], data.get("name", ""))
 
     def _import(self, module: str, name: str) -> Any:
@@ -113,26 +155,64 @@ def imported(mission: Mission) -> Iterator[str]:
 
 def refuse_unstorable(mission: Mission) -> None:
     """Raise ModelError for a script that leaves behind what cannot be stored, and what later steps use."""
-    tasks = [(home.file, node) for home, node in mission.flow_nodes() if isinstance(node, Task)]
-    for file, task in tasks:
-        if task.script is None:
-            continue
-        others = [other.script for _, other in tasks if other.script is not None and other is not task]
-        for text in _left_behind(task.script, others):
-            raise ModelError.at(task, f"{text}, which an engine with --state cannot store", file=file)
+    texts = [(file.file, text) for file, process in mission.processes() for text in _expressions(process)]
+    for home, task in mission.flow_nodes():
+        if isinstance(task, Task) and task.script is not None:
+            others = [text for _, text in texts if text is not task.script]
+            for reason in _left_behind(task.script, others):
+                raise ModelError.at(task, f"{reason}, which an engine with --state cannot store", file=home.file)
 
 
-def _left_behind(script: Expression, others: list[Expression]) -> Iterator[str]:
+def _expressions(value: Any) -> Iterator[Expression]:
+    """The scripts and expressions in a part of a model."""
+    if isinstance(value, Expression):
+        yield value
+    elif is_dataclass(value):
+        for each in fields(value):
+            yield from _expressions(getattr(value, each.name))
+    elif isinstance(value, Mapping):
+        for item in value.values():
+            yield from _expressions(item)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from _expressions(item)
+
+
+def _left_behind(script: Expression, others: Sequence[Expression]) -> Iterator[str]:
     if script.language == "javascript":
         found = identifiers_of(script.text)
         if found.subscribes and not found.destroys:
             yield "creates a subscription that is still there when the script is over"
+        if not found.next and re.search(r"\bsetTimeout\s*\(", script.text):
+            yield "sets a timer whose callback runs when the script is over"
+        functions = found.writes & _functions_in_javascript(script.text)
+    elif script.language == "python":
+        functions = frozenset(code_names(script)) - set(_imported_names(script))
+    else:
         return
-    if script.language != "python":
-        return
-    own = code_names(script) - set(_imported_names(script))
-    for name in sorted(own & {name for other in others for name in script_names(other, script=True)[0]}):
-        yield f"defines {name!r}, a function or class that another script uses"
+    for name in sorted(functions):
+        if any(_uses(other, name) for other in others):
+            yield f"defines {name!r}, a function or class that later steps use"
+
+
+_FUNCTION = r"(?:async\s+)?(?:function\b|class\b|\([^()]*\)\s*=>|[\w$]+\s*=>)"
+_DECLARED = re.compile(rf"\b(?:function|class)\s+([\w$]+)|\b(?:const|let|var)\s+([\w$]+)\s*=\s*{_FUNCTION}")
+
+
+def _functions_in_javascript(text: str) -> frozenset[str]:
+    """The properties to which a text assigns a function or class."""
+    local = "|".join(re.escape(one or other) for one, other in _DECLARED.findall(text))
+    value = rf"(?:{_FUNCTION}" + (rf"|(?:{local})\s*(?:[;,\n}}]|$))" if local else ")")
+    return frozenset(re.findall(rf"\.\s*([\w$]+)\s*=\s*{value}", text))
+
+
+def _uses(expression: Expression, name: str) -> bool:
+    if expression.language == "python":
+        try:
+            return name in script_names(expression, script=True)[0]
+        except ModelError:  # an expression with ${...}
+            pass
+    return re.search(rf"(?<![\w$]){re.escape(name)}(?![\w$])", expression.text) is not None
 
 
 def _imported_names(script: Expression) -> Iterator[str]:

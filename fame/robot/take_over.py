@@ -1,18 +1,24 @@
-"""Let a robot's new process take over the state of its old one: tokens, variables, timers, queued messages.
+"""Transfer the state of a robot's old process to its new one: tokens, variables, timers, queued messages.
 
 Both run in one process, so values of variables go over as they are: also functions and classes that scripts defined.
 """
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from fame.engine import restore, snapshot
 from fame.engine.data import Variables
-from fame.engine.migration import Plan, Token, arm_new, migrate, preview
+from fame.engine.migration import Plan, Token, arm_new, gone, migrate, preview
 from fame.engine.snapshot import Convert, Data, encode
-from fame.robot.durable import go_on, mission_settings, set_timers, tables_of
+from fame.errors import MissionError
 from fame.robot.node import RobotNode
+from fame.robot.restoring import go_on, mission_settings, set_timers, tables_of
+from fame.robot.stored_values import dump
+
+_LONG = 2000
+"""Most characters of a value, as JSON, in a state that is foreseen."""
 
 
 class _Live:
@@ -54,10 +60,41 @@ class _AllVariables:
         ]
 
 
-def what_becomes(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:
-    """What would become of each token of the old process."""
-    data = snapshot(old.engine, dump=_Live().dump, dicts=_AllVariables())
-    return preview(data, old.engine.program, new.engine.program, plan)
+def gone_elements(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:
+    """Elements of the old process at which a token could wait, and that have no counterpart in the new one."""
+    return gone(old.engine.program, new.engine.program, plan)
+
+
+def what_becomes(new: RobotNode, old: RobotNode, plan: Plan) -> tuple[list[Token], Data | None]:
+    """What would become of each token of the old process, and the state that it would have in the new one.
+
+    The state is a snapshot as JSON (`fame.engine.snapshot`) in which long values and those of other kinds are
+    ``{"$object": null}``: unknown. None if a token is blocked.
+    """
+    programs = old.engine.program, new.engine.program
+    data = snapshot(old.engine, dump=_known)
+    tokens = preview(data, *programs, plan)
+    if any(token.fate == "blocked" for token in tokens):
+        return tokens, None
+    state, _ = migrate(data, *programs, plan)
+    for item in state["variables"]:
+        item["own"] = {name: _short(value) for name, value in item["own"].items()}
+    for box in state["boxes"]:
+        box["messages"] = [[number, _short(message)] for number, message in box["messages"]]
+    return tokens, state
+
+
+def _known(value: Any) -> Any:
+    """A message as data; None for a value of another kind."""
+    try:
+        return dump(value)
+    except MissionError:
+        return None
+
+
+def _short(value: Any) -> Any:
+    """Return a short value as it is, a long one as an unknown value."""
+    return value if len(json.dumps(value)) <= _LONG else {"$object": None}
 
 
 def take_over(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:

@@ -32,6 +32,7 @@ class Timers:
         self._texts: dict[int, list[Any]] = {}  # kind, text, what its delays count from (ns), how many are over
         self._endless: set[int] = set()
         self._instant, self._count_now = 0, 0
+        self._held = False
 
     def set(self, key: int, kind: str, text: str) -> None:
         """Set a timer. `kind` is ``duration``, ``date`` or ``cycle``.
@@ -50,6 +51,15 @@ class Timers:
             self._enter(key, delays, now, first)
             if cycle is not None and cycle.endless:
                 self._endless.add(key)
+
+    def hold(self) -> None:
+        """Let timers fire only by `fire` from now on."""
+        self._held = True
+
+    def fire(self, key: int) -> None:
+        """Fire a timer that is set."""
+        self._timers[key][0].cancel()
+        self._on_due(key)
 
     def due(self, key: int) -> int | None:
         """When a timer is due next (ns); None if it is not set, or never due."""
@@ -80,7 +90,7 @@ class Timers:
         return self._texts
 
     def resume(self, key: int, kind: str, text: str, base: int, fired: int, missed: Missed = "fire") -> int:
-        """Set a timer of an engine that was away. Returns how many of its times have passed meanwhile.
+        """Set a timer of an engine that was not running. Returns how many of its times have passed meanwhile.
 
         `base` and `fired` as of `state`, in the time of this scheduler. With `missed` = ``skip`` these times are left
         out, and a duration counts again from now; else the timer fires once for all of them, at once and in due order.
@@ -115,7 +125,8 @@ class Timers:
         self._endless.clear()
 
     def _enter(self, key: int, delays: Iterator[int], base: int, delay: int) -> None:
-        self._timers[key] = (self._scheduler.at(base + delay, partial(self._on_due, key), Kind.TIMER), delays, base)
+        action = partial(self._on_due, key) if not self._held else _stay
+        self._timers[key] = (self._scheduler.at(base + delay, action, Kind.TIMER), delays, base)
 
     def _on_due(self, key: int) -> None:
         _, delays, base = self._timers.pop(key)
@@ -126,6 +137,10 @@ class Timers:
         else:
             del self._texts[key]
         self._on_fire(key, following is None)
+
+
+def _stay() -> None:
+    """What a timer does that is held."""
 
 
 def _delays(kind: str, text: str, date: datetime) -> Iterator[int]:

@@ -1,8 +1,8 @@
-"""What the tokens of a robot wait for: in words, and by topic.
+"""What the tokens of a robot wait for, in words and by topic.
 
 Two hints go with a wait for a message. One says that the last message came before anybody waited for it. The other says
 that its publisher was gone meanwhile: after a network partition or a restart a message may be lost for good, and a
-healthy robot waits for ever. Whoever polls what the robot waits for compares who publishes now with who did before.
+healthy robot waits forever. Whoever polls what the robot waits for compares who publishes now with who did before.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from fame.bpmn import model
 from fame.clock import SECOND, Scheduler, date_at, date_text
 from fame.engine import Engine, waiting
 from fame.engine.program import USER, Node as ProgramNode
+from fame.engine.repair import INCIDENT
 from fame.engine.state import Wait, joins_reached
 from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, resolve
 from fame.robot.mission import Mission
 from fame.scripting import Runner, script_names
 from fame.scripting.requests import Act, Call
 
-SOMEBODY = "somebody to complete it"
+SOMEBODY = "a person to complete it"
 """What user and manual tasks wait for."""
 
 
@@ -124,7 +125,7 @@ class WaitingTokens:
         return min(now, self._seen.get(wait.key, now))
 
     def refresh_publishers(self) -> bool:
-        """Look who publishes now; whether that is different from the last time."""
+        """Look up the publishers. Returns whether they have changed."""
         before = self._graph
         self._graph = {topic: tuple(sorted(set(names))) for topic, names in self._publishers().items() if names}
         return self._graph != before
@@ -285,8 +286,10 @@ _ANY_TOPIC = _AnyTopic()
 
 
 def _kind(wait: Wait) -> str:
-    """What moves a token: ``timer``, ``user``, ``alternatives``, ``topic``, ``condition`` or ``script``."""
+    """What moves a token: ``timer``, ``user``, ``incident``, ``alternatives``, ``topic``, ``condition``, ``script``."""
     catch = wait.catch
+    if catch.trigger is INCIDENT:
+        return "incident"
     if catch.timer:
         return "timer"
     if catch.trigger is USER:
@@ -299,4 +302,4 @@ def _kind(wait: Wait) -> str:
 
 
 def _topic_text(topic: str, publishers: Mapping[str, Collection[str]]) -> str:
-    return f"topic {topic}" + ("" if publishers.get(topic) else ", which nobody else publishes")
+    return f"topic {topic}" + ("" if publishers.get(topic) else ", which no other node publishes")

@@ -1,9 +1,9 @@
 """A scenario: a world, its robots and a collaboration, run in one process or in many.
 
 In one process, a `Scenario` is a checked scenario file. `run` builds everything anew, runs until the mission is over or
-its duration has passed, and returns a `Result`. A robot whose process fails is brought to its safe state; the others go
-on, and all are stopped safely at the end. In many processes, a `Team` does the same: it starts the world and one engine
-per robot, deploys to them, monitors them and ends them.
+its duration has passed, and returns a `Result`. A robot whose process fails is brought to its safe state; the others
+continue, and all are stopped safely at the end. In many processes, a `Team` does the same: it starts the world and one
+engine per robot, deploys to them, monitors them and ends them.
 
     plan           the content of a scenario: cast, world, faults, completions; reading scenario files
     scenario       a plan that is read from files and can be run
@@ -14,7 +14,10 @@ per robot, deploys to them, monitors them and ends them.
     distributed    a scenario in many processes
     team_logs      its logs and drawings, made from its recording
     world_process  a simulated world in its own process, which publishes the clock; lockstep
-    deployment     deploying to present robots and to late joiners
+    deployment     deploying to discovered robots and to late joiners
+    settings       network and mission parameters of a scenario
+    exploration    exploring the states of a scenario
+    campaign       many runs; variation: what varies; campaign_report: the result
 """
 
 from __future__ import annotations

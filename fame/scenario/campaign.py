@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from fame.errors import ConfigError, FameError
+from fame.errors import ConfigError, FameError, display_name
 from fame.imports import require
 from fame.scenario.plan import Fault
 from fame.scenario.variation import FAULTS, Variation, points
@@ -41,7 +41,7 @@ class Job:
     library: tuple[str, ...] = ()
 
     def command(self) -> str:
-        """The command that does this run again."""
+        """The command that repeats this run."""
         words = ["fame", "run", self.scenario, "--seed", str(self.seed)]
         for path, value in self.changes.items():
             if path == FAULTS:
@@ -55,7 +55,7 @@ class Job:
 
 
 def run_job(job: Job) -> Row:
-    """Do a run, and tell how it went. An impossible world is a status, not an error."""
+    """Execute a run and return its row. An impossible world is a status, not an error."""
     from fame.scenario.run import Run
     from fame.scenario.scenario import Scenario
 
@@ -130,12 +130,12 @@ def _measured(text: str, variables: Mapping[str, _Variables]) -> Any:
 
 
 def cause_of(result: Any) -> str:
-    """Why a run did not complete: robot, element and code of the first error, else who waited at what."""
+    """The cause of a failed run: robot, element and code of the first error, else the robots that waited and where."""
     if result.status == "completed":
         return ""
     for robot in result.robots:
         for error in robot.errors:
-            return f"{robot.name} failed at {error.element} ({error.code or 'error'})"
+            return f"{robot.name} failed at {display_name(error.element, error.name)}: {error.code or 'error'}"
     waits = [f"{wait.robot} waited at {wait.element}" for robot in result.robots for wait in robot.waits]
     if result.never_started:
         return f"{', '.join(result.never_started)} never started" + (f"; {waits[0]}" if waits else "")
@@ -200,14 +200,14 @@ class Campaign:
         ]
 
     def check(self) -> None:
-        """Raise the error of a scenario or model that is wrong whatever varies."""
+        """Raise the error of a scenario or model that is wrong for all values."""
         from fame.scenario.run import Run
         from fame.scenario.scenario import Scenario
 
         Run(Scenario.load(self.scenario, duration=self.duration, library=self.library), False, None, None).close()
 
     def rows(self, done: Sequence[int] = ()) -> Iterator[Row]:
-        """Do the runs that are not done yet, and give their rows as they end."""
+        """Execute the remaining runs, and yield their rows as they end."""
         pending = [job for job in self.jobs() if job.number not in done]
         if self.backend == "loky":
             yield from _local(pending, self.workers)
@@ -282,15 +282,15 @@ def _died(job: Job) -> Row:
 
 
 class Folder:
-    """The folder of a campaign: what it is, and the rows of the runs that are done."""
+    """The folder of a campaign: its description, and the rows of the completed runs."""
 
     def __init__(self, path: Path) -> None:
         self.path: Path = path
 
     def begin(self, campaign: Campaign) -> None:
-        """Write what the campaign is. Raises ConfigError if another one is in the folder."""
+        """Write the description of the campaign. Raises ConfigError if another one is in the folder."""
         if (self.path / ABOUT).exists():
-            raise ConfigError("has a campaign already: --resume goes on with it", file=str(self.path))
+            raise ConfigError("has a campaign already; use --resume to continue it", file=str(self.path))
         self.path.mkdir(parents=True, exist_ok=True)
         (self.path / ABOUT).write_text(json.dumps(asdict(campaign), indent=2) + "\n", encoding="utf-8")
 
@@ -313,7 +313,7 @@ class Folder:
         )
 
     def rows(self) -> list[Row]:
-        """The rows of the runs that are done; a line that was cut off is left out."""
+        """The rows of the completed runs; an incomplete line is ignored."""
         path = self.path / ROWS
         if not path.exists():
             return []
@@ -341,7 +341,8 @@ def run_campaign(
 ) -> list[Row]:
     """Do what is left of a campaign, until the interval of the success rate is narrower than `width`, if given.
 
-    Raises KeyboardInterrupt after Ctrl-C; what is done is in the folder. `progress` gets all rows after each run.
+    Raises KeyboardInterrupt after Ctrl-C, and ConfigError if a script of the model fails in the very first run; what is
+    done is in the folder. `progress` gets all rows after each run.
     """
     from fame.scenario.campaign_report import interval
 
@@ -349,9 +350,13 @@ def run_campaign(
     runs = campaign.rows([row["run"] for row in rows])
     try:
         for row in runs:
+            if row["status"] == "interrupted":  # Ctrl-C has reached the run itself: it is done again when resumed
+                raise KeyboardInterrupt
             folder.add(row)
             rows.append(row)
             progress(rows)
+            if len(rows) == 1 and row["cause"].endswith(": script"):
+                raise ConfigError(_broken(row, folder))
             if width is not None and len(rows) >= 20:
                 low, high = interval(rows)
                 if high - low <= width:
@@ -359,3 +364,8 @@ def run_campaign(
     finally:
         runs.close()  # type: ignore[attr-defined]
     return rows
+
+
+def _broken(row: Row, folder: Folder) -> str:
+    go_on = f"fame campaign --resume {shlex.quote(str(folder.path))}"
+    return f"a script fails in the first run: {row['cause']}; see {row['command']}; to continue nevertheless: {go_on}"

@@ -1,4 +1,4 @@
-"""What a campaign has found: the probability of success, distributions, failures by cause, which parameter matters."""
+"""The result of a campaign: probability of success, distributions, failures by cause, influence of parameters."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COUNTED = ("completed", "failed", "timeout")
 
 
 def counted(rows: Iterable[Row]) -> list[Row]:
-    """The runs that took place."""
+    """The runs without those of impossible worlds."""
     return [row for row in rows if row["status"] in COUNTED]
 
 
@@ -76,7 +76,7 @@ _QUANTILES = {"min": 0.0, "p5": 0.05, "median": 0.5, "p95": 0.95, "max": 1.0}
 
 
 def causes(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """What did not complete, grouped by cause, the most frequent first; each with its shortest run."""
+    """Failed runs grouped by cause, the most frequent first; each with its shortest run."""
     groups: defaultdict[tuple[str, str], list[Row]] = defaultdict(list)
     for row in rows:
         if row["status"] != "completed":
@@ -153,7 +153,7 @@ def _correlation_ratio(values: Sequence[str], outcomes: Sequence[float]) -> floa
 
 
 def text_report(rows: Sequence[Row]) -> Iterator[str]:
-    """The result for people, a line each."""
+    """The result as lines of text."""
     found = summary(rows)
     statuses = ", ".join(f"{count} {status}" for status, count in found["statuses"].items())
     yield f"{found['runs']} runs: {statuses}"
@@ -171,7 +171,7 @@ def text_report(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def write_reports(rows: Sequence[Row], folder: Path, scenario: str, *, parquet: bool = False) -> list[Path]:
-    """Write ``runs.csv`` (or ``runs.parquet``), ``summary.json`` and ``index.html``. Returns their paths."""
+    """Write ``runs.csv`` (or ``runs.parquet``), ``summary.json``, ``index.html`` and its plots. Returns their paths."""
     rows = sorted(rows, key=lambda row: row["run"])
     flat = [_flat(row) for row in rows]
     columns = list(dict.fromkeys(name for row in flat for name in row))
@@ -191,9 +191,15 @@ def write_reports(rows: Sequence[Row], folder: Path, scenario: str, *, parquet: 
             writer = csv.DictWriter(file, columns)
             writer.writeheader()
             writer.writerows(flat)
-    (folder / "summary.json").write_text(json.dumps(summary(rows), indent=2) + "\n", encoding="utf-8")
-    (folder / "index.html").write_text(html_report(rows, scenario), encoding="utf-8")
-    return [table, folder / "summary.json", folder / "index.html"]
+    found = summary(rows)
+    files = {
+        "summary.json": json.dumps(found, indent=2) + "\n",
+        "index.html": html_report(rows, scenario),
+        **{f"{name}.svg": _standalone(plot) for name, plot in _plots(found, rows).items()},
+    }
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [table, *(folder / name for name in files)]
 
 
 def _flat(row: Row) -> dict[str, Any]:
@@ -212,27 +218,26 @@ def _flat(row: Row) -> dict[str, Any]:
 def html_report(rows: Sequence[Row], scenario: str) -> str:
     """One page: the result, the distribution of durations, failures with the commands that repeat them, parameters."""
     found = summary(rows)
-    done = [float(row["duration"]) for row in rows if row["status"] == "completed"]
+    plots = _plots(found, rows)
     low, high = found["interval"]
     share = f"{found['probability']:.1%}" if found["probability"] is not None else "no runs"
     body = [
         f"<h1>{escape(Path(scenario).name)}: {share} completed</h1>",
         f"<p>{found['runs']} runs; 95&nbsp;% interval {low:.1%} to {high:.1%} (Wilson).</p>",
-        _interval_picture(found["probability"] or 0.0, low, high),
+        plots["success"],
         _table(("status", "runs"), found["statuses"].items()),
     ]
-    if done:
-        body += ["<h2>Duration of completed runs (simulated s)</h2>", _histogram(done)]
+    if "duration" in plots:
+        body += ["<h2>Duration of completed runs (simulated s)</h2>", plots["duration"]]
     if found["distributions"]:
         heads = ("", "mean", *_QUANTILES)
         body.append(_table(heads, ((name, *spread.values()) for name, spread in found["distributions"].items())))
     if found["causes"]:
-        body.append("<h2>Why runs did not complete</h2>")
+        body.append("<h2>Failures by cause</h2>")
         lines = ((c["count"], c["status"], c["cause"], c["seed"], c["command"]) for c in found["causes"])
         body.append(_table(("runs", "status", "cause", "seed of the shortest", "command"), lines))
     if found["parameters"]:
-        body.append("<h2>Which parameter matters</h2>")
-        body.append(_bars([(one["path"], one["success"], one["duration"]) for one in found["parameters"]]))
+        body += ["<h2>Influence of parameters</h2>", plots["parameters"]]
     head = f'<meta charset="utf-8"><title>{escape(Path(scenario).name)}</title><style>{_STYLE}</style>'
     return f"<!doctype html><html lang=en><head>{head}</head><body>{''.join(body)}</body></html>\n"
 
@@ -247,6 +252,27 @@ def _table(heads: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
     cells = "".join(f"<th>{escape(head)}</th>" for head in heads)
     rows = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in line) + "</tr>" for line in lines)
     return f"<table><tr>{cells}</tr>{rows}</table>"
+
+
+def _plots(found: Mapping[str, Any], rows: Sequence[Row]) -> dict[str, str]:
+    """The plots of a campaign by name, as elements of SVG; those for which there are values."""
+    plots = {"success": _interval_picture(found["probability"] or 0.0, *found["interval"])}
+    done = [float(row["duration"]) for row in rows if row["status"] == "completed"]
+    if done:
+        plots["duration"] = _histogram(done)
+    if found["parameters"]:
+        plots["parameters"] = _bars([(one["path"], one["success"], one["duration"]) for one in found["parameters"]])
+    return plots
+
+
+def _standalone(plot: str) -> str:
+    """A plot as a file of its own, on white."""
+    style = "<style>text{font:12px Arial,Helvetica,sans-serif}</style><rect width='100%' height='100%' fill='#fff'/>"
+    head, end, rest = plot.partition(">")
+    return f"{head.replace('<svg', _SVG, 1)}{end}{style}{rest}\n"
+
+
+_SVG = '<svg xmlns="http://www.w3.org/2000/svg"'
 
 
 def _interval_picture(probability: float, low: float, high: float) -> str:

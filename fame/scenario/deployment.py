@@ -1,4 +1,4 @@
-"""Deploying a model to the engines that are present, and to late joiners."""
+"""Deploy a model to the discovered engines, and to late joiners."""
 
 from __future__ import annotations
 

@@ -27,7 +27,8 @@ from fame.deploy import STATUS_QOS, STRING, Deployment, Report
 from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.signing import new_run_key
 from fame.middleware.interface import LATCHED
-from fame.scenario.process import PARENT, connect, decode_event, event_text, scheduler_for
+from fame.robot.events import Event
+from fame.scenario.process import PARENT, ScriptWarning, connect, decode_line, event_text, scheduler_for
 from fame.scenario.result import (
     Result,
     RobotResult,
@@ -41,7 +42,6 @@ from fame.scenario.result import (
 from fame.scenario.world_process import EMPTY, RESUME, WORLD_STATE
 
 if TYPE_CHECKING:
-    from fame.robot import Event
     from fame.scenario.plan import Plan
     from fame.scenario.team_logs import TeamLogs
 
@@ -152,10 +152,20 @@ class Team:
         return tuple(reported_result(robot, self.reports.get(robot)) for robot in self.scenario.cast)
 
     def _on_output(self, name: str, line: str) -> None:
-        event = decode_event(line)
-        if event is not None:
-            self._events.append(event)
-        self._on_line(name, line if event is None else event_text(event))
+        said = decode_line(line)
+        if isinstance(said, Event):
+            self._events.append(said)
+            line = event_text(said)
+        elif said is not None:
+            line = str(self._in_own_files(name, said))
+        self._on_line(name, line)
+
+    def _in_own_files(self, robot: str, warning: ScriptWarning) -> ScriptWarning:
+        """A warning with its place in the files of the mission, not in the part that the robot was sent."""
+        if self._deployment is None or robot not in self._deployment.robots:
+            return warning
+        file, line = self._deployment.source_map(robot).place(warning.file, warning.line)
+        return ScriptWarning(file, line, warning.text)
 
     def _interrupt(self, *_: object) -> None:
         self._status = "interrupted"
@@ -215,7 +225,7 @@ class Team:
         return float(self.world["time"]) if self.world is not None else self.scheduler.now / SECOND
 
     def _listen(self) -> None:
-        node = self.middleware.node("fame_team")
+        node = self.middleware.node("_fame_team")
         for robot in self.scenario.cast:
             node.subscription(
                 f"/{robot}/bpmn_status", STRING, partial(self._on_report, self._reader(robot)), STATUS_QOS
@@ -359,8 +369,8 @@ class Subprocesses:
         assert process.stderr is not None
         with process.stderr as lines:
             for line in lines:
-                event = decode_event(line)
-                self.last[name] = line.strip() if event is None else event_text(event).strip()
+                said = decode_line(line)
+                self.last[name] = (event_text(said) if isinstance(said, Event) else str(said or line)).strip()
                 self._on_line(name, line.rstrip())
 
 

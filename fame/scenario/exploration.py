@@ -1,18 +1,24 @@
-"""Explore a model or scenario: as many robots as it has, every reachable state (`fame.check.explore`)."""
+"""Explore every reachable state of a model or scenario, with its number of robots (`fame.check.explore`)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool, assign_pools, pools_of
-from fame.check.explore import Exploration, Request, explore_team
+from fame.check.explore import Exploration, Request, explore_from, explore_team
 from fame.errors import ConfigError, expect
 from fame.scenario.scenario import Scenario
 
+if TYPE_CHECKING:
+    from fame.deploy.migration import Foreseen
+
+MOST = 1000
+"""Robots of a pool, above which nothing is explored."""
 FEWEST = 2
 """Robots of a multi-instance pool, where nothing else says how many."""
 
@@ -25,19 +31,25 @@ def explore(
     delivery: str | Sequence[str] = ("run", "fast"),
     network: str = "fifo",
     timers: str = "any",
+    tasks: str = "instant",
+    ends: str = "any",
+    fairness: str = "strong",
     faults: bool = False,
     reduced: bool = True,
     limit: int = 200_000,
     seconds: float | None = None,
 ) -> Exploration:
-    """Explore the reachable states of a collaboration, and find what may go wrong in it.
+    """Explore the reachable states of a collaboration, and return the findings.
 
     model     a scenario (.yaml), a model (.bpmn) or what `fame.read` gave
     robots    number of robots of a multi-instance pool, by its name; else as many as the scenario has, else the minimum
               of the multiplicity, at least 2
     delivery  ``run``, ``fast`` or ``any``, or several of them
-    network   ``fifo`` or ``bag``
+    network   ``fifo``, or ``bag``, which has delivery ``any`` in the place of ``run``
     timers    ``any`` order, or ``ordered`` by their durations
+    tasks     ``instant``: plain and send tasks complete at once; ``timed``: they take time
+    ends      ``once``: report a second token that comes to an end event; ``any``: do not
+    fairness  ``strong``: a mission that can leave a loop does so; ``weak``: report that it may go round forever
     faults    also what single faults lead to
     reduced   leave out orders of steps that make no difference
     limit     states of all deliveries together
@@ -51,7 +63,15 @@ def explore(
     expect(bool(deliveries), "delivery", delivery, "run, fast or any")
     expect(network in ("fifo", "bag"), "network", network, "fifo or bag")
     expect(timers in ("any", "ordered"), "timers", timers, "any or ordered")
+    expect(tasks in ("instant", "timed"), "tasks", tasks, "instant or timed")
+    expect(ends in ("any", "once"), "ends", ends, "any or once")
+    expect(fairness in ("strong", "weak"), "fairness", fairness, "strong or weak")
+    if network == "bag" and "run" in deliveries:  # at once means not kept; any order includes all others
+        deliveries = ("any",)
     request = Request(
+        timed=tasks == "timed",
+        once=ends == "once",
+        weak=fairness == "weak",
         delivery=deliveries,  # type: ignore[arg-type]  # checked above
         network=network,  # type: ignore[arg-type]
         ordered=timers == "ordered",
@@ -64,10 +84,31 @@ def explore(
     return explore_team(definitions, found, cast, request)
 
 
+def explore_migrated(
+    definitions: Definitions,
+    library: Library,
+    pools: Mapping[str, Pool],
+    foreseen: Mapping[str, Foreseen],
+    *,
+    seconds: float,
+) -> Exploration:
+    """Explore what may follow once what robots run has gone over to a model; robots that run nothing start it.
+
+    Raises ModelError, MissionError and ConfigError if that cannot be explored.
+    """
+    states = {robot: dict(one.state) for robot, one in foreseen.items() if one.state}
+    large = [robot for robot, one in foreseen.items() if one.tokens and not one.state]
+    if large:
+        raise ConfigError(f"the state of {', '.join(large)} is too large to be sent")
+    return explore_from(definitions, library, pools, states, Request(delivery=("run",), seconds=seconds))
+
+
 def cast_of(
     model: str | Path | Definitions, robots: Mapping[str, int], library: str | Path | Sequence[str | Path]
 ) -> tuple[Definitions, Library, dict[str, Pool]]:
     """The model, its library, and robot -> pool. Raises ModelError and ConfigError."""
+    for name, count in robots.items():
+        expect(0 < count <= MOST, f"robots of {name}", count, f"1 to {MOST}")
     if not isinstance(model, Definitions) and Path(model).suffix.lower() in (".yaml", ".yml"):
         plan = Scenario.load(model, robots=robots, library=library)
         return plan.definitions, plan.library, dict(plan.cast)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date, datetime
@@ -107,6 +108,13 @@ class ScenarioFile:
     variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
+def _beside(path: Path, name: str) -> Path:
+    """A file that a scenario names, without ``folder/..`` in its path, unless a link makes that another file."""
+    whole = path.parent / name
+    plain = Path(os.path.normpath(whole))
+    return plain if whole.exists() and plain.exists() and plain.samefile(whole) else whole
+
+
 def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({})) -> ScenarioFile:
     """Read a scenario file, with other values at the paths of `changes`. Raises ConfigError with file, line and key."""
     from fame.config.loader import read_document
@@ -126,7 +134,7 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
         world = world_config(keys["world"])
     folders = keys["library"].items() if "library" in keys else []
     return ScenarioFile(
-        model=path.parent / model,
+        model=_beside(path, model),
         world=world,
         computers=_computers(keys["computers"], world) if "computers" in keys else (),
         seed=keys["seed"].integer(minimum=0) if "seed" in keys else 0,

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sys
+import warnings
 from collections.abc import Callable
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from fame.clock import SECOND, WallScheduler
 from fame.errors import ConfigError
@@ -21,9 +23,19 @@ PARENT = "FAME_PARENT"
 """Environment variable with the process id of the FAME process that started this one and displays its output. When the
 parent is gone, this process ends."""
 
+_EVENT, _WARNING = "fame_event", "fame_warning"
+"""The keys of events and warnings in the lines of a child."""
 
-_EVENT = "fame_event"
-"""The key of an event in a line of a child."""
+
+class ScriptWarning(NamedTuple):
+    """A Python warning, as a rule of a script: the model file and the line (1-based) in it, and what it says."""
+
+    file: str
+    line: int
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}: {self.text}"
 
 
 def is_child() -> bool:
@@ -42,12 +54,26 @@ def encode_event(event: Event) -> str:
     return json.dumps({_EVENT: [event.time, event.robot, event.element, event.what, str(event.detail)]})
 
 
-def decode_event(line: str) -> Event | None:
-    """Return the event that a child printed with `encode_event`; None for any other line."""
+def encode_warning(warning: ScriptWarning) -> str:
+    """Return the line that a child prints for a warning: its parent knows the file that the line came from."""
+    return json.dumps({_WARNING: warning})
+
+
+def _print_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: object) -> None:
+    warning = ScriptWarning(filename, lineno, f"{category.__name__}: {message}")
+    print(encode_warning(warning), file=sys.stderr, flush=True)
+
+
+def decode_line(line: str) -> Event | ScriptWarning | None:
+    """Return the event or warning that a child printed; None for any other line."""
     if not line.startswith("{"):
         return None
     try:
-        time, robot, element, what, detail = json.loads(line)[_EVENT]
+        fields = json.loads(line)
+        if _WARNING in fields:
+            file, number, text = fields[_WARNING]
+            return ScriptWarning(str(file), int(number), str(text))
+        time, robot, element, what, detail = fields[_EVENT]
         return Event(int(time), str(robot), 0, 0, str(element), str(what), str(detail))
     except (ValueError, TypeError, KeyError, RecursionError):
         return None
@@ -64,7 +90,7 @@ class Router(str):
 
 
 class Component(Protocol):
-    """What a process serves: an engine, a world, a splitter ..."""
+    """The component that a process runs: an engine, a world, a splitter ..."""
 
     def stop(self) -> bool:
         """Begin to stop; return whether more time is needed and `stop` should be called again."""
@@ -133,6 +159,8 @@ def serve(
 
     `on_warning` is called with each warning of the middleware.
     """
+    if is_child():
+        warnings.showwarning = _print_warning  # type: ignore[assignment]
     scheduler = scheduler_for(backend)
     middleware = connect(backend, scheduler, network, on_warning)
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import signal
 import threading
 import time
@@ -34,6 +35,9 @@ _SLICE = 1.0  # simulated s between two progress reports at most
 _PROGRESS = 0.1  # wall s between two progress reports
 _THRESHOLDS = 100_000, 20, 100
 """Garbage collection thresholds: the youngest generation holds all messages in flight at an instant."""
+_RUNS = itertools.count(1)
+"""The runs of this process; before each of so many (`_COLLECTED`) its garbage is collected."""
+_COLLECTED = 8
 
 
 class Pace(Protocol):
@@ -297,7 +301,8 @@ class Run:
         for instance in node.engine.instances.values():
             element = next((rest.node.id for rest in instance.waits()), "")
             text = f"its engine died at {self.scheduler.now / SECOND:g} s"
-            instance.error = MissionError(text, robot=node.name, element=element, code="engine")
+            name = next((one.name for _, one in node.mission.flow_nodes() if one.id == element), "")
+            instance.error = MissionError(text, robot=node.name, element=element, code="engine", name=name)
             instance.status = "failed"
             root, process = instance.root.key, node.mission.process.id
             if self.observer is not None:
@@ -324,7 +329,13 @@ class Run:
 
 @contextmanager
 def seldom_collected() -> Iterator[None]:
-    """Exempt existing objects from garbage collection and collect rarely; restore the former settings afterwards."""
+    """Exempt existing objects from garbage collection and collect rarely; restore the former settings afterwards.
+
+    Exempt objects never become due for collection. Worlds and engines of former runs, which refer to each other, are
+    therefore collected here, every few runs: the memory of many runs in one process stays flat.
+    """
+    if next(_RUNS) % _COLLECTED == 0:
+        gc.collect()
     former = gc.get_threshold()
     gc.freeze()
     gc.set_threshold(*_THRESHOLDS)

@@ -87,11 +87,8 @@ class Scenario(Plan):
             _check_completion(done, tasks, str(path), line)
         joined = _joined(content.network, network)
         check_network(joined, list(cast), str(path))
-        chosen = {
-            robot: {**content.variables.get(robot, {}), **variables.get(robot, {})}
-            for robot in dict.fromkeys((*content.variables, *variables))
-        }
-        cast, chosen = with_parameters(cast, definitions, folders, chosen, str(path))
+        given = _merged(content.variables, variables)
+        cast, chosen = with_parameters(cast, definitions, folders, given, str(path))
         return cls(
             file=str(path),
             definitions=definitions,
@@ -287,3 +284,10 @@ def scenario_findings(path: Path, *, library: Sequence[Path] = (), strict: bool 
     except FameError as error:
         return [Finding("error", str(error), str(path))]
     return []
+
+
+def _merged(
+    of_file: Mapping[str, Mapping[str, Any]], given: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Mission parameters by robot: those of the file, overridden by those that are given."""
+    return {robot: {**of_file.get(robot, {}), **given.get(robot, {})} for robot in dict.fromkeys((*of_file, *given))}

@@ -14,8 +14,9 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.log.channels import GROUND, WORLD
 from fame.log.conversion import FORMS, convert
-from fame.log.recorder import About, LogTopics, RecordingFile, model_attachments
+from fame.log.recorder import About, LogTopics, model_attachments
 from fame.log.recording import Recording
+from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.log.writing import RECORDING, new_file
 from fame.middleware.interface import Middleware

@@ -1,4 +1,4 @@
-"""What varies between the runs of a campaign: distributions by path of the scenario, and how they are combined.
+"""Variation between the runs of a campaign: distributions by path of the scenario, and how they are combined.
 
 A path names a value of the scenario file as its keys do: ``variables.REX.speed``, ``network.loss``,
 ``world.robots.REX.at``; items of a list by their name (``world.weeds.dock.at``) or place. ``faults`` is one value.

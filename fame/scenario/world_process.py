@@ -80,7 +80,9 @@ class WorldNode:
         self._due = 0
         self._lockstep, self._opened = steps, steps is None
         self._rounds = (
-            LockstepRounds(team, scheduler, middleware, self._node, self._go_on) if steps is not None else None
+            LockstepRounds(team, scheduler, middleware, self._node, self._go_on, self._publish_clock)
+            if steps is not None
+            else None
         )
         if not paused:
             self.resume()
@@ -102,14 +104,14 @@ class WorldNode:
                 self._next = self._scheduler.soon(self._tick, Kind.WORLD)
 
     def _publish_scenes(self) -> None:
-        """Publish what recordings have of a world: the ground, and robots while somebody subscribes."""
+        """Publish the world for recordings: the ground, and the robots while there are subscribers."""
         from sim2d.scene import SceneRecorder
 
         scene = self._node.publisher(WORLD_SCENE, _STRING)
         ground = self._node.publisher(WORLD_GROUND, _STRING, LATCHED)
 
-        def put(topic: str, time: int, text: str) -> None:
-            (ground if topic == GROUND else scene).publish(messages.create(_STRING, text))
+        def put(topic: str, time: int, text: Callable[[], str]) -> None:
+            (ground if topic == GROUND else scene).publish(messages.create(_STRING, text()))
 
         SceneRecorder(self._world, put, wanted=lambda: scene.subscriber_count() > 0)
 
@@ -137,7 +139,7 @@ class WorldNode:
         self._due = max(wanted, self._scheduler.now - _LATE)
         if self._lockstep is not None:
             self._lockstep.flush()
-        self._clock.publish(clock_message(self.time.now))
+        self._publish_clock()
         if self._rounds is not None:
             self._rounds.begin(self.time.now)
         else:
@@ -150,9 +152,12 @@ class WorldNode:
         if not self.paused:
             self._next = self._scheduler.at(self._due, self._tick, Kind.WORLD)
 
+    def _publish_clock(self) -> None:
+        self._clock.publish(clock_message(self.time.now))
+
     def _publish_state(self) -> None:
         if self.paused and self._lockstep is None:
-            self._clock.publish(clock_message(self.time.now))
+            self._publish_clock()
         state: dict[str, Any] = {**self._world.summary(), "paused": self.paused}
         self._state.publish(messages.create(_STRING, json.dumps(state)))
         self._next_state = self._scheduler.after(_STATE_PERIOD, self._publish_state)
@@ -163,12 +168,23 @@ _CHECK = SECOND
 
 
 class LockstepRounds:
-    """Waits in each step for the engines of the team, except those that have left, then calls `over`."""
+    """Waits in each step for the engines of the team, except those that have left, then calls `over`.
+
+    An engine that has come back did not get the step: `repeat` is called to publish it again. It belongs to the team as
+    soon as it reports a step.
+    """
 
     def __init__(
-        self, team: Sequence[str], scheduler: Scheduler, middleware: Middleware, node: Node, over: Callable[[], object]
+        self,
+        team: Sequence[str],
+        scheduler: Scheduler,
+        middleware: Middleware,
+        node: Node,
+        over: Callable[[], object],
+        repeat: Callable[[], object],
     ) -> None:
         self.team: dict[str, None] = dict.fromkeys(team)
+        self._all, self._repeat = frozenset(team), repeat
         self._scheduler, self._middleware, self._over = scheduler, middleware, over
         self._seen: set[str] = set()
         self._waiting: set[str] = set()
@@ -194,6 +210,8 @@ class LockstepRounds:
 
     def _on_step_done(self, message: Message) -> None:
         self._seen.add(message.frame_id)
+        if message.frame_id in self._all:
+            self.team[message.frame_id] = None
         if nanoseconds(message.stamp) == self._time:
             self._finish(message.frame_id)
 
@@ -212,4 +230,6 @@ class LockstepRounds:
                 self.team.pop(robot, None)
                 self._seen.discard(robot)
                 self._finish(robot)
+        if self._waiting & self._seen:
+            self._repeat()
         self._check = self._scheduler.after(_CHECK, self._drop_missing)

@@ -3,7 +3,7 @@
 ================  =======================================================================
 compile_script    statements; returns None, or a suspended script if it has to wait
 compile_expression  conditions and values
-interface         the script interface: the ``__builtins__`` of the variables
+interface         the module of the script interface: the ``__builtins__`` of the variables
 Runner            runs suspended scripts
 script_topics     the topics that a script names, for endpoints created at load
 script_names      the variables that a text reads and writes, for checks
@@ -11,19 +11,49 @@ code_names        the functions, classes and modules that a script leaves for la
 ================  =======================================================================
 """
 
-from fame.engine.data import UNDEFINED, Variables, plain
-from fame.engine.host import BpmnError, Cancelled
-from fame.scripting.analysis import ScriptTopic, code_names, script_names, script_topics
-from fame.scripting.budget import BudgetExceeded, heartbeat
-from fame.scripting.interface import NAMES, Log, Robot, another, interface, mission_date
-from fame.scripting.languages import compile_expression, compile_script
-from fame.scripting.python import error_line, error_text
-from fame.scripting.requests import Call, Inbox, MessageQueue, Receive, Request, Sleep, Until
-from fame.scripting.runner import GRACE, Runner
+from __future__ import annotations
 
-__all__ = [
-    "GRACE", "NAMES", "UNDEFINED", "BpmnError", "BudgetExceeded", "Call", "Cancelled", "Inbox", "Log",
-    "MessageQueue", "Receive", "Request", "Robot", "Runner", "ScriptTopic", "Sleep", "Until", "Variables",
-    "another", "code_names", "compile_expression", "compile_script", "error_line", "error_text", "heartbeat",
-    "interface", "mission_date", "plain", "script_names", "script_topics",
-]  # fmt: skip
+from typing import TYPE_CHECKING
+
+from fame.imports import attach
+
+if TYPE_CHECKING:
+    from fame.scripting.analysis import (
+        ScriptTopic as ScriptTopic,
+        code_names as code_names,
+        script_names as script_names,
+        script_topics as script_topics,
+    )
+    from fame.scripting.budget import BudgetExceeded as BudgetExceeded, heartbeat as heartbeat
+    from fame.scripting.interface import (
+        NAMES as NAMES,
+        Log as Log,
+        Robot as Robot,
+        another as another,
+        mission_date as mission_date,
+    )
+    from fame.scripting.languages import compile_expression as compile_expression, compile_script as compile_script
+    from fame.scripting.python import error_line as error_line, error_text as error_text
+    from fame.scripting.requests import (
+        Call as Call,
+        Inbox as Inbox,
+        MessageQueue as MessageQueue,
+        Receive as Receive,
+        Request as Request,
+        Sleep as Sleep,
+        Until as Until,
+    )
+    from fame.scripting.runner import GRACE as GRACE, Runner as Runner
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "analysis": ["ScriptTopic", "code_names", "script_names", "script_topics"],
+            "budget": ["BudgetExceeded", "heartbeat"],
+            "interface": ["NAMES", "Log", "Robot", "another", "mission_date"],
+            "languages": ["compile_expression", "compile_script"],
+            "python": ["error_line", "error_text"],
+            "requests": ["Call", "Inbox", "MessageQueue", "Receive", "Request", "Sleep", "Until"],
+            "runner": ["GRACE", "Runner"],
+        },
+    )

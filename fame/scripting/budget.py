@@ -33,7 +33,6 @@ from itertools import repeat
 from types import FrameType
 from typing import Any
 
-from fame.engine.data import BUILTINS
 from fame.scripting.data import Evaluate
 
 BUDGET = "__budget__"
@@ -264,7 +263,7 @@ def metered(evaluate: Evaluate) -> Evaluate:
     """Evaluate within the budget of the script interface of the variables."""
 
     def run(variables: Mapping[str, Any]) -> Any:
-        names = variables.get(BUILTINS)
+        names = variables.get("__builtins__")
         budget = names.get(BUDGET) if isinstance(names, dict) else None
         _METER.limit = _METER.left = budget.limit if budget is not None else DEFAULT
         try:

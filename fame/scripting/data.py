@@ -111,7 +111,7 @@ def _fields(value: Any) -> list[str]:
 
 
 _BITS = 4096
-"""Longest product: each multiplication can double the length, so a few dozen of them would take for ever."""
+"""Longest product: each multiplication can double the length, so a few dozen of them would take forever."""
 
 
 def product(left: Any, right: Any) -> Any:

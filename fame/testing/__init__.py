@@ -11,15 +11,19 @@ The fixture ``mission`` loads a model or a scenario::
 ::
 
     plugin        options and fixture of pytest, the report of a failed test
-    mission       a mission under test: what drives it
-    expectations  what is expected of a robot
-    failure       what a failed expectation shows and saves
-    trace         what has happened, and where
-    elements      elements of a model by label or id
-    fakes         topics, services, actions and people that a test plays
-    stubs         behaviours that a test replaces
-    coverage      elements and flows that tests have entered
-    strategies    strategies of hypothesis: networks, faults, free places, messages
+    mission        a mission under test: driving it
+    by_hand        a mission that runs step by step
+    manual_robots  the robots of such a mission
+    expectations   expectations of a robot
+    failure        the text and the files of a failed expectation
+    trace          the events of a mission by element
+    elements       elements of a model by label or id
+    fakes          fake topics, services, actions and people
+    series         messages of fake topics from files
+    stubs          behaviours that a test replaces
+    coverage       elements and flows that tests have entered
+    explored_runs  runs of an exploration on real engines, and as tests
+    strategies     strategies of hypothesis: networks, faults, free places, messages
 """
 
 from __future__ import annotations

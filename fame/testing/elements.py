@@ -57,6 +57,10 @@ class Elements:
             raise ConfigError(f"{robot} has no element {name!r}{self._similar(elements, name)}")
         return found
 
+    def label(self, robot: str, id: str) -> str:
+        """The label of an element of a robot, on one line; empty if it has none."""
+        return " ".join(self._names.get(robot, {}).get(id, "").split())
+
     def shown(self, robot: str, id: str) -> str:
         """An element of a robot as messages show it: its label and id."""
         return display_name(id, self._names.get(robot, {}).get(id, ""))

@@ -1,4 +1,4 @@
-"""What is expected of a robot. Each expectation returns something that more can be said about."""
+"""Expectations of a robot. Each one returns an object on which further expectations can be stated."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Expectation:
-    """What is expected of a robot. Methods raise ExpectationError, and ConfigError for an unknown element."""
+    """Expectations of a robot. Methods raise ExpectationError, and ConfigError for an unknown element."""
 
     def __init__(self, mission: MissionUnderTest, robot: str) -> None:
         self._mission, self._robot = mission, robot
@@ -37,7 +37,7 @@ class Expectation:
         """A token has come to the element."""
         __tracebackhide__ = True
         ids, shown = self._find(element)
-        steps = self._steps(ids, "enter") or self._steps(ids, "take")
+        steps = self._mission.trace.arrivals(self._robot, ids)
         if not steps:
             raise self._error(f"expected to have entered {shown}, but {_NEVER}")
         return Passage(self, shown, steps)
@@ -46,7 +46,7 @@ class Expectation:
         """No token has come to the element."""
         __tracebackhide__ = True
         ids, shown = self._find(element)
-        steps = self._steps(ids, "enter") or self._steps(ids, "take")
+        steps = self._mission.trace.arrivals(self._robot, ids)
         if steps:
             raise self._error(f"expected never to enter {shown}, but it was entered at {_moment(steps[0])}")
         return self
@@ -115,7 +115,7 @@ class Expectation:
 
 
 class Passage:
-    """An element that was passed or entered: more that is expected of when."""
+    """An element that was passed or entered: expectations of when."""
 
     steps: list[Step]
 
@@ -138,7 +138,7 @@ class Passage:
         return self._compare(element, "after", lambda own, other: own.order > other.order)
 
     def within(self, seconds: float) -> Passage:
-        """The first time was at most so many simulated seconds after the start."""
+        """The first time was at most this long after the start (simulated s)."""
         __tracebackhide__ = True
         if self.steps[0].time > seconds * SECOND:
             text = f"expected {self._shown} within {seconds:g} s, but it was at {_moment(self.steps[0])}"
@@ -148,7 +148,7 @@ class Passage:
     def _compare(self, element: str, word: str, holds: Callable[[Step, Step], bool]) -> Passage:
         __tracebackhide__ = True
         ids, shown = self._expectation._find(element)
-        others = self._expectation._steps(ids, "enter") or self._expectation._steps(ids, "take")
+        others = self._expectation._mission.trace.arrivals(self._expectation._robot, ids)
         if not others:
             raise self._expectation._error(f"expected {self._shown} {word} {shown}, but {shown} was never entered")
         if not holds(self.steps[0], others[0]):

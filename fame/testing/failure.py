@@ -1,4 +1,4 @@
-"""What a failed expectation shows: where each token is, what it waits for and why, and the last events.
+"""The text of a failed expectation: where each token is, what it waits for and why, and the last events.
 
 The run is saved beside it: the recording (``run.mcap``), and each diagram with the path of the run on it.
 """

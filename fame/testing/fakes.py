@@ -1,8 +1,7 @@
-"""What a test plays beside the mission: topics, services, actions and people, all in simulated time."""
+"""Fakes for a mission under test: topics, services, actions and people, all in simulated time."""
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
@@ -14,6 +13,8 @@ from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from fame.middleware.actions import CANCEL, FEEDBACK
 from fame.middleware.interface import SIGNAL, DeferredResponse, Message, Node, QoS
+from fame.middleware.local import LocalClient, LocalNode
+from fame.testing.series import read_recorded, read_series
 from fame.testing.trace import Step
 from fame.text import suggestion
 
@@ -27,7 +28,7 @@ _SUCCEEDED, _CANCELLED, _ABORTED = 4, 5, 6
 
 
 class Fakes:
-    """All that a test plays for one mission. What is made before the mission begins is there from its beginning."""
+    """The fakes of one mission. Those made before the mission begins exist from its beginning."""
 
     def __init__(self, mission: MissionUnderTest) -> None:
         self._mission = mission
@@ -66,11 +67,12 @@ def _full(name: str) -> str:
 
 
 class FakeTopic:
-    """A publisher that a test plays. The type may be left out if the mission uses the topic.
+    """A fake publisher. The type may be omitted if the mission uses the topic.
 
     values, every  messages from time 0 on, one every so many simulated s (the last one is not repeated)
     series         (simulated s, message) pairs, or a mapping
-    csv            a file with a column ``stamp`` (s) and one for each field (``pose.x``); `bag`: a recorded bag
+    csv            a file with a column ``stamp`` (s) and one for each field (``pose.x``)
+    bag            a bag of ROS (from its first message on), or a recording of FAME (from the start of its run)
     """
 
     def __init__(
@@ -104,12 +106,7 @@ class FakeTopic:
         type = self._type or self._known_type()
         self._publisher = node.publisher(self.topic, type, self._qos)
         if self._bag is not None:
-            from fame.monitor.data_files import read_bag
-
-            first: float | None = None
-            for time, _, message in read_bag(self._bag, {self.topic: type}):
-                first = time if first is None else first
-                self._series.append((time - first, message))
+            self._series = read_recorded(Path(self._bag), self.topic, type)
         made = [(time, messages.create(self._publisher.type, value)) for time, value in self._series]
         scheduler = self._mission.run.scheduler
         for time, message in made:
@@ -131,40 +128,8 @@ class FakeTopic:
         return topics[self.topic].type
 
 
-def read_series(path: Path) -> list[tuple[float, Any]]:
-    """The rows of a CSV file: time (column ``stamp``, s) and fields by path. Raises ConfigError with file and line."""
-    if not path.is_file():
-        raise ConfigError("no such file", file=str(path))
-    with path.open(newline="", encoding="utf-8") as file:
-        reader = csv.DictReader(file)
-        if "stamp" not in (reader.fieldnames or ()):
-            has = ", ".join(reader.fieldnames or ()) or "none"
-            raise ConfigError(f"expected a column stamp (s), got the columns {has}", file=str(path), line=1)
-        series = []
-        for row in reader:
-            line = reader.line_num
-            try:
-                time = float(row.pop("stamp") or "")
-            except ValueError as error:
-                raise ConfigError(f"stamp: {error}", file=str(path), line=line) from None
-            series.append((time, _nested({name: text for name, text in row.items() if name and text})))
-    return series
-
-
-def _nested(fields: Mapping[str, str]) -> dict[str, Any]:
-    """``{"pose.x": "1"}`` as ``{"pose": {"x": "1"}}``."""
-    found: dict[str, Any] = {}
-    for name, text in fields.items():
-        *path, last = name.split(".")
-        inner = found
-        for part in path:
-            inner = inner.setdefault(part, {})
-        inner[last] = text
-    return found
-
-
 class FakeService:
-    """A service that a test plays: `response` is a message, a mapping, or a function of the request; `after` in s.
+    """A fake service: `response` is a message, a mapping, or a function of the request; `after` in s.
 
     With `fail` it takes requests and never answers. `requests` has what was requested.
     """
@@ -184,11 +149,13 @@ class FakeService:
         self.name = name
         self.requests: list[Message] = []
         self._mission, self._type, self._response, self._after, self._fail = mission, type, response, after, fail
-        if not callable(response) and response is not None:
-            messages.create(messages.service(type)[1], response)  # refused now, not when it is called
+        _, answer = messages.service(type)
+        if not callable(response):
+            messages.create(answer, response)  # refused now, not when it is called
 
     def begin(self, node: Node) -> None:
-        """Offer the service."""
+        """Offer the service. Raises ConfigError if the mission calls one of this name with another type."""
+        _expect_called_type(self._mission, self.name, self._type)
         node.service(self.name, self._type, self._handle)
 
     def _handle(self, request: Message) -> Any:
@@ -201,7 +168,7 @@ class FakeService:
 
 
 class FakeAction:
-    """An action server that a test plays. A goal ends `after` simulated s.
+    """A fake action server. A goal ends `after` simulated s.
 
     feedback  messages, evenly spread over that time
     result    a message, a mapping, or a function of the goal
@@ -230,6 +197,9 @@ class FakeAction:
         self.cancelled: int = 0
         self._mission, self._type, self._after = mission, messages.action(type), after
         self._feedback, self._result, self._fail = feedback, result, fail
+        for part, value in (("Result", result), *(("Feedback", one) for one in feedback)):
+            if not callable(value):
+                messages.create(f"{self._type}_{part}", value)  # refused now, not when a goal has come
         self._results: dict[bytes, DeferredResponse] = {}
         self._ended: set[bytes] = set()
 
@@ -273,6 +243,15 @@ class FakeAction:
 
     def _later(self, goal_id: Message) -> DeferredResponse:
         return self._results.setdefault(bytes(goal_id.uuid), DeferredResponse())
+
+
+def _expect_called_type(mission: MissionUnderTest, name: str, type: str) -> None:
+    """Raise ConfigError if a robot has a client of this service with another type."""
+    for robot in mission.run.nodes:
+        ends = robot.node.endpoints if isinstance(robot.node, LocalNode) else ()
+        for end in ends:
+            if isinstance(end, LocalClient) and end.name == name and end.type != type:
+                raise ConfigError(f"fake_service({name!r}): {robot.name} calls it as {end.type}, got {type}")
 
 
 class _Person:

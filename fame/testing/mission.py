@@ -15,21 +15,23 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
 from fame.engine.state import Trail, scopes_of
 from fame.engine.waiting import check_conditions
 from fame.errors import ConfigError
-from fame.log.recorder import About, Recorder, recording_to
+from fame.log.recorder import About, PutScene, Recorder, recording_to
+from fame.log.recording_file import FileWriter, RecordingFile
 from fame.middleware import messages
 from fame.middleware.interface import resolve
 from fame.middleware.local import LocalNode, LocalPublisher
 from fame.robot import Event, RobotNode
-from fame.robot.events import combine_observers
+from fame.robot.events import Observer, combine_observers
 from fame.scenario import Fault, Scenario
 from fame.scenario.run import Run
+from fame.scenario.settings import ALL, with_parameters
 from fame.testing.elements import Elements
 from fame.testing.expectations import Expectation
 from fame.testing.failure import failure, save_diagrams
@@ -37,6 +39,9 @@ from fame.testing.fakes import Fakes
 from fame.testing.stubs import Stub, StubLibrary
 from fame.testing.trace import Trace
 from fame.text import suggestion
+
+if TYPE_CHECKING:
+    from fame.testing.by_hand import MissionByHand
 
 WITHIN = 600.0
 """Default time limit of `run_until` (simulated s)."""
@@ -69,9 +74,6 @@ class MissionUnderTest:
         self.trace: Trace = Trace(dict.fromkeys(scenario.cast, scenario.definitions.file))
         self.library: StubLibrary = StubLibrary(scenario.library)
         self._folder = folder
-        self._variables: dict[str, dict[str, Any]] = {
-            robot: dict(scenario.variables.get(robot, {})) for robot in self.robots
-        }
         self._pending: list[Callable[[], object]] = []
         self._published: dict[str, list[Published]] = {}
         self._run: Run | None = None
@@ -79,6 +81,9 @@ class MissionUnderTest:
         self._recording = _Buffer()
         self._saved: list[str] | None = None
         self.fakes: Fakes = Fakes(self)
+        self.is_played: bool = (
+            False  # whether the test stubs, fakes, sends or sets something, which `fame run` would not
+        )
 
     # ---- what it is ------------------------------------------------------------------------------------------------
 
@@ -122,7 +127,7 @@ class MissionUnderTest:
 
     @property
     def outside(self) -> LocalNode:
-        """The node of what the test plays."""
+        """The node of the fakes."""
         self.run  # noqa: B018 (begins)
         return self._outside
 
@@ -147,7 +152,7 @@ class MissionUnderTest:
     # ---- what drives it --------------------------------------------------------------------------------------------
 
     def advance(self, seconds: float) -> MissionUnderTest:
-        """Let time go on by so many simulated seconds."""
+        """Let this many simulated seconds pass."""
         if not (isinstance(seconds, int | float) and 0 <= seconds < math.inf):
             raise ConfigError(f"advance: expected a number of seconds from 0 on, got {seconds!r}")
         run = self.run
@@ -167,7 +172,8 @@ class MissionUnderTest:
         condition: Callable[[], object] | None = None,
         within: float = WITHIN,
     ) -> MissionUnderTest:
-        """Run until a token comes to an element, a robot has completed, a topic has a message, or a condition holds.
+        """Run until a token comes to an element (or takes a flow), a robot has completed, a topic has a message, or a
+        condition holds.
 
         Raises ExpectationError if that does not happen `within` simulated seconds.
         """
@@ -192,10 +198,10 @@ class MissionUnderTest:
     def _run_to(self, robot: str, at: str, within: float) -> None:
         __tracebackhide__ = True
         ids = self.elements.find(robot, at)
-        seen = len(self.trace.of(robot, ids, "enter")) if self.begun else 0
+        seen = len(self.trace.arrivals(robot, ids)) if self.begun else 0
 
         def there() -> bool:
-            return self.is_at(robot, ids) or len(self.trace.of(robot, ids, "enter")) > seen
+            return self.is_at(robot, ids) or len(self.trace.arrivals(robot, ids)) > seen
 
         if not self.go_on(there, within):
             shown = " or ".join(self.elements.shown(robot, id) for id in sorted(ids))
@@ -249,12 +255,16 @@ class MissionUnderTest:
         return self._do(partial(self._complete, robot, ids, values))
 
     def set(self, robot: str = "", **variables: Any) -> MissionUnderTest:
-        """Set process variables: before the mission begins those that its instances start with."""
+        """Set process variables; before the mission begins as `fame run --set` does, in the place of its defaults.
+
+        Without a robot for all. Raises ConfigError for a variable that the model does not have, before it begins.
+        """
+        self.is_played = True
         names = [robot] if robot else self.robots
+        if self._run is None:
+            self._set_parameters({self.robot(robot) if robot else ALL: variables})
+            return self
         for name in map(self.robot, names):
-            if self._run is None:
-                self._variables[name].update(variables)
-                continue
             node = self.node(name)
             for instance in node.engine.instances.values():
                 instance.root_variables.update(variables)
@@ -263,8 +273,14 @@ class MissionUnderTest:
             node.runner.poll()
         return self.settle()
 
+    def _set_parameters(self, variables: Mapping[str, Mapping[str, Any]]) -> None:
+        old = self.scenario
+        cast, chosen = with_parameters(old.cast, old.definitions, old.library, variables, old.file)
+        merged = {robot: {**old.variables.get(robot, {}), **chosen.get(robot, {})} for robot in old.cast}
+        self.scenario = replace(old, cast=cast, variables=merged)
+
     def fault(self, *where: str) -> MissionUnderTest:
-        """Break something of a robot now: ``fault("REX", "engine")``, or what its type can break."""
+        """Inject a fault now: ``fault("REX", "engine")``, or a fault of the robot's type."""
         robot, (kind,) = self._split(where, 1)
         return self._do(lambda: self.run.inject(Fault(robot, self.now, kind)))
 
@@ -289,28 +305,33 @@ class MissionUnderTest:
             raise ConfigError(
                 f"stub({behaviour!r}): expected before the mission begins: what it calls is compiled then"
             )
+        self.is_played = True
         return self.library.stub(self.files(), behaviour, after=after, sets=sets, raises=raises, signals=signals)
 
     def fake_topic(self, topic: str, type: str = "", **given: Any) -> Any:
-        """Play a publisher; see `fame.testing.fakes.FakeTopic`."""
+        """Add a fake publisher; see `fame.testing.fakes.FakeTopic`."""
+        self.is_played = True
         return self.fakes.topic(topic, type, **given)
 
     def fake_service(self, name: str, type: str, **given: Any) -> Any:
-        """Play a service; see `fame.testing.fakes.FakeService`."""
+        """Add a fake service; see `fame.testing.fakes.FakeService`."""
+        self.is_played = True
         return self.fakes.service(name, type, **given)
 
     def fake_action(self, name: str, type: str, **given: Any) -> Any:
-        """Play an action server; see `fame.testing.fakes.FakeAction`."""
+        """Add a fake action server; see `fame.testing.fakes.FakeAction`."""
+        self.is_played = True
         return self.fakes.action(name, type, **given)
 
     def person(self, tasks: Mapping[str, Mapping[str, Any] | None], *, robot: str = "", after: float = 0.0) -> None:
-        """Play a person who completes tasks `after` simulated s, whenever a token waits there: task -> results."""
+        """Complete tasks `after` simulated s, like a person, whenever a token waits there: task -> results."""
+        self.is_played = True
         self.fakes.person(self.robot(robot), tasks, after)
 
     # ---- what is expected ------------------------------------------------------------------------------------------
 
     def expect(self, robot: str = "") -> Expectation:
-        """What is expected of a robot."""
+        """The expectations of a robot."""
         return Expectation(self, self.robot(robot))
 
     def published(self, topic: str) -> list[Published]:
@@ -326,13 +347,20 @@ class MissionUnderTest:
 
     # ---- life ------------------------------------------------------------------------------------------------------
 
+    def make_run(self, observer: Observer) -> Run:
+        """The run that is driven."""
+        plan = replace(self.scenario, library=self.library)
+        return Run(plan, False, observer, None, services=self.library.services)
+
     def _begin(self) -> None:
-        plan = replace(self.scenario, library=self.library, variables=self._variables)
-        metadata = {"seed": str(plan.seed), "scenario": Path(plan.file).name, "command": "pytest"}
-        stream = recording_to(lambda: self._recording, self.files(), About(metadata=metadata), "signals")
+        metadata = {"seed": str(self.scenario.seed), "scenario": Path(self.scenario.file).name, "command": "pytest"}
+        stream = recording_to(
+            lambda: FileWriter(RecordingFile(self._recording)), self.files(), About(metadata=metadata), "signals"
+        )
         self._recorder: Recorder = self._resources.enter_context(stream)
         observer = combine_observers([self.trace, _UntilSaved(self._recorder, lambda: self._saved is None)])
-        self._run = Run(plan, False, observer, None, services=self.library.services)
+        assert observer is not None
+        self._run = self.make_run(observer)
         self._outside = self._run.middleware.node("test")
         self._engines = {node.node.full_name: node.name for node in self._run.nodes}
         self._run.middleware.tap(self._record)
@@ -354,6 +382,7 @@ class MissionUnderTest:
 
     def _do(self, action: Callable[[], object]) -> MissionUnderTest:
         """Act now, or when the mission begins."""
+        self.is_played = True
         if self._run is None:
             self._pending.append(action)
             return self
@@ -361,7 +390,7 @@ class MissionUnderTest:
         return self.settle()
 
     def settle(self) -> MissionUnderTest:
-        """Let happen what is due at the present instant."""
+        """Run everything that is due at the present instant."""
         if self._run is not None:
             self._run.scheduler.run(self._run.scheduler.now)
         return self
@@ -408,11 +437,17 @@ class MissionUnderTest:
 
     def _write(self) -> Iterator[Path]:
         self._folder.mkdir(parents=True, exist_ok=True)
-        self._resources.close()
         recording = self._folder / "run.mcap"
-        recording.write_bytes(self._recording.getvalue())
+        recording.write_bytes(self.recorded())
         yield recording
         yield from save_diagrams(self, self._folder)
+
+    def recorded(self) -> bytes:
+        """The recording of the run so far (MCAP). It is not recorded further."""
+        if self._saved is None:
+            self._saved = []
+        self._resources.close()
+        return self._recording.getvalue()
 
     def close(self) -> None:
         """End the mission, and let go of its world: a physics space must not outlive pymunk's functions at exit."""
@@ -453,7 +488,7 @@ class _UntilSaved:
         step = self._recorder.watch(node)
         return lambda: step() if self._is_open() else None
 
-    def watch_world(self, record: Callable[[Callable[[str, int, str], object]], object]) -> None:
+    def watch_world(self, record: Callable[[PutScene], object]) -> None:
         """Record a simulated world."""
         self._recorder.watch_world(
             lambda put: record(lambda topic, time, text: put(topic, time, text) if self._is_open() else None)
@@ -475,12 +510,26 @@ class MissionLoader:
 
         A model alone has robots without a world. Raises ConfigError and ModelError.
         """
-        found = next((folder / path for folder in self._search if (folder / path).is_file()), Path(path))
-        scenario = Scenario.load(found, **options)
-        number = f"-{len(self.loaded) + 1}" if self.loaded else ""
-        mission = MissionUnderTest(scenario, self._folder() / f"mission{number}")
+        mission = MissionUnderTest(self._scenario(path, options), self._place())
         self.loaded.append(mission)
         return mission
+
+    def by_hand(self, path: str | Path, *, lenient: bool = False, **options: Any) -> MissionByHand:
+        """Load a mission that runs step by step; see `fame.testing.by_hand`."""
+        from fame.testing.by_hand import MissionByHand
+
+        mission = MissionByHand(self._scenario(path, options), self._place(), lenient=lenient)
+        self.loaded.append(mission)
+        return mission
+
+    def _scenario(self, path: str | Path, options: Mapping[str, Any]) -> Scenario:
+        found = next((folder / path for folder in self._search if (folder / path).is_file()), Path(path))
+        return Scenario.load(found, **options)
+
+    def _place(self) -> Path:
+        """Where the next mission is saved if it fails."""
+        number = f"-{len(self.loaded) + 1}" if self.loaded else ""
+        return self._folder() / f"mission{number}"
 
     def close(self) -> None:
         """End all missions."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shlex
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -27,15 +28,23 @@ from fame.testing.mission import MissionLoader, MissionUnderTest
 
 @contextmanager
 def load(path: str | Path, **options: Any) -> Iterator[MissionUnderTest]:
-    """A mission for one case; options as of `MissionLoader.load`. Ends it after the block."""
-    with tempfile.TemporaryDirectory(prefix="fame-case-") as folder:
-        loader = MissionLoader(lambda: Path(folder))
-        try:
-            mission = loader.load(path, **options)
-            note(f"repeat it with: {command(path, **options)}")
-            yield mission
-        finally:
-            loader.close()
+    """A mission for one case; options as of `MissionLoader.load`. Ends it after the block.
+
+    A case that fails prints the command that does it again: ``fame run`` with the options, or ``fame test`` if the test
+    uses stubs or fakes, sends or sets something; hypothesis keeps the case in its folder ``.hypothesis`` and tries it
+    first. The run of the last failed case is saved in a folder for temporary files.
+    """
+    test = os.environ.get("PYTEST_CURRENT_TEST", "").rpartition(" (")[0]
+    name = "".join(sign if sign.isalnum() else "_" for sign in test.rpartition("::")[2])[:60]
+    loader = MissionLoader(lambda: Path(tempfile.gettempdir()) / f"fame-case-{os.getpid()}-{name}")
+    try:
+        yield loader.load(path, **options)
+    except BaseException:
+        played = test and any(mission.is_played for mission in loader.loaded)
+        note(f"repeat it with: {shlex.join(['fame', 'test', test]) if played else command(path, **options)}")
+        raise
+    finally:
+        loader.close()
 
 
 def command(path: str | Path, **options: Any) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -79,8 +81,11 @@ class StubLibrary(Library):
         _expect("sets", sets, lambda value: callable(value) or isinstance(value, Mapping), "variables, or a function")
         _expect("raises", raises, lambda value: isinstance(value, str), "the code of an error")
         _expect("signals", signals, lambda value: isinstance(value, Mapping), "payloads by signal")
-        known = self._known(files)
-        if name not in known:
+        files = list(files)
+        folders = dict.fromkeys(folder for definitions in files for folder in self.folders_for(definitions.file))
+        named = _named(files)
+        if name not in named and not any(os.path.isfile(folder / f"{name}.bpmn") for folder in folders):
+            known = sorted(named.union(path.stem for folder in folders for path in folder.glob("*.bpmn")))
             raise ConfigError(f"stub: no behaviour {name!r} is called or in the library; {suggestion(name, known)}")
         made = Stub(name, after, sets, raises, signals)
         self._stubs[name] = made, _definitions(name)
@@ -97,22 +102,22 @@ class StubLibrary(Library):
             return definitions, definitions.processes[0]
         return super().find(caller, call)
 
-    def _known(self, files: Iterable[Definitions]) -> list[str]:
-        """What may be called, and what is."""
-        names: set[str] = set()
-        for definitions in files:
-            for process in definitions.processes:
-                names.add(process.id)
-                names.update(node.called for node in process.body.walk() if isinstance(node, CallActivity))
-            for folder in self.folders_for(definitions.file):
-                names.update(path.stem for path in folder.glob("*.bpmn"))
-        return sorted(name for name in names if name)
+
+def _named(files: Iterable[Definitions]) -> set[str]:
+    """The processes of some files, and what they call."""
+    names: set[str] = set()
+    for definitions in files:
+        for process in definitions.processes:
+            names.add(process.id)
+            names.update(node.called for node in process.body.walk() if isinstance(node, CallActivity))
+    return names - {""}
 
 
 def _operation(name: str) -> str:
     return f"fame.testing.stub {name}"
 
 
+@cache
 def _definitions(name: str) -> Definitions:
     """A model with one process, whose one task is the stub."""
     from fame.bpmn.reader import read_text

@@ -1,18 +1,17 @@
-"""What has happened in a mission under test, and where: the observer that expectations and coverage read."""
+"""The events of a mission under test by element: the observer that expectations and coverage read."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from fame.engine.program import Program
 from fame.engine.state import Scope, Trail
 from fame.robot import Event
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
+class Step(NamedTuple):
     """What happened at an element: `what` as in `fame.engine`; `order` counts all steps; `time` in ns."""
 
     order: int
@@ -70,6 +69,10 @@ class Trace:
         """The steps of one kind at some elements of a robot, in order."""
         steps = [step for element in elements for step in self._at[robot, element] if step.what == what]
         return sorted(steps, key=lambda step: step.order)
+
+    def arrivals(self, robot: str, elements: frozenset[str]) -> list[Step]:
+        """When tokens came to some elements of a robot, or took a sequence flow, in order."""
+        return self.of(robot, elements, "enter") or self.of(robot, elements, "take")
 
     def _add(self, time: int, robot: str, element: str, what: str, detail: object) -> None:
         step = Step(len(self.steps), time, robot, element, what, detail)

@@ -2,6 +2,15 @@
 
 A `Source` gives a page what it shows; a `Server` serves the page on this machine. The page itself is in ``page/``:
 plain ES modules and CSS, without a build step.
+
+    server     the server and its address
+    blocks     a run cut into blocks, which the page loads
+    catalogue  elements and drawings of the models
+    mission    what a page receives first
+    replay     the source of a recording
+    live       the source of a run in this process; control: commands of its page
+    team       the source of a team on the network
+    watch      the source of a model while it is drawn
 """
 
 from __future__ import annotations

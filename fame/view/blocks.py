@@ -55,7 +55,7 @@ class ScopeInfo:
 
 @dataclass(slots=True)
 class State:
-    """What a run is like at an instant.
+    """The state of a run at an instant.
 
     tokens     where -> [number of tokens, since when]
     counts     (robot, element) -> [completed, failed, cancelled]
@@ -126,7 +126,7 @@ class State:
             "tokens": [[*key, *held] for key, held in self.tokens.items()],
             "counts": [[*key, *counts] for key, counts in self.counts.items() if any(counts)],
             "scopes": [_scope_row(place, info) for place, info in self.scopes.items()],
-            "variables": [[*place, values] for place, values in self.variables.items()],
+            "variables": [[*place, dict(values)] for place, values in self.variables.items()],
             "waits": [[robot, list(waits.values())] for robot, waits in self.waits.items()],
             "poses": [[robot, pose] for robot, pose in self.poses.items()],
             "world": dict(self.world),
@@ -142,7 +142,7 @@ COLUMNS = ("t", "r", "i", "s", "e", "w")
 
 
 class Block:
-    """One block: the state at its start, and what happened then."""
+    """One block: the state at its start, and the events and changes after it."""
 
     number: int
     start: int
@@ -177,7 +177,7 @@ class Block:
         return found | {name: values[lists[name] :] for name, values in self.lists.items()}
 
     def mark(self) -> Mark:
-        """How much there is now, for `to_json`."""
+        """The current size, for `to_json`."""
         return Mark(self.events, {name: len(values) for name, values in self.lists.items()})
 
 
@@ -186,14 +186,14 @@ LISTS = ("scopes", "variables", "waits", "messages", "poses", "world")
 
 
 class Mark(NamedTuple):
-    """How much of a block is known: events, and entries of each list."""
+    """The part of a block that a page has: number of events, and of entries of each list."""
 
     events: int
     lists: Mapping[str, int]
 
 
 class Packer:
-    """Cuts what it is given, in order of time, into blocks."""
+    """Cut events and changes, given in order of time, into blocks."""
 
     state: State
 
@@ -208,7 +208,7 @@ class Packer:
 
     @property
     def end(self) -> int:
-        """The time of the last thing that happened."""
+        """The time of the last entry."""
         return self.blocks[-1].end
 
     def robot(self, name: str) -> int:
@@ -219,7 +219,7 @@ class Packer:
         return number
 
     def _block(self, time: int) -> Block:
-        """The block that something goes into. What happens at one instant is never divided."""
+        """The block for a new entry. Entries of one instant are in one block."""
         block = self.blocks[-1]
         if block.full and time > block.end:
             self.state.forget_closed_scopes()
@@ -253,7 +253,7 @@ class Packer:
             self.world(time, "ground", scene_value(data["entities"][0], "ground"))
 
     def events(self, time: int, robot: str, instance: int, scope: int, marks: Iterable[Sequence[Any]]) -> None:
-        """Things happened in a scope: (element, what) or (element, what, detail)."""
+        """Add events of a scope: (element, what) or (element, what, detail)."""
         block, state = self._block(time), self.state
         number, columns = self.robot(robot), block.columns
         t, r, i, s, e, w = (columns[name] for name in COLUMNS)
@@ -276,7 +276,7 @@ class Packer:
             state.event(time, TokenKey(number, instance, scope, place), what)
 
     def key(self, time: int, data: Mapping[str, Any]) -> None:
-        """The whole state of the robots, as ``/fame/key`` has it: for who joins later, and after a gap."""
+        """Set the complete state of robots, as in ``/fame/key``: for a robot that joins later, and after a gap."""
         self.state = State(poses=self.state.poses, world=self.state.world)
         for name, robot in data["robots"].items():
             self._synchronise(time, self.robot(name), robot)
@@ -308,7 +308,7 @@ class Packer:
             state.counts[robot, number] = [completed, counts.get("fail", 0), counts.get("cancel", 0)]
 
     def variables(self, time: int, robot: str, scope: int, values: Mapping[str, Any], gone: Iterable[str] = ()) -> None:
-        """Variables of a scope changed, or are gone."""
+        """Add changed and removed variables of a scope."""
         number = self.robot(robot)
         known = self.state.variables.setdefault((number, scope), {})
         known.update((name, [value, time]) for name, value in values.items())
@@ -322,7 +322,7 @@ class Packer:
             self._block(time).lists["variables"].append([time, number, scope, None, []])
 
     def waits(self, time: int, robot: str, tokens: Sequence[Mapping[str, Any]], gone: Sequence[str] = ()) -> None:
-        """Tokens of a robot wait for something else than before, or no longer wait."""
+        """Add changes of what the tokens of a robot wait for."""
         number = self.robot(robot)
         known = self.state.waits.setdefault(number, {})
         for key in gone:
@@ -332,17 +332,17 @@ class Packer:
         self._block(time).lists["waits"].append([time, number, shown, list(gone)])
 
     def message(self, time: int, topic: str, sender: str, content: Any) -> None:
-        """A message was published. Large values are cut."""
+        """Add a published message. Large values are shortened."""
         self._block(time).lists["messages"].append([time, topic, sender, json.loads(json_text(content))])
 
     def pose(self, time: int, robot: str, pose: Mapping[str, Any]) -> None:
-        """How a robot of the simulated world looks: its ``appearance`` (docs/recordings.md)."""
+        """Set the ``appearance`` of a simulated robot (docs/recordings.md)."""
         number = self.robot(robot)
         self.state.poses[number] = pose
         self._block(time).lists["poses"].append([time, number, pose])
 
     def world(self, time: int, name: str, value: Any) -> None:
-        """Something in the world other than a robot changed."""
+        """Set the state of the ground."""
         self.state.world[name] = value
         self._block(time).lists["world"].append([time, name, value])
 

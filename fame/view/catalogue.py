@@ -1,4 +1,4 @@
-"""What the page knows of the models of a run: their elements, numbered across all files, and their drawings.
+"""The models of a run for the page: their elements, numbered across all files, and their drawings.
 
 Events name elements by id, and files that call each other may use an id twice. The page therefore gets every element as
 a number. A *plane* is one drawing: a diagram of a file, or the inside of a collapsed sub-process.

@@ -1,7 +1,7 @@
 """Control of a simulated run from a page: pause, step, breakpoints, speed, tasks, signals, variables, faults.
 
-The run itself carries out what the page asks, between two steps of its scheduler: a `Pace` is called instead of the
-scheduler's `run`, and lets simulated time follow the wall clock at some speed.
+The run itself carries out the commands of the page, between two steps of its scheduler: a `Pace` is called instead of
+the scheduler's `run`, and lets simulated time follow the wall clock at some speed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Command = Mapping[str, Any]
 
 
 class RunControl:
-    """A `fame.scenario.run.Pace` that does what pages ask for. Commands come from any thread.
+    """A `fame.scenario.run.Pace` that carries out the commands of pages. Commands come from any thread.
 
     pause_at     pause at this time (ns), which is reached as fast as possible
     breakpoints  numbers of elements: the run pauses when a token comes to one
@@ -60,7 +60,7 @@ class RunControl:
     # ---- the run -----------------------------------------------------------------------------------------------------
 
     def advance(self, run: Run, until: int) -> None:
-        """Let the run go on as far as it may, and carry out commands."""
+        """Continue the run as far as allowed, and carry out commands."""
         self._run = run
         self._carry_out(run)
         now = run.scheduler.now
@@ -83,7 +83,7 @@ class RunControl:
         run.scheduler.run(min(until, self._pause_at))
         if run.scheduler.now >= self._pause_at:
             self._pause_at = None
-            self.pause(f"Stopped at {run.scheduler.now / SECOND:g} s: go on from here.")
+            self.pause(f"Stopped at {run.scheduler.now / SECOND:g} s: continue from here.")
 
     def _step(self, run: Run, until: int) -> None:
         """To the next instant at which a token moves: `on_events` ends the step."""
@@ -103,7 +103,7 @@ class RunControl:
                 self._changed.wait(_SLICE)
 
     def finish(self) -> None:
-        """The run is over: refuse further commands."""
+        """Refuse further commands: the run has ended."""
         self.over = True
         with self._changed:
             waiting, self._commands = self._commands, []
@@ -129,7 +129,7 @@ class RunControl:
     # ---- what pages ask ----------------------------------------------------------------------------------------------
 
     def ask(self, command: Command) -> str:
-        """Carry out a command, and say so. Raises FameError."""
+        """Carry out a command, and report it. Raises FameError."""
         if command.get("do") not in COMMANDS:
             raise FameError(f"unknown command {command.get('do')!r}; commands are: {', '.join(COMMANDS)}")
         if self.over:
@@ -141,7 +141,7 @@ class RunControl:
         try:
             return future.result(timeout=10)
         except TimeoutError:
-            raise FameError("the run has not answered within 10 s: a script may be at work") from None
+            raise FameError("the run has not answered within 10 s: a script may be running") from None
 
     def _carry_out(self, run: Run) -> None:
         with self._changed:
@@ -222,7 +222,7 @@ class RunControl:
     def _do_fault(self, run: Run, command: Command) -> str:
         robot, kind = str(command["robot"]), str(command["kind"])
         if (robot, kind) not in faults_of(run):
-            raise FameError(f"{robot} has no {kind} to break")
+            raise FameError(f"{robot} has no {kind} to fault")
         run.inject(Fault(robot, run.scheduler.now / SECOND, kind))
         return f"{kind} of {robot} is broken."
 
@@ -233,7 +233,7 @@ _DO: Mapping[str, Callable[[RunControl, Run, Command], str]] = {
 
 
 def faults_of(run: Run) -> list[tuple[str, str]]:
-    """What can break: robot and kind."""
+    """The faults that can be injected: robot and kind."""
     bodies = run.world.robots if run.world is not None else {}
     return [
         (node.name, kind)
@@ -251,7 +251,7 @@ def _node(run: Run, robot: str) -> RobotNode:
 
 
 def _tell(run: Run, node: RobotNode, text: str) -> None:
-    """Put what a person did into the record of the run."""
+    """Record what a person did as a report of the run."""
     event = Event(run.scheduler.now, node.name, 0, 0, "", "report", text)
     run.reports.append(event)
     if run.observer is not None:

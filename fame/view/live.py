@@ -1,4 +1,4 @@
-"""The page of a run in this process while it lasts, and after it: what a recording would get, as blocks."""
+"""The page of a run in this process, during the run and after it: the content of a recording, as blocks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from fame.clock import SECOND
 from fame.errors import ConfigError, FameError
 from fame.log import Recording
 from fame.log.channels import EVENTS
-from fame.log.recorder import Recorder, RecordingFile
+from fame.log.recorder import Recorder
+from fame.log.recording_file import FileWriter, RecordingFile
 from fame.middleware import codec, messages
 from fame.scenario import Scenario
 from fame.scenario.run import Run
@@ -27,7 +28,7 @@ _TICK = SECOND // 10
 
 
 class Known(NamedTuple):
-    """What a page knows: blocks, how much of the last one, elements, and the status of the run."""
+    """What a page has: blocks, the part of the last one, elements, and the status of the run."""
 
     block: int
     mark: Mark
@@ -46,8 +47,8 @@ class _Sink(RecordingFile):
     def put(self, topic: str, time: int, text: str) -> None:
         self._live.put(topic, time, json.loads(text))
 
-    def message_channel(self, topic: str, type: str, publisher: str) -> int:
-        self._topics.append((topic, type, publisher))
+    def message_channel(self, topic: str, type: str, node: str, definition: str = "") -> int:
+        self._topics.append((topic, type, node))
         return len(self._topics) - 1
 
     def write(self, channel: int, time: int, data: bytes) -> None:
@@ -74,7 +75,7 @@ class LiveRun:
         self._ended = ""
         self._missions = 0
         self._time = 0
-        self.observer = Recorder(lambda: _Sink(self))
+        self.observer = Recorder(lambda: FileWriter(_Sink(self)))
         self._run: Run | None = None
         self.listen: Callable[[int, Mapping[str, Any]], object] | None = None
 
@@ -107,7 +108,7 @@ class LiveRun:
         self.control_of_run.on_events(entered, any(mark[1] in _MOVES for mark in marks))
 
     def finish(self, status: str) -> None:
-        """The run is over, with a status."""
+        """End the run, with a status."""
         if self.observer.begun:
             self.observer.finish()
         self._ended = status
@@ -173,7 +174,7 @@ class LiveRun:
 def growth(
     packer: Packer, known: Known | None, status: Mapping[str, Any], missions: int
 ) -> tuple[Known, list[Mapping[str, Any]]]:
-    """What is new in the blocks of a run for a page that knows `known`, and what it knows then."""
+    """What is new in the blocks of a run for a page that has `known`, and what it has afterwards."""
     blocks, elements = packer.blocks, len(packer.catalogue.elements)
     text = json.dumps(status)
     last = blocks[-1]
@@ -243,7 +244,7 @@ class SameRun:
 
 
 def _first_difference(recorded: Any, now: Any) -> str:
-    """What one of two messages of events has and the other has not, in words."""
+    """The first difference of two messages of events, in words."""
     sides = [_marks(data) if data is not None else [] for data in (recorded, now)]
     for was, found in zip_longest(*sides, fillvalue="nothing more"):
         if was != found:

@@ -1,4 +1,4 @@
-"""What a page is told first: title, robots, elements, planes."""
+"""What a page receives first: title, robots, elements, planes."""
 
 from __future__ import annotations
 

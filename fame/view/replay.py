@@ -1,4 +1,4 @@
-"""The page of a recording: its blocks are made while it is being read, in a thread of its own."""
+"""The page of a recording. A thread reads the recording and makes its blocks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fame.log import Recording
 from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
 from fame.log.recording import Message
 from fame.view.blocks import Packer
-from fame.view.catalogue import Catalogue
+from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import Chip, mission_json
 
 _OWN = (EVENTS, VARIABLES, WAITING, WORLD, GROUND)
@@ -46,6 +46,8 @@ class Replay:
         self._done = 0
         self._reading = 0.0
         self._lock = threading.Lock()
+        self._ahead: Recording | None = None  # for what is asked for before it is read
+        self._ahead_lock = threading.Lock()
         self._closed = False
         self._thread = threading.Thread(target=self._read, name="fame view: reader", daemon=True)
         self._thread.start()
@@ -55,6 +57,9 @@ class Replay:
         self._closed = True
         self._thread.join()
         self._recording.close()
+        with self._ahead_lock:
+            if self._ahead is not None:
+                self._ahead.close()
 
     def wait(self) -> None:
         """Wait until everything is read."""
@@ -82,8 +87,8 @@ class Replay:
             for number, message in enumerate(recording.messages()):
                 if self._closed:
                     return
-                if message.topic == KEY:  # the first has what was before the recording; the others repeat the rest
-                    if not begun:
+                if message.topic == KEY:  # the first has what was before the recording; most others repeat the rest
+                    if not begun or message.data.startswith(_GAPS):
                         packer.put(KEY, message.time - first, message.json())
                     begun = True
                 elif message.topic in _OWN:
@@ -153,6 +158,35 @@ class Replay:
                 raise LookupError(number)
         return self._packer.blocks[number].to_json()
 
+    def at(self, time: int) -> Mapping[str, Any]:
+        """A block around an instant that has not been read yet, made of the last key before it. Raises LookupError.
+
+        When something began is known no earlier than from that key.
+        """
+        first, moment = self._offset, time + self._offset
+        with self._ahead_lock:
+            if self._ahead is None:
+                self._ahead = Recording(self._path)
+            recording = self._ahead
+            key = recording.last(KEY, moment)
+            if key is None:
+                raise LookupError(time)
+            packer, begin = Packer(self.catalogue, self._packer.robots), key.time - first
+            ground = recording.ground(key.time)
+            if ground:
+                packer.world(begin, "ground", ground)
+            for robot, pose in recording.world(key.time).items():
+                packer.pose(begin, robot, pose)
+            packer.key(begin, key.json())
+            for message in recording.messages(_OWN, key.time, moment + SECOND):
+                packer.put(message.topic, message.time - first, message.json())
+        block = [block for block in packer.blocks if block.start <= time or block is packer.blocks[0]][-1]
+        return {
+            **block.to_json(),
+            "number": NOWHERE,
+            "until": time + SECOND if block is packer.blocks[-1] else block.end,
+        }
+
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         with self._lock:
             done, reading = self._done, self._reading
@@ -172,7 +206,7 @@ class Replay:
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if command.get("do") != "branch" or not self._can_branch:
-            raise FameError("a recording is only shown: it cannot be controlled")
+            raise FameError("a recording cannot be controlled")
         assert self._branch is not None
         return {"address": self._branch(int(command["time"])), "said": "The run is at the cursor, in another page."}
 
@@ -181,6 +215,8 @@ class Replay:
         return self._branch is not None and "seed" in self._recording.metadata
 
 
+_GAPS = b'{"gaps"'
+"""How a key begins that has more than the changes before it: of a robot that is new, or after batches were lost."""
 _MALFORMED = (LookupError, TypeError, ValueError, AttributeError)
 """What messages of another form raise."""
 _LONGEST = 365 * 24 * 3600 * SECOND

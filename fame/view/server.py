@@ -55,7 +55,7 @@ class Source(Protocol):
         """A block. Raises LookupError."""
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
-        """What is new for a page that knows `known` (at first None), and what it knows then."""
+        """What is new for a page that has `known` (at first None), and what it has afterwards."""
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         """Carry out a command of the page. Raises FameError."""
@@ -127,7 +127,7 @@ def _in_address(host: str) -> str:
 
 
 class _Guard:
-    """Lets requests in that hold the token, name this host, and come from this page or from no page."""
+    """Accepts requests that have the token, name this host, and come from this page or from no page."""
 
     def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:
         self._app, self._token, self._port = app, token, port
@@ -254,10 +254,16 @@ def _routes(source: Source) -> Starlette:
             Route("/mission.json", answer(source.mission)),
             Route("/plane/{number:int}.json", answer(source.plane)),
             Route("/block/{number:int}.json", answer(source.block)),
+            Route("/at/{time:int}.json", answer(getattr(source, "at", _nothing))),
             Route("/control", post, methods=["POST"]),
             WebSocketRoute("/live", live),
         ]
     )
+
+
+def _nothing(time: int) -> Mapping[str, Any]:
+    """The block around an instant, of a source that has no more than what it says it has."""
+    raise LookupError(time)
 
 
 async def _send_news(socket: WebSocket, source: Source) -> None:

@@ -1,7 +1,7 @@
-"""The page of a team on the network, while it runs: what its engines tell those who watch, as blocks.
+"""The page of a team on the network: the events that its engines publish, as blocks.
 
-Robots may come and go. With control, the page completes and activates tasks as `fame complete` does; each robot decides
-whether it obeys.
+Robots may come and go. With control, the page completes and activates tasks, retries elements, sets variables and moves
+tokens, as `fame complete` and the others do; each robot decides whether it obeys.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any
 from uuid import uuid4
 
 from fame.bpmn.reader import read
-from fame.clock import Scheduler
+from fame.clock import SECOND, Scheduler
 from fame.deploy import Report
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.errors import FameError, ModelError
-from fame.log.recorder import RecordingFile
+from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware import codec, messages
 from fame.middleware.interface import Middleware
@@ -30,7 +30,9 @@ from fame.view.mission import mission_json
 
 _ANSWER = 5.0
 """Seconds that a robot has to answer a command."""
-_ACTS = ("complete", "activate")
+_ACTS = ("complete", "activate", "retry", "set", "move")
+_DELAY = SECOND // 20
+"""How long batches wait for those of other robots (ns): engines send 20 a second."""
 
 
 class _Sink(RecordingFile):
@@ -49,7 +51,7 @@ class _Sink(RecordingFile):
     def put(self, topic: str, time: int, text: str) -> None:
         self._view.put(topic, time, json.loads(text))
 
-    def message_channel(self, topic: str, type: str, node: str) -> int:
+    def message_channel(self, topic: str, type: str, node: str, definition: str = "") -> int:
         self._topics.append((topic, type, node))
         return len(self._topics) - 1
 
@@ -67,8 +69,8 @@ class _Sink(RecordingFile):
 class TeamView:
     """The source of a page that shows the robots on a network, or those named in `robots`.
 
-    `control` lets the page complete and activate tasks, signed with `key` if there is one. All that comes over the
-    network comes in the thread that runs the scheduler; pages ask from other threads.
+    `control` lets the page ask robots for something (`TaskRequest`), signed with `key` if there is one. All that comes
+    over the network comes in the thread that runs the scheduler; pages ask from other threads.
     """
 
     def __init__(
@@ -86,7 +88,13 @@ class TeamView:
         self._models: set[bytes] = set()
         self._missions = 0
         self._recorder = TeamRecorder(
-            middleware, scheduler, lambda: _Sink(self), robots=robots, models=False, on_model=self._on_model
+            middleware,
+            scheduler,
+            lambda: _Sink(self),
+            robots=robots,
+            models=False,
+            on_model=self._on_model,
+            delay=_DELAY,
         )
         self._node = middleware.node("fame_view")
 
@@ -114,7 +122,7 @@ class TeamView:
             self._packer.message(time, topic, publisher.strip("/").partition("/")[0], content)
 
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
-        """A robot says what it runs."""
+        """Add the model that a robot runs."""
         with self._lock:
             self._packer.robot(robot)
             for each in model.get("models", ()):
@@ -172,25 +180,18 @@ class TeamView:
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if not self._control:
-            raise FameError("this page only shows the team: fame view --control lets it complete tasks")
+            raise FameError("this page only shows the team: fame view --control lets it control robots")
         act, robot = command.get("do"), str(command.get("robot", ""))
         if act not in _ACTS or robot not in self._packer.robots:
             raise FameError(f"expected one of {', '.join(_ACTS)} and the name of a robot, got {act!r} of {robot!r}")
-        try:
-            values = json.loads(command.get("value") or "{}")
-        except ValueError:
-            raise FameError(f"expected results as JSON, got {command.get('value')!r}") from None
-        if not isinstance(values, dict):
-            raise FameError('expected results as a JSON object, as {"approved": true}')
-        report = self._asked(robot, str(act), str(command.get("element", "")), values)
+        report = self._asked(robot, _request(str(act), command))
         if report.answer == "refused":
             raise FameError(f"{robot} refused: {report.reason}")
         return {"said": f"{robot}: {report.answer}"}
 
-    def _asked(self, robot: str, act: str, element: str, values: Mapping[str, Any]) -> Report:
+    def _asked(self, robot: str, request: TaskRequest) -> Report:
         """The answer of a robot to a request."""
         answer: Future[Report] = Future()
-        request = TaskRequest(id=uuid4().hex, act=act, element=element, values=values)
         clients: list[TaskClient] = []
 
         def answered(report: Report) -> None:
@@ -208,6 +209,25 @@ class TeamView:
             raise FameError(f"{robot} has not answered within {_ANSWER:g} s") from None
         finally:
             self._scheduler.soon(lambda: _close(clients))
+
+
+def _request(act: str, command: Mapping[str, Any]) -> TaskRequest:
+    """The request of a command. Raises FameError."""
+    text = command.get("value") or ("null" if act == "set" else "{}")
+    try:
+        values = json.loads(text)
+    except ValueError:
+        raise FameError(f"expected values as JSON, got {text!r}") from None
+    element, to = str(command.get("element", "")), str(command.get("to", ""))
+    if act == "set":
+        if not command.get("name"):
+            raise FameError("expected the name of a variable")
+        return TaskRequest(id=uuid4().hex, act=act, element="", values={str(command["name"]): values})
+    if not isinstance(values, dict):
+        raise FameError('expected values as a JSON object, as {"approved": true}')
+    if act == "move" and not to:
+        raise FameError("expected the element that the token moves to")
+    return TaskRequest(id=uuid4().hex, act=act, element=element, values=values, to=to)
 
 
 def _close(clients: list[TaskClient]) -> None:

@@ -1,4 +1,4 @@
-"""The page of a model while somebody draws it: its diagrams with the findings of `fame check`, again at each save."""
+"""The page of a model while it is drawn: its diagrams with the findings of `fame check`, updated at each save."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _POLL = 0.25
 
 @dataclass(slots=True)
 class _Reading:
-    """What the file said at one time."""
+    """The content of the file at one time."""
 
     catalogue: Catalogue
     findings: list[Finding] = field(default_factory=list)
@@ -71,7 +71,7 @@ class ModelWatch:
         return found
 
     def _read(self, before: _Reading | None) -> _Reading:
-        """What the file says; if it cannot be read, the diagrams of before with the error."""
+        """Read the file; if that fails, return the previous diagrams with the error."""
         try:
             model, library = self._model()
             files = _closure(model, library)
@@ -136,11 +136,11 @@ class ModelWatch:
         return version, [] if known == version else [{"type": "reload"}]
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
-        raise FameError("a model is only shown: there is nothing to control")
+        raise FameError("a model cannot be controlled: no mission is running")
 
 
 def _closure(model: Definitions, library: Library) -> list[Definitions]:
-    """The file and those of all that it calls; what is not found is a finding of the check."""
+    """The file and those of the processes that it calls; a missing file is a finding of the check."""
     files = {model.file: model}
     for process in model.processes:
         with suppress(ModelError):

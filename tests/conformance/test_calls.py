@@ -1,4 +1,4 @@
-"""Call activities and sub-processes (standard 13.3.4; DESIGN section 3)."""
+"""Call activities and sub-processes (standard 13.3.4; docs/semantics.md)."""
 
 from __future__ import annotations
 

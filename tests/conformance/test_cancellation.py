@@ -1,4 +1,4 @@
-"""Cancellation: dead at once, and what follows waits until scripts are out (DESIGN section 3)."""
+"""Cancellation: dead at once, and what follows waits until scripts are out (docs/semantics.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a caught message does to the variables (DESIGN section 3, "A caught message")."""
+"""What a caught message does to the variables (docs/semantics.md, section 6)."""
 
 from __future__ import annotations
 

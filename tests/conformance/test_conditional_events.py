@@ -1,4 +1,4 @@
-"""Conditional events (standard 13.5.3; DESIGN section 3)."""
+"""Conditional events (standard 13.5.3; docs/semantics.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data objects hold variables (DESIGN section 3)."""
+"""Data objects hold variables (docs/semantics.md)."""
 
 from __future__ import annotations
 

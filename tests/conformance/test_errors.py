@@ -1,4 +1,4 @@
-"""Errors climb (standard 13.5.2; DESIGN section 3)."""
+"""Errors climb (standard 13.5.2; docs/semantics.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Event-based gateways and multiple events (standard 13.4.6, 10.5.3; DESIGN section 3)."""
+"""Event-based gateways and multiple events (standard 13.4.6, 10.5.3; docs/semantics.md)."""
 
 from __future__ import annotations
 

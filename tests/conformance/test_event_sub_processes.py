@@ -1,4 +1,4 @@
-"""Event sub-processes (standard 13.5.4; DESIGN section 3)."""
+"""Event sub-processes (standard 13.5.4; docs/semantics.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What has no end, what is too deep, and what must not grow (DESIGN section 3)."""
+"""What has no end, what is too deep, and what must not grow (docs/semantics.md)."""
 
 from __future__ import annotations
 

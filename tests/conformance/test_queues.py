@@ -1,4 +1,4 @@
-"""``queue=N``: a catching event that keeps messages (DESIGN section 3, "No catcher, no effect")."""
+"""``queue=N``: a catching event that keeps messages (docs/semantics.md, section 6)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``resume=true``: event sub-processes that suspend their scope (DESIGN section 3)."""
+"""``resume=true``: event sub-processes that suspend their scope (docs/semantics.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The safe state of a robot (DESIGN section 3): when the engine asks for it."""
+"""The safe state of a robot (docs/semantics.md): when the engine asks for it."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def test_a_parallel_join_counts_tokens_per_flow(play: Play) -> None:
     run = play(content + path("s g m j e") + flow("s", "m") + path("g u j")).run()
     assert run.waiting == ["u", "j"]
     assert run.complete("u").visits["j"] == 1
-    assert run.status == "running"  # the second token waits at the join for ever
+    assert run.status == "running"  # the second token waits at the join forever
 
 
 def test_an_exclusive_gateway_takes_the_first_true_flow(play: Play) -> None:

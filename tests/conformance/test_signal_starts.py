@@ -1,4 +1,4 @@
-"""Start events of a process (DESIGN section 3, "A signal start event")."""
+"""Start events of a process (docs/semantics.md)."""
 
 from __future__ import annotations
 

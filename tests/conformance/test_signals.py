@@ -1,4 +1,4 @@
-"""Throwing and catching signals: order, delivery, types (DESIGN section 3; standard 13.5.3)."""
+"""Throwing and catching signals: order, delivery, types (docs/semantics.md; standard 13.5.3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""State is data: an engine and its snapshot (DESIGN section 3). Every other test here is run through snapshots, too."""
+"""State is data: an engine and its snapshot (docs/semantics.md). Every other test here also runs through snapshots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tasks (standard 13.3.3; DESIGN section 3)."""
+"""Tasks (standard 13.3.3; docs/semantics.md)."""
 
 from __future__ import annotations
 

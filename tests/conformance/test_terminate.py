@@ -1,4 +1,4 @@
-"""Terminate end events (standard 13.5.6; DESIGN section 3)."""
+"""Terminate end events (standard 13.5.6; docs/semantics.md)."""
 
 from __future__ import annotations
 

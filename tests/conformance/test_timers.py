@@ -1,4 +1,4 @@
-"""Timers: ISO 8601 durations, dates and cycles on the engine's clock (DESIGN section 3)."""
+"""Timers: ISO 8601 durations, dates and cycles on the engine's clock (docs/semantics.md)."""
 
 from __future__ import annotations
 

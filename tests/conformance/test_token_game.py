@@ -17,7 +17,7 @@ from engine_models import Run, catch, element, flow, gateway, link, model, path,
 KINDS = ("task", "task", "user", "user", "parallel", "parallel", "exclusive", "inclusive", "inclusive", "link")
 GATEWAYS = ("parallel", "exclusive", "inclusive")
 MOST = 300
-"""Steps of a game; a model that takes more goes round for ever, perhaps."""
+"""Steps of a game; a model that takes more goes round forever, perhaps."""
 
 
 class Endless(Exception):

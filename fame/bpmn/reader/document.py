@@ -23,6 +23,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import Literal
@@ -75,7 +76,13 @@ def read(source: str | PathLike[str] | bytes | Definitions, *, file: str = "") -
         content = path.read_bytes()
     except OSError as error:
         raise ModelError(f"cannot be read: {error.strerror}", file=str(path)) from None
-    return read_bytes(content, file=file or str(path))
+    return _read_content(content, file or str(path))
+
+
+@lru_cache(maxsize=32)
+def _read_content(content: bytes, file: str) -> Definitions:
+    """The model of the content of a file; many runs and tests read the same ones, and models are immutable."""
+    return read_bytes(content, file=file)
 
 
 def read_text(text: str, *, file: str = "") -> Definitions:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Literal
 
 from fame.bpmn.model import (
@@ -122,14 +121,14 @@ def _why_not(context: Context, flow: Node, reference: str) -> str:
 
 def _checked(context: Context, node: FlowNode, nodes: Mapping[str, FlowNode]) -> FlowNode:
     """The node without an invalid default flow; a boundary event without an activity becomes an intermediate event."""
-    fault = partial(context.fault, context.elements[node.id])
     if isinstance(node, Event) and node.place == "boundary":
         why = _why_not_attached(node.attached_to, nodes.get(node.attached_to))
         if why:
-            fault(f"the boundary event is attached to {why}")
+            context.fault(context.elements[node.id], f"the boundary event is attached to {why}")
             return replace(node, place="catch", attached_to="")
     if isinstance(node, Activity | Gateway) and node.default and node.default not in node.outgoing:
-        fault(f"its default flow {node.default!r} is not one of those that leave it")
+        text = f"its default flow {node.default!r} is not one of those that leave it"
+        context.fault(context.elements[node.id], text)
         return replace(node, default="")
     return node
 

@@ -2,16 +2,21 @@
 
 ::
 
-    exploration   a team and its searches; the result
-    abstraction   what is left out of a model: work inside behaviours, variables that decide nothing
-    purity        which scripts are computed
-    values        known values by number, and the unknown one
-    host          the world as an explored engine sees it
-    local         the transitions of one robot, by the engine, remembered
-    product       the states of the team: local states, messages under way, faults
-    reduction     steps that need not be interleaved with those of others
-    trace         runs, in the terms of the model
-    findings      deadlocks, lost signals, errors ... one per cause
+    exploration     a team and its searches; the result
+    abstraction     what is left out of a model: work inside behaviours, variables that decide nothing
+    purity          which scripts are executed
+    values          known values by number, and the unknown one
+    host            the host of an explored engine
+    local           the transitions of one robot, computed by the engine and cached
+    running_states  states of running robots, to explore from
+    product         the states of the team: local states, messages in transit
+    faults          single faults as transitions
+    network         messages in transit
+    graph           explored states, and what can be reached from where
+    reduction       steps that need not be interleaved with those of others
+    trace           runs, in the terms of the model
+    semantics       semantics of other verifiers, as options
+    findings        deadlocks, lost signals, errors ... one per cause
 
 `docs/exploration.md` says what is abstracted and what follows from that.
 """
@@ -26,10 +31,11 @@ if TYPE_CHECKING:
     from fame.check.explore.exploration import (
         Exploration as Exploration,
         Request as Request,
+        explore_from as explore_from,
         explore_team as explore_team,
     )
     from fame.check.explore.findings import Finding as Finding
 else:
     __getattr__, __dir__, __all__ = attach(
-        __name__, {"exploration": ["Exploration", "Request", "explore_team"], "findings": ["Finding"]}
+        __name__, {"exploration": ["Exploration", "Request", "explore_from", "explore_team"], "findings": ["Finding"]}
     )

@@ -1,4 +1,4 @@
-"""What an exploration leaves out of a model: work inside behaviours, variables that decide nothing.
+"""The abstraction of a model for an exploration: without work inside behaviours and variables that decide nothing.
 
 A call of a behaviour that touches no topic of the team becomes a step: it ends at some time, or raises one of the error
 codes that it can. Its results are unknown. What is left of the processes is executed by the engine as it is.
@@ -15,6 +15,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.pools import Pool
 from fame.bpmn.topics import TopicUse, topics_of
 from fame.check.events import raised_codes
+from fame.check.explore.semantics import with_counts, with_time
 from fame.check.expressions import expressions_in, names_of
 from fame.engine.data import variable_name
 from fame.errors import FameError
@@ -23,6 +24,8 @@ from fame.scripting import code_names, script_topics
 Home = tuple[model.Definitions, model.Process]
 STEP = "explored step "
 """Begins the names of the services that take the place of behaviours."""
+TIMED = f"{STEP}task"
+"""The service that takes the place of tasks, if they take time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +52,8 @@ class Abstraction:
     steps    what each step does, by its name
     kept     pool -> its variables that decide something
     matters  topics whose payload decides something
+    timed    plain and send tasks take time
+    once     a second token that comes to an end event of a process fails
     """
 
     library: Library
@@ -58,6 +63,8 @@ class Abstraction:
     steps: dict[str, Step] = field(default_factory=dict)
     kept: dict[str, frozenset[str]] = field(default_factory=dict)
     matters: set[str] = field(default_factory=set)
+    timed: bool = False
+    once: bool = False
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _reduced: dict[tuple[str, str], model.Process] = field(default_factory=dict)
 
@@ -66,7 +73,8 @@ class Abstraction:
         key = (home.file, process.id)
         if key not in self._reduced:
             self._homes[home.file] = home
-            self._reduced[key] = replace(process, body=self._body(process.body, home))
+            body = self._body(process.body, home)
+            self._reduced[key] = replace(process, body=with_counts(body) if self.once else body)
         return self._reduced[key]
 
     def find(self, name: str, file: str, call: model.CallActivity) -> tuple[model.Process, str]:
@@ -98,7 +106,11 @@ class Abstraction:
             elif isinstance(node, model.CallActivity):
                 node = self._call(node, body, home)
             nodes.append(node)
-        return replace(body, nodes=tuple(nodes))
+        made = replace(body, nodes=tuple(nodes))
+        if self.timed:
+            self.steps.setdefault(TIMED, Step())
+            made = with_time(made, TIMED)
+        return made
 
     def _call(self, call: model.CallActivity, body: model.Body, home: model.Definitions) -> model.FlowNode:
         try:
@@ -121,15 +133,22 @@ class Abstraction:
         return model.Task(kind="service", operation=name, **kept)
 
 
-def abstraction(definitions: model.Definitions, pools: Sequence[Pool], library: Library,
-                types: Mapping[str, TopicUse]) -> Abstraction:  # fmt: skip
-    """The abstraction of a team. Raises ModelError for calls of unknown processes."""
+def abstraction(
+    definitions: model.Definitions,
+    pools: Sequence[Pool],
+    library: Library,
+    types: Mapping[str, TopicUse],
+    *,
+    timed: bool = False,
+    once: bool = False,
+) -> Abstraction:
+    """The abstraction of a team; options as of `Abstraction`. Raises ModelError for calls of unknown processes."""
     thrown, caught = set[str](), set[str]()
     for pool in pools:
         for home, process in library.closure(definitions, pool.process):
             for topic, throws in _ends(home, process):
                 (thrown if throws else caught).add(topic)
-    found = Abstraction(library, types)
+    found = Abstraction(library, types, timed=timed, once=once)
     found.shared = frozenset(topic for topic in thrown & caught if topic[0] == "/")
     found.outside = frozenset(topic for topic in caught if topic[0] == "~" or topic not in thrown)
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}

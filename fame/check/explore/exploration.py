@@ -1,34 +1,39 @@
-"""Explore a team's reachable states: make its robots, search for each delivery, and put together what was found."""
+"""Explore a team's reachable states: make its robots, search for each delivery, and collect the findings."""
 
 from __future__ import annotations
 
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Element, Process
 from fame.bpmn.pools import Pool, shared_topics
-from fame.bpmn.topics import TopicUse
 from fame.check.explore.abstraction import Abstraction, abstraction
 from fame.check.explore.faults import Faults
-from fame.check.explore.findings import FAILING, Finding, Report
+from fame.check.explore.findings import FAILING, KINDS, Finding, Kind, Report
 from fame.check.explore.graph import Explored
+from fame.check.explore.host import field_names
 from fame.check.explore.local import MOST_AT_ONE_PLACE, MOST_INSTANCES, Local
-from fame.check.explore.network import Kind
+from fame.check.explore.network import Kind as NetworkKind
 from fame.check.explore.product import MASK, Delivery, Options, Product
 from fame.check.explore.reduction import Reduction
+from fame.check.explore.running_states import as_explored, real_program
 from fame.check.explore.trace import Place, Runs
 from fame.check.explore.values import Values
 from fame.check.expressions import expressions_in
-from fame.errors import FameError, expect
-from fame.middleware import typesystem
+from fame.engine import Program
+from fame.engine.snapshot import Data
+from fame.errors import ModelError, expect
 
 LIMIT = 200_000
 """States of all deliveries together, by default."""
 DELIVERIES: tuple[Delivery, ...] = ("run", "fast")
 """What is explored by default, one after the other."""
+OF_WHOLE_MISSIONS: tuple[Kind, ...] = ("always-lost", "unneeded", "unstarted", "unreachable")
+"""Kinds of findings that mean nothing if a mission is explored from its middle."""
 _NAMES_ITSELF = re.compile(r"\brobot\b(?!\s*\.\s*(?:publish|subscribe|latest|call|act|now|date)\b)")
 """Texts by which a robot may know its own name."""
 
@@ -42,15 +47,21 @@ class Request:
     ordered   timers of a robot fire in the order of their durations, where that is known; else in any order
     faults    also explore what single faults lead to
     reduced   leave out orders of steps that make no difference
+    timed     plain and send tasks take time, as in verifiers of BPMN
+    once      report a second token at an end event (``unsafe``)
+    weak      report that a mission may go round forever, though it could leave (``endless``)
     limit     states, of all deliveries together
     seconds   time for all deliveries together, None for no bound
     """
 
     delivery: tuple[Delivery, ...] = DELIVERIES
-    network: Kind = "fifo"
+    network: NetworkKind = "fifo"
     ordered: bool = False
     faults: bool = False
     reduced: bool = True
+    timed: bool = False
+    once: bool = False
+    weak: bool = False
     limit: int = LIMIT
     seconds: float | None = None
 
@@ -114,6 +125,10 @@ class Exploration:
         """The first line of a report."""
         spent = f"{self.states} states in {self.seconds:.1f} s"
         modes = " and ".join(search.delivery for search in self.searches)
+        if not self.states and self.exhaustive:
+            return (
+                f"{self.file}: every run ends at its start in an error that nothing catches ({', '.join(self.robots)})"
+            )
         if self.exhaustive:
             return f"{self.file}: all states explored ({', '.join(self.robots)}; delivery {modes}): {spent}"
         return f"{self.file}: NOT all states explored ({', '.join(self.cuts)}; delivery {modes}): {spent}"
@@ -129,16 +144,26 @@ class Team:
     request: Request
     values: Values
 
-    def __init__(self, definitions: Definitions, library: Library, cast: Mapping[str, Pool], request: Request) -> None:
+    def __init__(
+        self,
+        definitions: Definitions,
+        library: Library,
+        cast: Mapping[str, Pool],
+        request: Request,
+        snapshots: Mapping[str, Data] = MappingProxyType({}),
+    ) -> None:
         self.definitions, self.library, self.cast, self.request = definitions, library, dict(cast), request
+        observed = any(data["observed"] for data in snapshots.values())
         self.pools = list({pool.name: pool for pool in cast.values()}.values())
         types = dict(shared_topics(definitions, self.pools, library))
-        self.model: Abstraction = abstraction(definitions, self.pools, library, types)
+        self.model: Abstraction = abstraction(
+            definitions, self.pools, library, types, timed=request.timed, once=request.once
+        )
         self.values = Values()
         self.robots: tuple[str, ...] = tuple(cast)
         self.places = dict(_places(definitions, self.pools, library))
         self.alike: dict[str, bool] = {pool.name: not self._knows_itself(pool) for pool in self.pools}
-        fields = _field_names(types)
+        fields = field_names(types)
         made: dict[str, Local] = {}
         self.locals: list[Local] = []
         for robot, pool in cast.items():
@@ -146,9 +171,19 @@ class Team:
             if local is None:
                 local = Local(robot, definitions, pool.process, self.model, self.values,
                               kept=self.model.kept[pool.name], fields=fields, robots=self.robots,
-                              ordered=request.ordered)  # fmt: skip
+                              ordered=request.ordered, observed=observed)  # fmt: skip
                 made[pool.name] = local
             self.locals.append(local)
+        self.given: dict[int, Data] = {
+            place: as_explored(snapshots[robot], self._real(place, observed), self.locals[place].program)
+            for place, robot in enumerate(self.robots)
+            if robot in snapshots
+        }
+
+    def _real(self, place: int, observed: bool) -> Program:
+        """The program that a robot really runs, with the inside of behaviours."""
+        process = self.cast[self.robots[place]].process
+        return real_program(self.definitions, process, self.library, self.locals[place].host, observed=observed)
 
     def _knows_itself(self, pool: Pool) -> bool:
         """Whether a script or expression may read the name of its robot, or somebody addresses a robot by name."""
@@ -181,7 +216,8 @@ class Team:
         request, begun = self.request, time.perf_counter()
         options = Options(
             delivery=delivery, network=request.network, reduced=request.reduced, faults=request.faults, limit=limit,
-            groups=self.groups() if request.reduced else (), required=self.required(), stop=stop,
+            groups=self.groups() if request.reduced else (), stop=stop, given=self.given,
+            required=() if self.given else self.required(),
         )  # fmt: skip
         product = Product(self.robots, self.locals, options)
         if request.reduced:
@@ -196,8 +232,9 @@ class Team:
             starts=tuple(_starts(local) for local in self.locals),
             processes=tuple(pool.process.id for pool in self.cast.values()),
             accepts=_accepted(self.definitions, self.pools, self.library),
-            elements=tuple(frozenset(one for one in local.program.elements if one) for local in self.locals),
+            elements=tuple(frozenset(local.program.elements) & self.places.keys() for local in self.locals),
             exhaustive=not cuts,
+            weak=request.weak,
         )
         found = report.findings()
         rows = report.faults() if request.faults else []
@@ -230,10 +267,45 @@ def explore_team(definitions: Definitions, library: Library, cast: Mapping[str, 
 
     Raises ModelError for a model that cannot be compiled, ConfigError for a limit below 1.
     """
+    begun = time.perf_counter()
+    _expect_bounds(request)
+    return _explored(Team(definitions, library, cast, request), begun)
+
+
+def explore_from(
+    definitions: Definitions,
+    library: Library,
+    cast: Mapping[str, Pool],
+    snapshots: Mapping[str, Data],
+    request: Request,
+) -> Exploration:
+    """Explore what may follow from the states that robots are in, not from their starts.
+
+    snapshots  robot -> what `fame.engine.snapshot` gave of its engine, in the program of this model (perhaps by
+               `fame.engine.migration.migrate`), with values written by `fame.robot.stored_values.dump`. What is held
+               goes on, what a migrated state lacks is armed. Robots without one start.
+
+    No message is under way in the beginning, and of pending timers no times are known: they fire in any order. A
+    behaviour that is being called may end at any time. Only findings about what happens from there on are given, not
+    about signals that come no more or elements that are behind.
+
+    Raises ModelError for a model that cannot be compiled, MissionError for a snapshot of another model, ConfigError for
+    a limit below 1.
+    """
+    begun = time.perf_counter()
+    _expect_bounds(request)
+    found = _explored(Team(definitions, library, cast, request, snapshots), begun)
+    return replace(found, findings=tuple(one for one in found.findings if one.kind not in OF_WHOLE_MISSIONS))
+
+
+def _expect_bounds(request: Request) -> None:
     expect(request.limit > 0, "limit", request.limit, "a number of states above 0")
     expect(request.seconds is None or request.seconds > 0, "seconds", request.seconds, "a number of seconds above 0")
-    begun = time.perf_counter()
-    team = Team(definitions, library, cast, request)
+
+
+def _explored(team: Team, begun: float) -> Exploration:
+    """All searches of a team, which share its budget."""
+    request = team.request
     left, searches, findings = request.limit, list[Searched](), dict[tuple[str, str], Finding]()
 
     def stop() -> bool:
@@ -253,8 +325,8 @@ def explore_team(definitions: Definitions, library: Library, cast: Mapping[str, 
         unreachable = []
     kept = [one for one in findings.values() if one.kind != "unreachable"] + unreachable
     return Exploration(
-        file=definitions.file,
-        robots={robot: pool.name for robot, pool in cast.items()},
+        file=team.definitions.file,
+        robots={robot: pool.name for robot, pool in team.cast.items()},
         findings=tuple(kept),
         searches=tuple(searches),
         local={local.robot: len(local) for local in dict.fromkeys(team.locals)},
@@ -284,13 +356,20 @@ def _places(definitions: Definitions, pools: Sequence[Pool], library: Library) -
             yield element.id, Place(element.id, home.file, element.line, element.name)
 
 
-def _accepted(definitions: Definitions, pools: Sequence[Pool], library: Library) -> dict[str, str]:
-    return {
-        element.id: element.properties["accept"]
-        for _, process in _closure(definitions, pools, library)
-        for element in _elements(process)
-        if "accept" in element.properties
-    }
+def _accepted(definitions: Definitions, pools: Sequence[Pool], library: Library) -> dict[str, dict[str, str]]:
+    """Element or process -> the kinds of findings that it accepts, and why. Raises ModelError for an unknown kind."""
+    found: dict[str, dict[str, str]] = {}
+    for home, process in _closure(definitions, pools, library):
+        for element in _elements(process):
+            for line in filter(str.strip, element.properties.get("accept", "").split(";")):
+                kind, _, reason = (part.strip() for part in line.partition(":"))
+                if kind not in KINDS:
+                    text = (
+                        f"accept: expected KIND: REASON, where KIND is one of {', '.join(KINDS)}; got {line.strip()!r}"
+                    )
+                    raise ModelError.at(element, text, file=home.file)
+                found.setdefault(element.id, {})[kind] = reason or "in the model"
+    return found
 
 
 def _closure(definitions: Definitions, pools: Sequence[Pool], library: Library) -> list[tuple[Definitions, Process]]:
@@ -307,24 +386,3 @@ def _elements(process: Process) -> Iterable[Element]:
 
 def _starts(local: Local) -> tuple[tuple[str, str], ...]:
     return tuple((node.id, topic) for topic, nodes in local.program.starts.items() for node in nodes)
-
-
-def _field_names(types: Mapping[str, TopicUse]) -> frozenset[str]:
-    """The names of all fields of the messages of a team."""
-    found = set[str]()
-    pending = [use.type for use in types.values()]
-    seen = set[str]()
-    while pending:
-        name = pending.pop()
-        if name in seen:
-            continue
-        seen.add(name)
-        try:
-            content = typesystem.definition(name)
-        except FameError:
-            continue
-        for one in content.fields:
-            found.add(one.attribute)
-            if one.is_message:
-                pending.append(one.base)
-    return frozenset(found)

@@ -1,9 +1,9 @@
-"""What an exploration has found: one finding per cause, each with the shortest run to it.
+"""The findings of an exploration: one per cause, each with the shortest run to it.
 
 The first three kinds fail a check: a ``deadlock``, a mission that can ``never`` complete, a ``lost`` signal that a
 robot waits for afterwards. Warnings are signals that are ``always-lost``, ``dropped`` triggers, pools that may not have
 started at the end (``unstarted``), ``unreachable`` elements, errors that are not caught (``error``), conditions that
-fail (``condition``), ``growth`` without bound, and a single ``fault`` that leaves others waiting for ever. What has no
+fail (``condition``), ``growth`` without bound, and a single ``fault`` that leaves others waiting forever. What has no
 consequence is a note.
 
 An element or process with property ``accept`` = ``<kind>: <reason>`` accepts a finding about it.
@@ -18,18 +18,21 @@ from typing import Literal
 
 from fame.check.explore.faults import outcomes
 from fame.check.explore.graph import Explored
-from fame.check.explore.product import Product
+from fame.check.explore.product import Fault, Product
+from fame.check.explore.semantics import SECOND_TOKEN, counted, cycle
 from fame.check.explore.trace import Place, Runs, Step, waiting
 
 Kind = Literal[
     "deadlock", "never", "lost", "always-lost", "dropped", "unstarted", "unreachable", "error", "condition", "growth",
-    "fault", "unneeded",
+    "fault", "unneeded", "unsafe", "endless",
 ]  # fmt: skip
 FAILING: tuple[Kind, ...] = ("deadlock", "never", "lost")
 """The kinds that make a check fail."""
+_ERROR: Kind = "error"
+_UNSAFE: Kind = "unsafe"
 KINDS: tuple[Kind, ...] = (
     *FAILING, "always-lost", "dropped", "unstarted", "unreachable", "error", "condition", "growth", "fault",
-    "unneeded",
+    "unsafe", "endless", "unneeded",
 )  # fmt: skip
 
 
@@ -45,6 +48,7 @@ class Finding:
     doomed    number of steps after which the mission cannot complete any more; None if it can, or if that is unknown
     delivery  how messages were delivered in that run
     accepted  why the model accepts it, empty if it does not
+    robots    those that wait forever, as they are called in the run
     """
 
     kind: Kind
@@ -55,15 +59,7 @@ class Finding:
     doomed: int | None = None
     delivery: str = "run"
     accepted: str = ""
-
-    @property
-    def choices(self) -> dict[str, list[int]]:
-        """Element -> the decisions about unknown values there in the run: 0 for true, 1 for false."""
-        found: dict[str, list[int]] = {}
-        for step in self.run:
-            for element, chosen, _ in step.choices:
-                found.setdefault(element, []).append(chosen)
-        return found
+    robots: tuple[str, ...] = ()
 
     @property
     def level(self) -> str:
@@ -84,7 +80,7 @@ class Report:
     pools      the pool of each robot, by place
     starts     what each robot waits for to start, if it does not by itself: (element, topic)
     processes  the process of each robot
-    accepts    element or process -> its property `accept`
+    accepts    element or process -> the kinds of findings that its property `accept` names, and why
     elements   ids of the elements of each robot's program
     """
 
@@ -92,9 +88,10 @@ class Report:
     pools: tuple[str, ...]
     starts: tuple[tuple[tuple[str, str], ...], ...]
     processes: tuple[str, ...]
-    accepts: Mapping[str, str] = field(default_factory=dict)
+    accepts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     elements: tuple[frozenset[str], ...] = ()
     exhaustive: bool = True
+    weak: bool = False
 
     @property
     def product(self) -> Product:
@@ -115,7 +112,8 @@ class Report:
             *self._errors(),
             *self._growth(),
         ]
-        found += self._unreachable() if self.exhaustive else ()
+        found += self._circles() if self.weak else ()
+        found += self._unreachable() if self.exhaustive and self.explored.states else ()
         delivery = self.product.options.delivery
         found = [self._judged(replace(one, delivery=delivery)) for one in found]
         return sorted(found, key=lambda one: KINDS.index(one.kind))
@@ -127,15 +125,17 @@ class Report:
         good = self.explored.completable()
         rows: list[tuple[str, str, Finding | None]] = []
         for fault, at in outcomes(self.product, self.explored, good).items():
-            name = self._fault_name(fault)
             if at is None:
-                rows.append((name, "the others complete", None))
+                rows.append((self._fault_name(fault), "the others complete", None))
                 continue
-            stuck = self._waiting("deadlock", self._last_of(at, good), good)
+            last = self._last_of(at, good)
+            stuck, name = self._waiting("deadlock", last, good), self._fault_name(self._in_run(fault, last))
+            if any(name == other for other, _, _ in rows):  # of another robot that is alike
+                continue
             who = stuck.text.partition(": ")[2].removesuffix(", and nothing will come")
-            finding = replace(stuck, kind="fault", text=f"{name}: {who}, for ever",
+            finding = replace(stuck, kind="fault", text=f"{name}: {who}, forever",
                               delivery=self.product.options.delivery)  # fmt: skip
-            rows.append((name, f"{who}, for ever", self._judged(finding)))
+            rows.append((name, f"{who}, forever", self._judged(finding)))
         return rows
 
     def _last_of(self, at: int, good: bytearray) -> int:
@@ -146,6 +146,15 @@ class Report:
 
     def _stuck_states(self) -> frozenset[int]:
         return frozenset(self.explored.stuck)
+
+    def _in_run(self, fault: Fault, at: int) -> Fault:
+        """The fault with the robot by its name in the run to a state: equal robots change places."""
+        steps, after = self.runs.to(at)
+        states = self.explored.states
+        happened = (step for step, one in zip(steps, after, strict=True) if self.product.fault_of(states[one]))
+        kind, who, *details = fault
+        robot = next((step.robot for step in happened if step.kind in ("die", "block", "fail", "loss")), who)
+        return (kind, who, robot) if kind == "message" else (kind, robot, *details)
 
     def _fault_name(self, fault: tuple[str, ...]) -> str:
         kind, *details = fault
@@ -159,14 +168,14 @@ class Report:
 
     def _judged(self, finding: Finding) -> Finding:
         """The finding, accepted if the model says so."""
+        kinds = (finding.kind, "deadlock") if finding.kind == "lost" else (finding.kind,)
         for element in (*(place.element for place in finding.places), *finding.processes):
-            for line in self.accepts.get(element, "").split(";"):
-                kind, _, reason = line.partition(":")
-                if kind.strip() in (finding.kind, *(("deadlock",) if finding.kind == "lost" else ())):
-                    return replace(finding, accepted=reason.strip() or "in the model")
+            for kind in kinds:
+                if kind in self.accepts.get(element, ()):
+                    return replace(finding, accepted=self.accepts[element][kind])
         return finding
 
-    # ---- robots that wait for ever -------------------------------------------------------------------
+    # ---- robots that wait forever -------------------------------------------------------------------
 
     def _stuck(self, good: bytearray) -> Iterator[Finding]:
         """Deadlocks: one for each set of elements at which robots wait, and none for one that contains another."""
@@ -199,7 +208,7 @@ class Report:
                 yield Finding("unstarted", text, places, (self.processes[pool[0]],), tuple(self.runs.to(at)[0]))
 
     def _waiting(self, kind: Kind, at: int, good: bytearray) -> Finding:
-        """A finding about a state in which robots wait for ever."""
+        """A finding about a state in which robots wait forever."""
         state = self.explored.states[at]
         steps, after = self.runs.to(at)
         names = self.runs.names(at)
@@ -224,7 +233,7 @@ class Report:
         places = tuple(self.runs.place(element) for _, found in waits for element, _ in dict.fromkeys(found))
         processes = tuple(dict.fromkeys(self.processes[robot] for robot, _ in waits))
         return Finding(kind, f"{title}: {'; '.join(parts)}{after_all}", tuple(dict.fromkeys(places)), processes,
-                       tuple(steps), doomed)  # fmt: skip
+                       tuple(steps), doomed, robots=tuple(names[robot] for robot, _ in waits))  # fmt: skip
 
     def _wait(self, element: str, topic: str) -> str:
         return self.runs.place(element).display_name + (f" for {topic}" if topic else "")
@@ -246,7 +255,7 @@ class Report:
             left = [other for other in left if not around[other]]
 
     def _bottom(self, inside: list[int], at: int) -> int:
-        """A state of what is reached for ever: the first one."""
+        """A state of what is reached forever: the first one."""
         return at if at in inside else inside[0]
 
     # ---- signals, errors, elements -------------------------------------------------------------------
@@ -299,10 +308,25 @@ class Report:
                 (self.product.flags["error", robot, f"{element}\n{why}"] for robot, why in found),
                 key=lambda one: one.at,
             )
-            place = self.runs.place(element)
             who = _names([self.product.robots[robot] for robot, _ in found])
+            place, kind = self.runs.place(element), _ERROR
             text = f"{who}: {place.display_name} fails: {_together(why for _, why in found)}"
-            yield Finding("error", text, (place,), (self.processes[found[0][0]],), tuple(self.runs.seen(first)))
+            if any(SECOND_TOKEN in why for _, why in found):
+                place, kind = self.runs.place(counted(element)), _UNSAFE
+                text = f"{who}: a second token comes to the end event {place.display_name}"
+            yield Finding(kind, text, (place,), (self.processes[found[0][0]],), tuple(self.runs.seen(first)))
+
+    def _circles(self) -> Iterator[Finding]:
+        """A mission that may go round forever, though it could leave."""
+        found = cycle(self.explored)
+        if found:
+            states = [self.product.locals_of(self.explored.states[at]) for at in found]
+            moving = [robot for robot, seen in enumerate(zip(*states, strict=True)) if len(set(seen)) > 1]
+            everybody = range(self.product.count)
+            who = _names(self.pools[robot] for robot in moving) or "the mission"
+            text = f"{who} can loop forever, though it could leave the loop"
+            processes = tuple(dict.fromkeys(self.processes[robot] for robot in moving or everybody))
+            yield Finding("endless", text, (), processes, tuple(self.runs.to(found[0])[0]))
 
     def _growth(self) -> Iterator[Finding]:
         locals_ = {id(local): local for local in self.product.locals}.values()
@@ -324,9 +348,10 @@ class Report:
         visited: dict[str, set[str]] = defaultdict(set)
         for pool, local in zip(self.pools, self.product.locals, strict=True):
             visited[pool] |= local.visited
+        failed = {what.partition("\n")[0] for kind, _, what in self.product.flags if kind == "error"}
         for pool in dict.fromkeys(self.pools):
             robot = self.pools.index(pool)
-            missing = [one for one in sorted(self.elements[robot]) if one not in visited[pool]]
+            missing = [one for one in sorted(self.elements[robot]) if one not in visited[pool] | failed]
             if missing and visited[pool]:
                 places = tuple(self.runs.place(one) for one in missing)
                 names = ", ".join(place.display_name for place in places)

@@ -18,6 +18,8 @@ class Explored:
     _before: tuple[list[int], list[int]] | None = None
     final: list[int] = field(default_factory=list)
     stuck: list[int] = field(default_factory=list)
+    loops: list[int] = field(default_factory=list)
+    """States in which a robot did something by itself that changed nothing."""
     transitions: int = 0
     cut: str = ""
 

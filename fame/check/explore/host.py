@@ -1,4 +1,4 @@
-"""The world as an explored engine sees it: whatever may happen, decided by the exploration.
+"""The host of an explored engine: everything that may happen in the world is decided by the exploration.
 
 Nothing is sent and nothing waits. What the engine publishes is noted, timers are kept by key, and scripts that may not
 be computed leave unknown variables. Methods without a docstring are those of `fame.engine.host.Host`.
@@ -21,7 +21,9 @@ from fame.engine.host import BpmnError
 from fame.engine.state import Trail
 from fame.errors import FameError, ModelError
 from fame.iso8601 import parse_duration
-from fame.scripting import compile_expression, compile_script, interface, script_names
+from fame.middleware import typesystem
+from fame.scripting import compile_expression, compile_script, script_names
+from fame.scripting.interface import interface
 
 Flag = tuple[str, str]
 """Something to report of a step: (kind, detail)."""
@@ -61,7 +63,7 @@ class Outcome:
     sent: list[Send] = field(default_factory=list)
     flags: list[Flag] = field(default_factory=list)
     over: list[Instance] = field(default_factory=list)
-    begun: bool = False
+    begun: list[Instance] = field(default_factory=list)
     quiet: bool = True
     choices: list[tuple[str, int, int]] = field(default_factory=list)  # element, chosen, ways
 
@@ -103,7 +105,7 @@ class ExplorationHost:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last step."""
+        """Reset the record of the last step."""
         self.outcome: Outcome = Outcome()
         self.timers: dict[int, Timer] = {}
         self.fired: Timer | None = None
@@ -204,7 +206,7 @@ class ExplorationHost:
             raise
         except Exception as error:
             reads = [variables.get(name) for name in tuple(variables) if not name.startswith("__")]
-            if not isinstance(error, TypeError | AttributeError) or all(map(self.values.number, reads)):
+            if not _is_about_unknown(error) or all(map(self.values.number, reads)):
                 raise
         else:
             return
@@ -214,7 +216,7 @@ class ExplorationHost:
         self._abstract(step, element, variables)
 
     def _abstract(self, step: Step, element: str, variables: dict[str, Any]) -> None:
-        """What is known of a script that is not run."""
+        """The known effects of a script that is not run."""
         self.place = element
         chosen = self.choose(1 + len(step.codes)) if step.codes else 0
         self.end_step(step, variables)
@@ -320,7 +322,7 @@ class ExplorationHost:
     def lacks(self, element: str, output: str) -> None: ...
 
     def begun(self, instance: Instance) -> None:
-        self.outcome.begun = True
+        self.outcome.begun.append(instance)
 
     def report(self, element: str, text: str) -> None:
         if "trigger dropped" in text:
@@ -336,8 +338,14 @@ class ExplorationHost:
             self.outcome.flags.append(("error", f"{instance.error.element}\n{instance.error.text}"))
 
 
+def _is_about_unknown(error: Exception) -> bool:
+    """Whether an error may come of a value that is unknown, and not of the script: it is not of the expected kind."""
+    unpacked = isinstance(error, ValueError) and "values to unpack" in str(error)
+    return unpacked or isinstance(error, TypeError | AttributeError)
+
+
 def step_of(script: Expression, element: str) -> Step:
-    """What is known of a script that is not run."""
+    """The known effects of a script that is not run."""
     codes = raised_codes(Task(id=element, kind="script", script=script)) or ()
     emits = tuple((topic, is_certain(script, topic)) for topic in emitted(script))
     return Step(tuple(sorted(script_writes(script))), tuple(sorted(codes)), emits)
@@ -348,3 +356,24 @@ def _seconds(text: str) -> float | None:
         return parse_duration(text.rsplit("/", 1)[-1]).nanoseconds / 1e9
     except (ValueError, ModelError, FameError, AttributeError):
         return None
+
+
+def field_names(types: Mapping[str, TopicUse]) -> frozenset[str]:
+    """The names of all fields of the messages of a team."""
+    found = set[str]()
+    pending = [use.type for use in types.values()]
+    seen = set[str]()
+    while pending:
+        name = pending.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        try:
+            content = typesystem.definition(name)
+        except FameError:
+            continue
+        for one in content.fields:
+            found.add(one.attribute)
+            if one.is_message:
+                pending.append(one.base)
+    return frozenset(found)

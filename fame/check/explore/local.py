@@ -15,12 +15,16 @@ from typing import Any
 from fame.bpmn.model import Definitions, Process
 from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, Running, Send, Timer
+from fame.check.explore.running_states import load_known
 from fame.check.explore.values import UNKNOWN, Values
-from fame.engine import Engine, compile_program
+from fame.engine import Engine, compile_program, restore
 from fame.engine.canonical import Forms, Keys, stimuli, waiting_elements
 from fame.engine.host import BpmnError, Host
+from fame.engine.migration import arm_new
 from fame.engine.program import LoopInstance
-from fame.engine.state import Wait, scopes_of
+from fame.engine.snapshot import Data
+from fame.engine.state import Scope, Wait, scopes_of
+from fame.engine.tasks import SCRIPT
 
 Stimulus = tuple[str, Any, Any]
 """What happens to a robot: (kind, key or element or topic, code or message number).
@@ -87,7 +91,7 @@ class Local:
 
     def __init__(self, robot: str, definitions: Definitions, process: Process, model: Abstraction, values: Values, *,
                  kept: frozenset[str], fields: frozenset[str], robots: tuple[str, ...],
-                 ordered: bool) -> None:  # fmt: skip
+                 ordered: bool, observed: bool = False) -> None:  # fmt: skip
         self.robot, self.process, self.values = robot, process, values
         self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
         self.kept = kept
@@ -95,16 +99,19 @@ class Local:
         host: Host = self.host
         explored = model.process(definitions, process)
         self.body = explored.body
-        self.program = compile_program(explored, host=host, library=model.find, file=definitions.file)
+        file = definitions.file
+        self.program = compile_program(explored, host=host, library=model.find, file=file, observed=observed)
         catches = [node.catch for node in self.program.nodes if node.catch is not None]
         self.topics: frozenset[str] = frozenset(catch.topic for catch in catches if catch.topic)
         self.host.own_topics = self.topics
         self.outside: tuple[str, ...] = tuple(sorted(self.topics & model.outside))
         self._seen: dict[str, set[int]] = {}
         self.widened: set[str] = set()
-        self.forms = Forms(self.program, values.number, values.value, kept.__contains__, self._variable)
+        self.forms = Forms(
+            self.program, values.number, values.value, kept.__contains__, self._variable, values.is_constant
+        )
         self.elements: dict[str, Any] = {node.id: node for node in reversed(self.program.nodes) if node.id}
-        self.visited: set[str] = set()
+        self._entered: set[str] = set()
         self.cut: set[str] = set()
         self.steps = 0
         self.limit: Callable[[], None] = lambda: None
@@ -119,9 +126,9 @@ class Local:
 
     # ---- steps ---------------------------------------------------------------------------------------
 
-    def start(self) -> tuple[Way, ...]:
-        """The ways in which the robot may start."""
-        return self._explored(self._new, lambda engine: engine.begin({}))
+    def start(self, given: Data | None = None) -> tuple[Way, ...]:
+        """The ways in which the robot may start, or go on from a snapshot of this program."""
+        return self._explored(*self._first(given))
 
     def step(self, state: int, stimulus: Stimulus) -> tuple[Way, ...]:
         """The ways that a stimulus may go in a state."""
@@ -133,8 +140,13 @@ class Local:
             )
         return found
 
-    def chosen(self, state: int | None, stimulus: Stimulus | None, way: Way) -> list[tuple[str, int, int]]:
-        """The decisions by which a step goes that way: (element, chosen, ways), for a trace."""
+    def chosen(
+        self, state: int | None, stimulus: Stimulus | None, way: Way, given: Data | None = None
+    ) -> list[tuple[str, int, int]]:
+        """The decisions by which a step goes that way: (element, chosen, ways), for a trace.
+
+        Without a state it is the first step, see `start`.
+        """
         found: list[list[tuple[str, int, int]]] = []
 
         def keep(one: Way, outcome: Outcome) -> None:
@@ -142,10 +154,31 @@ class Local:
                 found.append(outcome.choices)
 
         if state is None or stimulus is None:
-            self._explored(self._new, lambda engine: engine.begin({}), keep)
+            self._explored(*self._first(given), keep)
         else:
             self._explored(lambda: self._revived(state), lambda engine: self._apply(engine, stimulus), keep)
         return found[0] if found else []
+
+    def _first(self, given: Data | None) -> tuple[Callable[[], Engine], Callable[[Engine], object]]:
+        """How the first step is taken."""
+        if given is None:
+            return self._new, lambda engine: engine.begin({})
+        return lambda: self._restored(given), _go_on
+
+    def _restored(self, data: Data) -> Engine:
+        """The engine of a snapshot; of its timers no times are known."""
+        self.host.reset()
+        host, unknown = self.host, self.values.unknown
+        outside: Host = host
+        engine = restore(self.program, data, outside, host.new_variables, load=lambda value: load_known(value, unknown))
+        engine.limit = engine.portion = MOST_MOVES
+        pending = {key: wait.catch for key, wait in engine.waits.items() if wait.catch.trigger is not SCRIPT}
+        pending |= {key: node.catch for key, node in engine.armed_starts.items() if node.catch is not None}
+        host.timers = {
+            key: Timer(("alone", key), 0.0, 1.0 if catch.timer == "cycle" else None) for key, catch in pending.items()
+        }
+        host.engine = engine
+        return engine
 
     def _new(self) -> Engine:
         self.host.reset()
@@ -189,11 +222,14 @@ class Local:
                     _, chosen, ways = choices[place]
                     prefix = tuple(one[1] for one in choices[:place])
                     pending += [(*prefix, other) for other in range(ways) if other != chosen]
-            self._note_visits(engine, outcome)
+            if outcome.begun:
+                self._note_begun(outcome)
             number = self._number(engine)
             if number is None:
                 continue
-            way = Way(number, tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags)), outcome.begun, outcome.quiet)
+            way = Way(
+                number, tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags)), bool(outcome.begun), outcome.quiet
+            )
             found[way] = None
             if keep is not None:
                 keep(way, outcome)
@@ -202,17 +238,25 @@ class Local:
                 break
         return tuple(found)
 
-    def _note_visits(self, engine: Engine, outcome: Outcome) -> None:
-        elements, visited = self.program.elements, self.visited
-        for instance in (*engine.instances.values(), *outcome.over):
-            for slot, count in enumerate(instance.counts):
-                if count:
-                    visited.add(elements[slot])
+    @property
+    def visited(self) -> set[str]:
+        """The elements that a token has entered so far."""
+        elements = self.program.elements
+        return self._entered | {elements[slot] for slot, count in enumerate(self.forms.counts) if count}
+
+    def _note_begun(self, outcome: Outcome) -> None:
+        """Count what instances that have begun have passed; all others count together."""
+        elements = self.program.elements
+        for instance in outcome.begun:
+            self._entered |= {elements[slot] for slot, count in enumerate(instance.counts) if count}
+
+    def _note_entered(self, engine: Engine) -> None:
+        """Note where the tokens of a new state are."""
         for instance in engine.instances.values():
             for scope in scopes_of(instance.root):
                 for child in scope.children:
                     if child.node is not None and not (isinstance(child, Wait) and not child.token):
-                        visited.add(child.node.id)
+                        self._entered.add(child.node.id)
 
     def _apply(self, engine: Engine, stimulus: Stimulus) -> None:
         kind, what, detail = stimulus
@@ -267,6 +311,7 @@ class Local:
         if number is None:
             number = self._numbers[state] = len(self._states)
             self._states.append(state)
+            self._note_entered(engine)
             if form[11]:  # keys keep their order while something is suspended
                 keys = _ranked(form, keys)
             self.views.append(self._view(engine, keys))
@@ -288,17 +333,9 @@ class Local:
             self.cut.add(f"instances\n{self.program.process}")
             return True
         for instance in engine.instances.values():
-            if instance.scopes == 1 and len(instance.root.children) <= MOST_AT_ONE_PLACE:
-                continue
-            places = Counter(
-                (id(child.scope if hasattr(child, "scope") else child.parent), child.node)
-                for scope in scopes_of(instance.root)
-                for child in scope.children
-                if not (child.node is not None and isinstance(child.node.spec, LoopInstance))
-            )
-            for (_, node), count in places.items():
-                if count > MOST_AT_ONE_PLACE and node is not None:
-                    self.cut.add(f"tokens\n{node.id}")
+            for scope in scopes_of(instance.root):
+                if len(scope.children) > MOST_AT_ONE_PLACE and (crowded := _crowded(scope)):
+                    self.cut.add(f"tokens\n{crowded}")
                     return True
         return False
 
@@ -345,6 +382,22 @@ class Local:
         view = self.views[state]
         kind = "end" if stimulus[0] == "block" else stimulus[0]
         return next(one for own, one in zip(view.own, view.elements, strict=True) if own[:2] == (kind, stimulus[1]))
+
+
+def _go_on(engine: Engine) -> None:
+    """What is held goes on; what a migrated state lacks is armed."""
+    engine.release()
+    arm_new(engine)
+    engine.run()
+
+
+def _crowded(scope: Scope) -> str:
+    """The element of a scope at which too many tokens and handlers are, or empty; instances of loops may be many."""
+    nodes = [child.node for child in scope.children if child.node is not None]
+    if len(set(nodes)) > len(nodes) - MOST_AT_ONE_PLACE:
+        return ""
+    places = Counter(node for node in nodes if not isinstance(node.spec, LoopInstance))
+    return next((node.id for node, count in places.items() if count > MOST_AT_ONE_PLACE), "")
 
 
 def _ranked(form: Any, keys: Keys) -> Keys:

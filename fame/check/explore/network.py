@@ -1,4 +1,4 @@
-"""Messages under way, by the number of what the network holds.
+"""Messages in transit: contents of the network, by number.
 
 It holds messages by channel (sender, topic, receiver), first in first out; as a `bag`, messages of a channel may
 overtake.

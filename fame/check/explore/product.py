@@ -15,14 +15,15 @@ In a `bag` network a message waits until its receiver listens.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise, permutations
 from typing import Literal
 
 from fame.check.explore.graph import Explored
 from fame.check.explore.local import Local, Stimulus, Way
-from fame.check.explore.network import Kind, Network
+from fame.check.explore.network import Kind, Network, Sent
+from fame.engine.snapshot import Data
 
 BITS = 20
 MASK = (1 << BITS) - 1
@@ -67,7 +68,26 @@ class Move:
 
 Told = tuple[tuple[int, Move], ...]
 """What the receivers of a message did, at once: (robot, move)."""
-_Queue = tuple[tuple[int, tuple[str, int, str]], ...]
+
+
+class Message:
+    """A message that is delivered at once.
+
+    mask      the bits of its receivers in a state of the team
+    arrivals  what comes of it, by these bits
+    """
+
+    __slots__ = ("arrivals", "mask", "number", "origin", "receivers", "topic")
+
+    def __init__(self, origin: int, topic: str, number: int, receivers: tuple[int, ...]) -> None:
+        self.origin, self.topic, self.number, self.receivers = origin, topic, number, receivers
+        self.mask: int = sum(MASK << (receiver * BITS) for receiver in receivers)
+        self.arrivals: dict[int, list[_Arrival]] = {}
+
+
+_Queue = tuple[Message, ...]
+_Arrival = tuple[int, int, Told, _Queue]
+"""What comes of a message: difference of the state, marks, moves of the receivers, their answers."""
 _Spreading = tuple[int, _Queue, Told, int]
 """A delivery at once, in its course: state, messages to come with their senders, what was done, deliveries so far."""
 Transition = tuple[int, int, Move, Told]
@@ -82,6 +102,7 @@ class Options:
 
     groups    places of robots that nothing tells apart
     required  for each pool of which one robot has to start, but none does by itself: the places of its robots
+    given     snapshots of the robots that do not start, but go on, by place
     """
 
     delivery: Delivery = "run"
@@ -91,6 +112,7 @@ class Options:
     limit: int = 200_000
     groups: tuple[tuple[int, ...], ...] = ()
     required: tuple[tuple[int, ...], ...] = ()
+    given: Mapping[int, Data] = field(default_factory=dict)
     stop: Callable[[], bool] = lambda: False
 
 
@@ -128,6 +150,8 @@ class Product:
         self.add_faults: Callable[[int, list[Transition]], None] = lambda state, found: None
         self.reduction: Callable[[int, int], tuple[Move, ...]] | None = None
         self._index: dict[int, int] = {}
+        self._firsts: dict[int, _Queue] = {}
+        self._messages: dict[tuple[int, tuple[str, int, str]], Message] = {}
 
     # ---- tables --------------------------------------------------------------------------------------
 
@@ -231,41 +255,68 @@ class Product:
 
     def spread(self, state: int, sending: int, lost: int = -1) -> list[tuple[int, Told]]:
         """Deliver at once what was sent and what follows, in the order of sending; one delivery may be lost."""
-        sender, sent = self.network.sent[sending]
+        first = self._firsts.get(sending)
+        if first is None:
+            sender, sent = self.network.sent[sending]
+            first = self._firsts[sending] = self._sent_by(sender, sent)
         done: list[tuple[int, Told]] = []
-        first = tuple((sender, one) for one in sent)
         pending: list[_Spreading] = [(state, first, (), 0)]
         while pending:
             state, queue, told, deliveries = pending.pop()
-            if not queue:
-                done.append((state, told))
-                continue
-            if deliveries > MOST_IN_CASCADE:
-                origin, (topic, _, _) = queue[0]
-                self.network.piles.add((origin, topic, self.receivers(origin, topic)[0]))
-                continue
-            pending += self._deliver(state, queue, told, deliveries, lost)
+            head, rest = queue[0], queue[1:]
+            found = head.arrivals.get(state & head.mask) if lost < 0 else None
+            if found is None:
+                found = self._delivered(state, head, lost - deliveries)
+                if lost < 0:
+                    head.arrivals[state & head.mask] = found
+            deliveries += len(head.receivers)
+            for difference, mark, heard, answer in found:
+                after, more = state + difference | mark, rest + answer if answer else rest
+                if not more:
+                    done.append((after, told + heard))
+                elif deliveries > MOST_IN_CASCADE:
+                    self.network.piles.add((more[0].origin, more[0].topic, more[0].receivers[0]))
+                else:
+                    pending.append((after, more, told + heard, deliveries))
         return done
 
-    def _deliver(self, state: int, queue: _Queue, told: Told, deliveries: int, lost: int) -> Iterator[_Spreading]:
-        """The first message of a queue reaches all its receivers: what may come of it."""
-        origin, (topic, message, only) = queue[0]
-        branches: list[tuple[int, Told, tuple[tuple[int, int], ...]]] = [(state, told, ())]
-        receivers = self.receivers(origin, topic, only)
-        for place, receiver in enumerate(receivers):
-            if deliveries + place == lost:
+    def _sent_by(self, sender: int, sent: Sent) -> _Queue:
+        """The messages that a robot sends."""
+        found = []
+        for one in sent:
+            message = self._messages.get((sender, one))
+            if message is None:
+                topic, number, only = one
+                made = Message(sender, topic, number, self.receivers(sender, topic, only))
+                message = self._messages[sender, one] = made
+            found.append(message)
+        return tuple(found)
+
+    def _delivered(self, state: int, message: Message, lost: int) -> list[_Arrival]:
+        """A message reaches all its receivers but the one with number `lost`: what may come of it.
+
+        The local states of the receivers alone decide.
+        """
+        branches: list[tuple[int, int, Told, tuple[tuple[int, int], ...]]] = [(0, 0, (), ())]
+        for place, receiver in enumerate(message.receivers):
+            if place == lost:
                 continue
             grown = []
-            for after, so_far, answers in branches:
-                for move in self.hear(receiver, after >> (receiver * BITS) & MASK, topic, message):
+            moves = self.hear(receiver, state >> (receiver * BITS) & MASK, message.topic, message.number)
+            for difference, mark, told, answers in branches:
+                for move in moves:
                     more = (*answers, (receiver, move.sending)) if move.sending else answers
-                    grown.append((after + move.difference | move.mark, (*so_far, (receiver, move)), more))
+                    grown.append((difference + move.difference, mark | move.mark, (*told, (receiver, move)), more))
             branches = grown
-        number = deliveries + len(receivers)
-        for after, so_far, answers in branches:
-            for order in self._orders(answers):
-                answer = tuple((robot, one) for robot, number_ in order for one in self.network.sent[number_][1])
-                yield after, (*queue[1:], *answer), so_far, number
+        return [
+            (difference, mark, told, self._answer(order))
+            for difference, mark, told, answers in branches
+            for order in self._orders(answers)
+        ]
+
+    def _answer(self, answers: tuple[tuple[int, int], ...]) -> _Queue:
+        """What receivers send, in the order in which they answer."""
+        return tuple(one for robot, number in answers for one in self._sent_by(robot, self.network.sent[number][1]))
 
     def _orders(self, answers: tuple[tuple[int, int], ...]) -> Iterator[tuple[tuple[int, int], ...]]:
         """The orders in which receivers answer: that of the robots, and any other of robots that are alike."""
@@ -335,7 +386,7 @@ class Product:
         """The states in which all robots have started: before the first delivery all of them have."""
         starts: list[tuple[int, Told]] = [(0, ())]
         for robot, local in enumerate(self.locals):
-            ways = self.moves(robot, 0, ("start", None, None), local.start())
+            ways = self.moves(robot, 0, ("start", None, None), local.start(self.options.given.get(robot)))
             starts = [
                 (state + move.difference | move.mark, (*told, (robot, move))) for state, told in starts for move in ways
             ]
@@ -371,8 +422,11 @@ class Product:
                 explored.cut = "states" if len(states) > options.limit else "seconds"
                 break
             found = self.transitions(states[at])
-            if options.faults and not states[at] >> self.fault_shift & FAULTS:
-                self.add_faults(states[at], found)
+            if options.faults:
+                if states[at] >> self.fault_shift & FAULTS:
+                    found = [transition for transition in found if not _is_failure(transition)]
+                else:
+                    self.add_faults(states[at], found)
             for transition in found:
                 new, _, move, told = transition
                 if (move.flags is not None or told or move.failed) and self._report(at, transition):
@@ -384,6 +438,8 @@ class Product:
                     number = index[new] = len(states)
                     states.append(new)
                     parents.append(at)
+                elif number == at and move.stimulus[0] not in ("outside", "hear"):
+                    explored.loops.append(at)
                 targets.append(number)
             offsets.append(len(targets))
             explored.transitions += len(found)
@@ -424,3 +480,10 @@ class Product:
     def fault_of(self, state: int) -> Fault:
         """The fault that has happened, () for none."""
         return self.faults[state >> self.fault_shift & FAULTS]
+
+
+def _is_failure(transition: Transition) -> bool:
+    """Whether a step fails by itself, and nothing catches that: a second fault."""
+    _, _, move, _ = transition
+    kind, _, code = move.stimulus
+    return move.failed and kind == "end" and code is not None

@@ -7,7 +7,7 @@ Two kinds of steps of one robot may go first, because whatever else happens may 
   touch before (parallel branches commute).
 
 Neither may send, report or start anything, nor change which messages the robot takes. The search explores such steps
-alone only if all of them lead to states that it has not seen, so that nothing is put off for ever.
+alone only if all of them lead to states that it has not seen, so that nothing is put off forever.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Runs: how a state of the team comes about, in the terms of the model.
+"""Runs: the steps that lead to a state of the team, in the terms of the model.
 
 The search keeps no steps, only from which state each other was found first. A run is made again from these: the
 transitions of each state are computed once more, and the one that leads on is taken. Where equal robots were sorted,
@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from fame.check.explore.graph import Explored
-from fame.check.explore.local import Local
 from fame.check.explore.product import BITS, DEAD, MASK, Move, Product, Seen, Transition
 from fame.errors import display_name
 
@@ -147,15 +146,16 @@ class Runs:
         _, robot, move, told = transition
         olds = self.product.locals_of(state) if state is not None else [0] * self.product.count
         for place, done in ((robot, move), *told):
-            step = self._step(self.product.locals[place], names[place], olds[place], done)
+            step = self._step(place, names[place], olds[place], done)
             if done.stimulus[0] != "loss":
                 olds[place] = done.state
             if step is not None:
                 yield step
 
-    def _step(self, local: Local, robot: str, old: int, move: Move) -> Step | None:
+    def _step(self, place: int, robot: str, old: int, move: Move) -> Step | None:
         if old == DEAD:
             return None
+        local, given = self.product.locals[place], self.product.options.given.get(place)
         kind, what, detail = move.stimulus
         element, code = "", ""
         match kind:
@@ -168,10 +168,10 @@ class Runs:
                 text = f"{robot}'s timer {self._label(element)} fires"
             case "person":
                 element = what
-                text = f"somebody completes {robot}'s {self._label(element)}"
+                text = f"a person completes {robot}'s {self._label(element)}"
             case "offer":
                 element = what
-                text = f"somebody starts {robot}'s {self._label(element)}"
+                text = f"a person starts {robot}'s {self._label(element)}"
             case "block":
                 element = local.element(old, move.stimulus)
                 text = f"{robot}'s {self._label(element)} never ends"
@@ -188,7 +188,7 @@ class Runs:
                 kind, code = ("miss" if missed else "receive"), what
                 text = f"{robot} misses {what}: it does not listen" if missed else f"{robot} receives {what}"
             case _:
-                text = f"{robot} starts"
+                text = f"{robot} starts" if given is None else f"{robot} continues"
         throws = tuple((topic, local.values.text(number)) for topic, number, _ in move.way.sent)
         if throws:
             text += ", " + ", ".join(f"throws {topic}" for topic, _ in throws)
@@ -197,7 +197,9 @@ class Runs:
             text += f"; {self._label(failed)} fails: {why}" if failed != element else ""
         start = kind == "start"
         choices = (
-            () if kind == "loss" else local.chosen(None if start else old, None if start else move.stimulus, move.way)
+            ()
+            if kind == "loss"
+            else local.chosen(None if start else old, None if start else move.stimulus, move.way, given)
         )
         if start and not throws and not failures and not choices:
             return None

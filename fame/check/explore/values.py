@@ -103,6 +103,8 @@ class Values:
         self.unknown = Unknown()
         self._numbers: dict[Any, int] = {"?": UNKNOWN}
         self._made: list[tuple[str, Any]] = [("atom", self.unknown)]
+        self._constants: dict[int, Any] = {UNKNOWN: self.unknown}  # values that nothing can change
+        self._places: dict[int, int] = {id(self.unknown): UNKNOWN}  # their numbers by id
 
     def __len__(self) -> int:
         return len(self._made)
@@ -121,8 +123,9 @@ class Values:
         return self._compound(value)
 
     def _compound(self, value: Any) -> int:
-        if value is self.unknown:
-            return UNKNOWN
+        number = self._places.get(id(value))
+        if number is not None:
+            return number
         kind = value.__class__
         if kind in _PLAIN:
             try:
@@ -134,6 +137,8 @@ class Values:
                 if marshal.loads(data) != value or _MARK.encode() in data:
                     return self._structured(value)
                 number = self._add(data, "data", data)
+                if kind is tuple and _is_constant(value):
+                    self._keep(number, value)
             return number
         return self._structured(value)
 
@@ -155,18 +160,34 @@ class Values:
             return UNKNOWN
         key = (name, content)
         number = self._numbers.get(key)
-        return self._add(key, name, content if "/" not in name else (kind, content)) if number is None else number
+        if number is None:
+            number = self._add(key, name, content if "/" not in name else (kind, content))
+            fixed = kind is tuple or "/" in name  # messages are never changed
+            if fixed and all(part in self._constants for part in content):
+                self._keep(number, self.value(number))
+        return number
 
     def _add(self, key: Any, name: str, content: Any) -> int:
         number = self._numbers[key] = len(self._made)
         self._made.append((name, content))
+        if name == "atom":
+            self._constants[number] = content
         return number
+
+    def _keep(self, number: int, value: Any) -> None:
+        """Give the same value for a number from now on: it cannot be changed."""
+        self._constants[number] = value
+        self._places[id(value)] = number
+
+    def is_constant(self, number: Any) -> bool:
+        """Whether the value of a number is always the same one, since nothing can change it."""
+        return number in self._constants
 
     def value(self, number: int) -> Any:
         """The value of a number, made anew if it can be changed."""
+        if number in self._constants:
+            return self._constants[number]
         name, content = self._made[number]
-        if name == "atom":
-            return content
         if name == "data":
             return marshal.loads(content)
         if name in _MUTABLE or name in _FROZEN:
@@ -238,6 +259,11 @@ class Values:
             if not found or isinstance(item, dict):
                 known[name] = inner
         return known, unknown_paths
+
+
+def _is_constant(value: Any) -> bool:
+    """Whether nothing can change a value."""
+    return value.__class__ in _ATOMS or (value.__class__ is tuple and all(map(_is_constant, value)))
 
 
 def _holds(values: Values, value: Any) -> bool:

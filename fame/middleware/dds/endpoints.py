@@ -26,7 +26,8 @@ from fame.middleware.dds.wire import matched, samples_lost, user_data
 from fame.middleware.errors import dropped_warning
 from fame.middleware.interface import EndpointWarning, Message, QoS
 from fame.middleware.qos import one_deeper
-from fame.middleware.wire_base import Warnings, WireClient, WireNode, WirePublisher, WireService, WireSubscription
+from fame.middleware.wire_base import Warnings, WireNode
+from fame.middleware.wire_endpoints import WireClient, WirePublisher, WireService, WireSubscription
 
 _BATCH = 16
 """How many samples are taken from Cyclone at a time."""

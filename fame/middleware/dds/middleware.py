@@ -47,8 +47,8 @@ class DdsMiddleware(WireMiddleware):
         self.confined: bool = self.participant.confined
         atexit.register(self.close)  # a process that just ends stays in the graph until its lease is over
 
-    def node(self, name: str, namespace: str = "") -> DdsNode:
-        return DdsNode(self, name, namespace.strip("/"))
+    def node(self, name: str, namespace: str = "", part: str = "") -> DdsNode:
+        return DdsNode(self, name, namespace.strip("/"), part)
 
     def graph(self) -> list[TopicInfo]:
         """Every ROS topic of the domain that has an endpoint, in the order of names. Services are not among them."""
@@ -65,7 +65,6 @@ class DdsMiddleware(WireMiddleware):
         return sorted({node.namespace for node in self.participant.discovery.all_nodes() if node.namespace})
 
     def node_names(self) -> list[str]:
-        """Full names of all nodes of the domain, in order. A name that two nodes have comes twice."""
         self.refresh()
         return sorted(node.full_name for node in self.participant.discovery.all_nodes())
 
@@ -79,7 +78,7 @@ class DdsMiddleware(WireMiddleware):
         self.participant.refresh()
 
     def on_endpoints_changed(self) -> None:
-        self.participant.announce(node.entry() for node in self.nodes)
+        self.participant.announce(node.entry() for node in self.nodes if node.is_first_part())
 
     def flush(self) -> None:
         """On loopback there is nothing to wait for: when `publish` returns, a message is in the socket of its receiver,
@@ -108,9 +107,9 @@ class DdsNode(WireNode):
     subscriptions: list[DdsSubscription]
     services: list[DdsService | DdsClient]
 
-    def __init__(self, middleware: DdsMiddleware, name: str, namespace: str) -> None:
+    def __init__(self, middleware: DdsMiddleware, name: str, namespace: str, part: str) -> None:
         self._participant = middleware.participant
-        super().__init__(middleware, name, namespace)
+        super().__init__(middleware, name, namespace, part)
 
     def make_publisher(self, topic: str, type: str, qos: QoS) -> DdsPublisher:
         publisher = DdsPublisher(self, self._participant, topic, type, qos)
@@ -133,10 +132,12 @@ class DdsNode(WireNode):
         return DdsClient(self, self._participant, name, type)
 
     def entry(self) -> NodeEntry:
-        """The node as it is announced to the domain."""
-        readers = (*(end.gid for end in self.subscriptions), *(end.exchange.reader_gid for end in self.services))
-        writers = (*(end.gid for end in self.publishers), *(end.exchange.writer_gid for end in self.services))
-        return NodeEntry(self.name, self.namespace, readers, writers)
+        """The node as it is announced to the domain, with its other parts."""
+        readers, writers = list[bytes](), list[bytes]()
+        for part in (self, *self.others()):
+            readers += [*(end.gid for end in part.subscriptions), *(end.exchange.reader_gid for end in part.services)]
+            writers += [*(end.gid for end in part.publishers), *(end.exchange.writer_gid for end in part.services)]
+        return NodeEntry(self.name, self.namespace, tuple(readers), tuple(writers))
 
 
 def _info(name: str, endpoints: list[Endpoint], owners: dict[bytes, str]) -> TopicInfo:

@@ -1,4 +1,4 @@
-"""Topics and services inside a ROS 2 system: rclpy, and whatever it runs on.
+"""Topics and services inside a ROS 2 system: rclpy on the configured RMW.
 
 Importing the package raises UnavailableError where no ROS 2 is sourced, and without rosbags, which no package of ROS
 brings. Needed are Jazzy or newer and this Python.

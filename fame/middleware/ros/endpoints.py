@@ -34,7 +34,8 @@ from fame.middleware import codec
 from fame.middleware.interface import UNKNOWN_NODE, Message, QoS, resolve
 from fame.middleware.qos import compatible, one_deeper
 from fame.middleware.self_echo_filter import EchoFilter
-from fame.middleware.wire_base import WireClient, WireNode, WirePublisher, WireService, WireSubscription
+from fame.middleware.wire_base import WireNode
+from fame.middleware.wire_endpoints import WireClient, WirePublisher, WireService, WireSubscription
 
 # ---- types, messages, quality of service -----------------------------------------------------------------------------
 

@@ -51,6 +51,7 @@ class RosMiddleware(WireMiddleware):
     confined: bool = False
     """Discovery is confined, not the sockets: other machines can reach us."""
     nodes: list[RosNode]
+    offers_parameters: bool = False
 
     def __init__(
         self,
@@ -67,11 +68,11 @@ class RosMiddleware(WireMiddleware):
             self.context.init(ros_arguments(sys.argv), domain_id=domain)
             self.executor: SingleThreadedExecutor = SingleThreadedExecutor(context=self.context)
             hidden = {"enable_rosout": False, "start_parameter_services": False}
-            self._observer = Node(f"_fame_{os.getpid()}", context=self.context, **hidden)
+            self.observer: Node = Node(f"_fame_{os.getpid()}", context=self.context, **hidden)
         except Exception as error:  # rclpy raises what its C++ gives it
             text = " ".join(str(error).split())
             raise ConfigError(f"ROS 2 does not start: {text}") from None
-        self.executor.add_node(self._observer)
+        self.executor.add_node(self.observer)
         self.waiter: SubscriptionWaiter | None = None
         if isinstance(scheduler, DataScheduler) and scheduler.waiter is None:
             scheduler.waiter = self.waiter = SubscriptionWaiter(self.context)
@@ -81,24 +82,38 @@ class RosMiddleware(WireMiddleware):
     @property
     def use_sim_time(self) -> bool:
         """Whether the parameter of that name says that time is that of ``/clock``."""
-        return bool(self._observer.get_parameter("use_sim_time").value)
+        return bool(self.observer.get_parameter("use_sim_time").value)
 
-    def node(self, name: str, namespace: str = "") -> RosNode:
-        """Make a node. Several may have the same name, as in ROS. Raises ConfigError if ROS refuses the name."""
-        return RosNode(self, name, namespace.strip("/"))
+    def node(self, name: str, namespace: str = "", part: str = "") -> RosNode:
+        """Make a node. Several may have the same name, as in ROS. Raises ConfigError if ROS refuses the name.
+
+        Hidden nodes (``_name``) need none of their own: their endpoints are those of the observer.
+        """
+        return RosNode(self, name, namespace.strip("/"), part)
+
+    def shared(self, name: str, namespace: str, part: str) -> Node | None:
+        """Return the node of rclpy that a new node shares: that of the other parts, or the observer; else None."""
+        if name.startswith("_"):
+            return self.observer
+        asked = name, namespace
+        return next((node.ros for node in self.nodes if part and node.part and node.asked == asked), None)
 
     def graph(self) -> list[TopicInfo]:
         """Every topic that has an endpoint, in the order of names; without those that every node of ROS has."""
-        topics = dict(self._observer.get_topic_names_and_types())
+        topics = dict(self.observer.get_topic_names_and_types())
         return [self._info(name, topics[name]) for name in sorted(topics) if name not in _OF_EVERY_NODE]
 
     def namespaces(self) -> list[str]:
         """The namespaces of all nodes but hidden ones."""
-        nodes = self._observer.get_node_names_and_namespaces()
+        nodes = self.observer.get_node_names_and_namespaces()
         return sorted({space.strip("/") for name, space in nodes if name[0] != "_"} - {""})
 
+    def node_names(self) -> list[str]:
+        nodes = self.observer.get_node_names_and_namespaces()
+        return sorted(resolve(name, space.strip("/")) for name, space in nodes if name[0] != "_")
+
     def offers(self, service: str) -> list[tuple[str, str]]:
-        observer, found = self._observer, []
+        observer, found = self.observer, []
         for name, space in observer.get_node_names_and_namespaces():
             try:
                 services = dict(observer.get_service_names_and_types_by_node(name, space))
@@ -110,14 +125,14 @@ class RosMiddleware(WireMiddleware):
     def matching_subscriptions(self, publisher: RosPublisher) -> int:
         return sum(
             other.topic_type == publisher.type and compatible(publisher.qos, from_profile(other.qos_profile)) is None
-            for other in self._observer.get_subscriptions_info_by_topic(publisher.topic)
+            for other in self.observer.get_subscriptions_info_by_topic(publisher.topic)
         )
 
     def release(self) -> None:
         if isinstance(self.scheduler, DataScheduler) and self.waiter is not None:
             self.scheduler.waiter = None
             self.waiter.close()
-        self._observer.destroy_node()  # ROS leaves the domain with the last node of a context
+        self.observer.destroy_node()  # ROS leaves the domain with the last node of a context
         self.context.try_shutdown()
         self._thread.join()
         self.executor.shutdown(timeout_sec=0)  # coroutines that wait for a response end
@@ -127,16 +142,16 @@ class RosMiddleware(WireMiddleware):
         self.scheduler.after(NAMING_DELAY, partial(self._report, topic))
 
     def _info(self, topic: str, types: list[str]) -> TopicInfo:
-        writers = self._observer.get_publishers_info_by_topic(topic)
-        readers = self._observer.get_subscriptions_info_by_topic(topic)
+        writers = self.observer.get_publishers_info_by_topic(topic)
+        readers = self.observer.get_subscriptions_info_by_topic(topic)
         return TopicInfo(topic, tuple(sorted(types)), tuple(map(owner, writers)), tuple(map(owner, readers)))
 
     def _report(self, topic: str) -> None:
         if self.closed:
             return
         own = {node.full_name for node in self.nodes}
-        for writer in self._observer.get_publishers_info_by_topic(topic):
-            for reader in self._observer.get_subscriptions_info_by_topic(topic):
+        for writer in self.observer.get_publishers_info_by_topic(topic):
+            for reader in self.observer.get_subscriptions_info_by_topic(topic):
                 nodes = owner(reader), owner(writer)
                 mismatch = compatible(from_profile(writer.qos_profile), from_profile(reader.qos_profile))
                 if mismatch is not None and own.intersection(nodes) and nodes[0] != nodes[1]:
@@ -161,21 +176,26 @@ class RosNode(WireNode):
     subscriptions: list[RosSubscription]
     services: list[RosService | RosClient]
 
-    def __init__(self, middleware: RosMiddleware, name: str, namespace: str) -> None:
+    def __init__(self, middleware: RosMiddleware, name: str, namespace: str, part: str) -> None:
+        self.asked: tuple[str, str] = name, namespace
+        self.ros: Node = middleware.shared(name, namespace, part) or self._made(middleware, name, namespace)
+        self._is_own = self.ros is not middleware.observer
+        super().__init__(middleware, *_names(self.ros) if self._is_own else (name, namespace), part)
+        self._handle = RosHandle(self.ros, middleware.executor, middleware.on_mismatch, middleware.waiter)
+
+    def _made(self, middleware: RosMiddleware, name: str, namespace: str) -> Node:
         try:
-            self.ros: Node = Node(
+            made = Node(
                 name,
                 namespace=f"/{namespace}",
                 context=middleware.context,
                 enable_rosout=False,  # nothing is logged by way of ROS
-                start_parameter_services=not name.startswith("_"),
             )
         except Exception as error:  # rclpy raises what its C++ gives it
             text = " ".join(str(error).split())
             raise ConfigError(f"ROS 2 refuses a node /{namespace}/{name}: {text}") from None
-        super().__init__(middleware, self.ros.get_name(), self.ros.get_namespace().strip("/"))
-        self._handle = RosHandle(self.ros, middleware.executor, middleware.on_mismatch, middleware.waiter)
-        middleware.executor.add_node(self.ros)
+        middleware.executor.add_node(made)
+        return made
 
     def make_publisher(self, topic: str, type: str, qos: QoS) -> RosPublisher:
         return RosPublisher(self, self._handle, topic, type, qos)
@@ -195,8 +215,14 @@ class RosNode(WireNode):
         """Close all endpoints. Does nothing the second time."""
         if self in self.middleware.nodes:
             super().close()
-            self._handle.executor.remove_node(self.ros)
-            self.ros.destroy_node()
+            if self._is_own and not self.others():
+                self._handle.executor.remove_node(self.ros)
+                self.ros.destroy_node()
+
+
+def _names(node: Node) -> tuple[str, str]:
+    """Return name and namespace of a node of rclpy, which remappings may have changed."""
+    return node.get_name(), node.get_namespace().strip("/")
 
 
 def ros_arguments(words: list[str]) -> list[str]:

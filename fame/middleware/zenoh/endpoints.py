@@ -6,9 +6,12 @@ service is a queryable: a request is a query, with an attachment as messages hav
 
 from __future__ import annotations
 
+import ctypes
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING, Any
@@ -22,7 +25,7 @@ from fame.middleware import codec
 from fame.middleware.errors import dropped_warning
 from fame.middleware.interface import Message, QoS
 from fame.middleware.qos import mismatch
-from fame.middleware.wire_base import WireClient, WirePublisher, WireService, WireSubscription
+from fame.middleware.wire_endpoints import WireClient, WirePublisher, WireService, WireSubscription
 from fame.middleware.zenoh import tokens
 from fame.middleware.zenoh.tokens import Entity, Kind
 
@@ -40,13 +43,24 @@ _HEARTBEAT = 0.5
 _DROP, _BLOCK = zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK
 
 
+_threads: set[int] = set()
+
+
+def keep_thread_state() -> None:
+    """Let Python keep what it knows of this thread of Zenoh, which it would make anew for each callback (30 us)."""
+    if threading.get_ident() not in _threads:
+        _threads.add(threading.get_ident())
+        ctypes.pythonapi.PyGILState_Ensure()
+
+
 class _Declared:
     """An endpoint in Zenoh, and its token."""
 
     def __init__(self, node: ZenohNode, kind: Kind, name: str, type: str, qos: QoS) -> None:
         service = kind in (tokens.SERVICE, tokens.CLIENT)
         type_hash = codec.service_hash(type) if service else codec.type_hash(type)
-        self._middleware = middleware = node.middleware
+        self._node, self._middleware = node, node.middleware
+        middleware = node.middleware
         self.session: Any = middleware.session
         self.key: str = tokens.topic_key(middleware.domain, name, type, type_hash)
         token = tokens.endpoint_token(node.entity.token, kind, middleware.next_id(), name, type, type_hash, qos)
@@ -69,7 +83,7 @@ class _Declared:
     def matching(self, kind: Kind) -> list[Entity]:
         """The publishers or subscriptions of other nodes that it is connected to."""
         mine = self.entity
-        found = [other for other in self.others(kind) if other.owner != mine.owner]
+        found = [other for other in self.others(kind) if not self._node.owns(other)]
         if kind == tokens.PUBLISHER:
             return [other for other in found if mismatch(other, mine) is None]
         return [other for other in found if mismatch(mine, other) is None]
@@ -88,6 +102,7 @@ class ZenohPublisher(WirePublisher):
     def __init__(self, node: ZenohNode, topic: str, type: str, qos: QoS) -> None:
         super().__init__(node, topic, type, qos)
         self._declared = declared = _Declared(node, tokens.PUBLISHER, topic, self.type, qos)
+        self.token: str = declared.entity.token
         self.gid: bytes = declared.entity.gid
         self._numbers = count(1)
         reliable, history = qos.reliability == "reliable", qos.durability == "transient_local"
@@ -144,14 +159,19 @@ class ZenohSubscription(WireSubscription):
     def __init__(self, node: ZenohNode, topic: str, type: str, callback: Callable[[Message], object], qos: QoS) -> None:
         super().__init__(node, topic, type, callback, qos)
         self._declared = declared = _Declared(node, tokens.SUBSCRIPTION, topic, self.type, qos)
+        self.token: str = declared.entity.token
         self._graph = node.middleware.entities
         self._own = {publisher.gid for publisher in node.publishers if publisher.topic == topic}
         self._last: dict[bytes, int] = {}
         self._here: set[bytes] = set()  # publishers of the same session that have handed something over
         self._accepted: dict[bytes, bool] = {}
+        self._arrived: deque[zenoh.Sample] = deque()
+        self._noted = False  # whether the scheduler will take what has arrived
+        self._wakeups = node.middleware.wakeups
         self._held: deque[tuple[bytes, bytes]] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
         self.held = node.held
-        on_sample = zenoh.handlers.Callback(self._on_sample, indirect=False)
+        # Zenoh's thread does as little as possible: the scheduler's would wait for the interpreter's lock meanwhile.
+        on_sample = zenoh.handlers.Callback(self._take_sample if self._wakeups is None else self._note, indirect=False)
         if qos.durability == "transient_local":
             history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=_depth(qos))
             recovery = zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
@@ -181,6 +201,7 @@ class ZenohSubscription(WireSubscription):
 
     def drain(self) -> list[tuple[str, bytes]]:
         """Take all messages that were held, each with the full name of the node that sent it."""
+        self._take_arrived()
         found = [self._held.popleft() for _ in range(len(self._held))]
         return [(self._sender(gid), data) for gid, data in found]
 
@@ -191,8 +212,27 @@ class ZenohSubscription(WireSubscription):
         self.node.middleware.receivers[self._declared.key].remove(self)
         self._declared.withdraw()
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        """In a thread of Zenoh."""
+    def _note(self, sample: zenoh.Sample) -> None:
+        """Keep a sample until the scheduler takes it; at most as many as there may wait. In a thread of Zenoh."""
+        keep_thread_state()
+        arrived = self._arrived
+        if len(arrived) == self._queue.maxlen:
+            with suppress(IndexError):  # the scheduler has just taken it
+                arrived.popleft()
+        arrived.append(sample)
+        if not self._noted and self._wakeups is not None:
+            self._noted = True
+            self._wakeups.add(self._take_arrived)
+
+    def _take_arrived(self) -> None:
+        self._noted = False  # from here on, a new sample is announced again
+        arrived = self._arrived
+        with suppress(IndexError):  # Zenoh's thread has dropped the last one
+            for _ in range(len(arrived)):
+                self._take_sample(arrived.popleft())
+
+    def _take_sample(self, sample: zenoh.Sample) -> None:
+        """In the thread of the scheduler or, if it waits for something else, in one of Zenoh."""
         try:
             number, sent, gid = tokens.read_attachment(sample.attachment.to_bytes() if sample.attachment else b"")
         except MessageError as error:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import atexit
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import count
@@ -84,21 +85,30 @@ class Graph:
 
 
 class Wakeups:
-    """What a `DataScheduler` waits for: messages are in their queues already when it is woken up.
+    """What a `DataScheduler` waits for: subscriptions that have samples, which it takes in its own thread.
 
     A lock that is released by who wakes up is far faster than a condition. (`SimpleQueue.get` of CPython 3.11 is as
-    fast, but can forget its timeout on a busy machine, and wait for ever.)
+    fast, but can forget its timeout on a busy machine, and wait forever.)
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._lock.acquire()
+        self._ready: deque[Callable[[], object]] = deque()
 
     def wait(self, timeout: int) -> None:
-        if timeout:
-            self._lock.acquire(timeout=timeout / SECOND)
-        else:
-            self._lock.acquire(blocking=False)
+        if not self._ready:
+            if timeout:
+                self._lock.acquire(timeout=timeout / SECOND)
+            else:
+                self._lock.acquire(blocking=False)
+        for _ in range(len(self._ready)):
+            self._ready.popleft()()
+
+    def add(self, action: Callable[[], object]) -> None:
+        """Call `action` in the thread that waits; from any thread."""
+        self._ready.append(action)
+        self.wake()
 
     def wake(self) -> None:
         if self._lock.locked():
@@ -140,13 +150,13 @@ class ZenohMiddleware(WireMiddleware):
         self._watch = self.session.liveliness().declare_subscriber(everything, on_token, history=True)
         if network is None:
             scheduler.after(_TAKE_OVER, self._take_over)
-        self._wakeups: Wakeups | None = None
+        self.wakeups: Wakeups | None = None
         if isinstance(scheduler, DataScheduler) and scheduler.waiter is None:
-            scheduler.waiter = self._wakeups = Wakeups()
+            scheduler.waiter = self.wakeups = Wakeups()
         atexit.register(self.close)  # Zenoh's threads must not outlive the interpreter
 
-    def node(self, name: str, namespace: str = "") -> ZenohNode:
-        return ZenohNode(self, name, namespace.strip("/"))
+    def node(self, name: str, namespace: str = "", part: str = "") -> ZenohNode:
+        return ZenohNode(self, name, namespace.strip("/"), part)
 
     def graph(self) -> list[TopicInfo]:
         topics: dict[str, list[Entity]] = {}
@@ -159,7 +169,6 @@ class ZenohMiddleware(WireMiddleware):
         return sorted({entity.namespace for entity in self.entities.all() if entity.namespace})
 
     def node_names(self) -> list[str]:
-        """Full names of all nodes of the domain, in order. A name that two nodes have comes twice."""
         return sorted(entity.node for entity in self.entities.all() if entity.kind == tokens.NODE)
 
     def offers(self, service: str) -> list[tuple[str, str]]:
@@ -182,7 +191,7 @@ class ZenohMiddleware(WireMiddleware):
         self.entities.remove(entity.token)
         token.undeclare()
 
-    def hold(self, holds: Callable[[str], bool]) -> None:
+    def hold(self, holds: Callable[[WireNode], bool]) -> None:
         """Hold nodes, and confirm to the sessions that flush what has come from them."""
         super().hold(holds)
         if self._barrier is None:
@@ -202,7 +211,7 @@ class ZenohMiddleware(WireMiddleware):
 
     def release(self) -> None:
         atexit.unregister(self.close)
-        if isinstance(self.scheduler, DataScheduler) and self.scheduler.waiter is self._wakeups:
+        if isinstance(self.scheduler, DataScheduler) and self.scheduler.waiter is self.wakeups:
             self.scheduler.waiter = None
         for session in filter(None, (self._meeting, self.session)):
             try:
@@ -257,12 +266,17 @@ class ZenohNode(WireNode):
     publishers: list[ZenohPublisher]
     subscriptions: list[ZenohSubscription]
     services: list[ZenohService | ZenohClient]
+    entity: Entity
 
-    def __init__(self, middleware: ZenohMiddleware, name: str, namespace: str) -> None:
-        super().__init__(middleware, name, namespace)
-        token = tokens.node_token(middleware.domain, middleware.id, middleware.next_id(), namespace, name)
-        self.entity: Entity = tokens.entity(token)
-        self._token = middleware.declare(self.entity)
+    def __init__(self, middleware: ZenohMiddleware, name: str, namespace: str, part: str) -> None:
+        super().__init__(middleware, name, namespace, part)
+        others = self.others()
+        if others:
+            self.entity, self._token = others[0].entity, others[0]._token
+        else:
+            token = tokens.node_token(middleware.domain, middleware.id, middleware.next_id(), namespace, name)
+            self.entity = tokens.entity(token)
+            self._token = middleware.declare(self.entity)
 
     def make_publisher(self, topic: str, type: str, qos: QoS) -> ZenohPublisher:
         publisher = ZenohPublisher(self, topic, type, qos)
@@ -284,8 +298,17 @@ class ZenohNode(WireNode):
     def close(self) -> None:
         """Close all endpoints. Does nothing the second time."""
         if self in self.middleware.nodes:
+            last = not self.others()
             super().close()
-            self.middleware.withdraw(self.entity, self._token)
+            if last:
+                self.middleware.withdraw(self.entity, self._token)
+
+    def owns(self, entity: Entity) -> bool:
+        """Whether an endpoint is one of this part of the node."""
+        if entity.session != self.entity.session:
+            return False
+        tokens_of_it = {end.token for end in self.publishers} | {end.token for end in self.subscriptions}
+        return entity.token in tokens_of_it
 
 
 def _info(name: str, entities: list[Entity]) -> TopicInfo:

@@ -50,6 +50,8 @@ _SETTINGS: dict[str, Any] = {
     "transport/link/rx/max_message_size": MAX_MESSAGE_SIZE + _HEADERS,
     "transport/unicast/accept_pending": 1000,
 }
+_CLIENT: dict[str, Any] = {"connect/timeout_ms": 10_000, "connect/exit_on_failure": True}
+"""A client is nothing without its router: Zenoh waits for it before the session is there."""
 _PEER: dict[str, Any] = {
     "mode": "peer",
     "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
@@ -118,6 +120,8 @@ def _locator(text: str) -> str:
 def _open(settings: dict[str, Any], file: Path | None = None) -> zenoh.Session:
     config = zenoh.Config()
     more = dict(_settings_of(file)) if file is not None else {}
+    if more.get("mode") == "client":
+        settings = settings | _CLIENT
     for key, value in (settings | more).items():
         try:
             config.insert_json5(key, json.dumps(value))

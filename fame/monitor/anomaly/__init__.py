@@ -5,9 +5,12 @@
     recording      joint states over time, cut into runs; CSV files of them
     learning_file  the learning file
     paths          PathDetector: deviation and tilt of the tool against the benign paths, and its lateness
-    benign_changes speed, pauses, start pose and drift of a run as a whole
-    model          a stored model, which scores points quickly; DataProcess, DataPersist
+    benign_changes speed, pauses, lost samples, start pose, sag and noise of a run as a whole
+    model          a stored model; DataProcess, DataPersist
+    scoring        scores single points quickly
+    ensemble       several models as one: any of, all of
     classifiers    classifiers by name, fitted and evaluated; AnomalyDetector, OutputMatrix
+    thresholds     of classifiers: given, between the classes, or promising a rate of false alarms
     learn          fit and evaluate every classifier, choose the best; Interface
     live           score or record a run while it goes on
     nodes          the node that records and the node that watches

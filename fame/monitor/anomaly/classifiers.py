@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from itertools import product
 from math import inf
@@ -74,7 +74,7 @@ def _build(cls: Any, candidate: Candidate, parameters: dict[str, Any]) -> Any:
     try:
         return cls(**parameters)
     except TypeError as error:
-        raise ConfigError(f"{candidate.cls} does not take that: {error}", element=candidate.name) from None
+        raise ConfigError(f"{candidate.cls} rejects its parameters: {error}", element=candidate.name) from None
 
 
 def expand_candidates(learning: Learning) -> Iterator[Candidate]:
@@ -85,7 +85,7 @@ def expand_candidates(learning: Learning) -> Iterator[Candidate]:
         if reductions is None:
             fixed = learning.reduction if candidate.reduction is None else candidate.reduction
             reductions = learning.grid.get("reduction", [fixed]) if candidate.reduction is None else [fixed]
-        reductions = [0] if candidate.cls == "PathDetector" else reductions
+        reductions = [0] if candidate.cls == "PathDetector" or candidate.combined else reductions
         names = sorted(own)
         for reduction, *values in product(reductions, *(own[name] for name in names)):
             chosen = dict(zip(names, values, strict=True))
@@ -108,6 +108,8 @@ def _defaults(learning: Learning) -> Iterator[Candidate]:
 
 
 def _threshold(candidate: Candidate, learning: Learning) -> Any:
+    if candidate.combined and candidate.threshold in (None, "auto"):
+        return 1.0  # in units of the thresholds of its members
     return learning.threshold if candidate.threshold is None else candidate.threshold
 
 
@@ -173,7 +175,9 @@ def fit(estimator: Any, process: DataProcess, data: Recording, *, supervised: bo
     try:
         estimator.fit(features, benign.labels) if supervised else estimator.fit(features)
     except (TypeError, ValueError) as error:  # parameters are checked only now
-        raise ConfigError(f"{type(estimator).__name__} does not learn from that: {error}", file=data.source) from None
+        raise ConfigError(
+            f"{type(estimator).__name__} cannot be trained on these data: {error}", file=data.source
+        ) from None
 
 
 def predict(estimator: Any, process: DataProcess | None, data: Recording) -> Any:
@@ -255,13 +259,16 @@ TRAIN, VALIDATION, TEST = "train", "validation", "test"
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Results of a classifier on some data: matrices of points and runs, score and label of each run."""
+    """Results of a classifier on some data: matrices of points and runs, score and label of each run, true and
+    predicted labels (points,)."""
 
     data: str
     points: ConfusionMatrix
     runs: ConfusionMatrix
     scores: tuple[float, ...]
     labels: tuple[int, ...]
+    truth: Any = field(default=None, repr=False, compare=False)
+    predicted: Any = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True)

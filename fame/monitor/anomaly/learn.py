@@ -6,7 +6,9 @@ fitted without it, scaling and components included. *test*: the testing files, u
 makes it train.
 
 The threshold on the score of a run is the given number. ``auto`` is the largest value below the lowest score of the
-held-out anomalous runs; it must exceed the highest score of the held-out benign ones. The best classifier has the
+held-out anomalous runs; it must exceed the highest score of the held-out benign ones. With `FalseAlarms` it is set by
+conformal calibration over the held-out benign runs (`fame.monitor.calibration`), and a given number is the least that
+it can be. ``any of`` and ``all of`` combine classifiers that are in the file. The best classifier has the
 highest F1 of validation runs, then of validation points, then (without anomalous runs F1 is 0) the highest accuracy;
 among equals the first one.
 
@@ -53,6 +55,7 @@ from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning, lo
 from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, data_hash
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import BENIGN, Recording, read_csv, require_same_joints
+from fame.monitor.anomaly.thresholds import set_threshold, together
 from fame.monitor.storage import versions
 
 _REFERENCE_RUNS = 3
@@ -113,7 +116,32 @@ def read_data(learning: Learning) -> LearningData:
         if item is not None and len(item) <= len(item.joints):
             text = f"has {len(item)} points of {len(item.joints)} columns: more points than columns are needed"
             raise ConfigError(text, file=item.source)
-    return data
+    benign, both = (None if item is None else checked(item) for item in (data.benign, data.both))
+    return replace(data, benign=benign, both=both)
+
+
+def checked(recording: Recording) -> Recording:
+    """Note joints that never move and runs of very different length. Raises ConfigError for labels that contradict each
+    other, and if nothing moves."""
+    names, runs = recording.joints, list(recording)
+    still = [name for name, range in zip(names, np.ptp(recording.values, axis=0), strict=True) if not range]
+    if len(still) == len(names):
+        raise ConfigError("no joint ever moves: nothing to learn", file=recording.source)
+    seen: dict[str, tuple[int, int]] = {}
+    for number, run in enumerate(runs):
+        labels = np.unique(run.labels).tolist()
+        if len(labels) > 1:
+            text = f"run {number} has points of both labels, 1 and -1; expected one label for a whole run"
+            raise ConfigError(text, file=recording.source)
+        first, label = seen.setdefault(data_hash_of_run(run), (number, labels[0]))
+        if label != labels[0]:
+            text = f"runs {first} and {number} are the same points, one labelled 1, the other -1"
+            raise ConfigError(text, file=recording.source)
+    notes = [f"{recording.source}: {', '.join(still)} never moved"] if still else []
+    shortest, longest = min(map(len, runs)), max(map(len, runs))
+    if longest > 2 * shortest:
+        notes.append(f"{recording.source}: runs have from {shortest} to {longest} points: are they of the same task?")
+    return replace(recording, notes=(*recording.notes, *notes))
 
 
 def learn(
@@ -135,7 +163,8 @@ def learn(
 def _learn(
     learning: Learning, data: LearningData, jobs: int, progress: Callable[[Progress], object] | None
 ) -> list[TrainedClassifier]:
-    candidates = list(expand_candidates(learning))
+    every = list(expand_candidates(learning))
+    candidates = [candidate for candidate in every if candidate.combined is None]
     tasks = [
         _Task(number, fold) for number in range(len(candidates)) for fold in _folds(candidates[number], learning, data)
     ]
@@ -145,7 +174,15 @@ def _learn(
         if progress is not None:
             left = (time.monotonic() - began) / done * (len(tasks) - done)
             progress(Progress(done, len(tasks), candidates[task.candidate].name, left))
-    return [_learned(number, candidates[number], results, learning, data) for number in range(len(candidates))]
+    whole = data.both or data.benign
+    single = [_learned(number, candidates[number], results, learning, data) for number in range(len(candidates))]
+    combined = []
+    for candidate in every:
+        if candidate.combined and whole is not None:
+            _, names = candidate.combined
+            named = [[each for each in single if f"{each.candidate.name} ".startswith(f"{name} ")] for name in names]
+            combined.append(together(candidate, [best(each) for each in named], learning, whole))
+    return [*single, *combined]
 
 
 def best(learned: Sequence[TrainedClassifier]) -> TrainedClassifier:
@@ -231,7 +268,8 @@ def _folds(candidate: Candidate, learning: Learning, data: LearningData) -> list
     target = data.both or data.benign
     count = 0 if target is None else min(target.run_labels().count(label) for label in set(target.run_labels()))
     if 0 < count < learning.folds:
-        text = f"has {count} runs of one class; at least {learning.folds} are needed for Split.folds {learning.folds}"
+        many = "1 run" if count == 1 else f"{count} runs"
+        text = f"has {many} of one class; at least {learning.folds} are needed for Split.folds {learning.folds}"
         raise ConfigError(text, file=target.source if target is not None else "")
     return [*range(learning.folds), -1]
 
@@ -246,7 +284,7 @@ def _learned(
     whole = data.both or data.benign
     assert whole is not None
     held = _held_out([results[_Task(number, fold)].predicted for fold in range(learning.folds)], whole, learning.folds)
-    threshold, note = _threshold(candidate, whole, held)
+    threshold, note, calibration = set_threshold(candidate, learning, whole, held)
     estimator, process = final.estimator, final.process
     evaluations = [_evaluate(TRAIN, whole, final.predicted, threshold)]
     if held is not None:
@@ -267,6 +305,7 @@ def _learned(
         reference=benign.select(range(min(_REFERENCE_RUNS, benign.count))).values,
         data=data_hash(*(item for item in (data.benign, data.both) if item is not None)),
         versions=versions(),
+        calibration=calibration,
     )
     return TrainedClassifier(candidate, model, tuple(evaluations), note)
 
@@ -285,24 +324,9 @@ def _held_out(parts: Sequence[Any], whole: Recording, folds: int) -> Any:
 def _evaluate(name: str, recording: Recording, predicted: Any, threshold: float) -> Evaluation:
     scores, labels = run_scores(recording, predicted), recording.run_labels()
     return Evaluation(
-        name, by_point(recording, predicted), by_run(labels, scores, threshold), tuple(scores), tuple(labels)
-    )
-
-
-def _threshold(candidate: Candidate, whole: Recording, held: Any) -> tuple[float, str]:
-    """The threshold, and what is wrong with it."""
-    if candidate.threshold != "auto":
-        return float(candidate.threshold or 0.0), ""
-    labels = whole.run_labels()
-    if held is None or len(set(labels)) < 2:
-        text = "Threshold: auto needs anomalous runs and Split.folds: give a number, or runs with label -1"
-        raise ConfigError(text, file=whole.source)
-    scores = run_scores(whole, held)
-    lowest = min(score for score, label in zip(scores, labels, strict=True) if label != BENIGN)
-    highest = max(score for score, label in zip(scores, labels, strict=True) if label == BENIGN)
-    if lowest <= highest:
-        return highest, f"no threshold parts the runs: anomalous from {lowest:.4f}, benign up to {highest:.4f}"
-    return float(np.nextafter(lowest, 0)), ""
+        name, by_point(recording, predicted), by_run(labels, scores, threshold), tuple(scores), tuple(labels),
+        recording.labels, predicted,
+    )  # fmt: skip
 
 
 class Interface:

@@ -1,4 +1,4 @@
-"""The learning file: the published keys, and four optional ones.
+"""The learning file: the published keys, and five optional ones.
 
 ::
 
@@ -12,11 +12,13 @@
       scaling: minmax                     or standard, none
     Classifiers:                          scikit-learn's classes by name, and PathDetector
       - {name: rbfsvm, class: SVC, parameters: {gamma: 20000, C: 1000}, reduction: 3, threshold: 0.01}
+      - {name: both, class: 'any of path, rbfsvm'}      classifiers of this file by name; or all of
     Grid:
       reduction: [0, 5, 4, 3, 2]          tried for every classifier that Grid or its candidate does not fix
       rbfsvm: {gamma: [5000, 20000], C: [100, 1000]}
     Split: {folds: 5}                     validation: contiguous runs held out; 0: none
     Threshold: 0.01                       or auto
+    FalseAlarms: 0.01 per run             or 0.5 per hour: thresholds that promise it, from held-out benign runs
 
 Without Classifiers those of the paper are tried whose data are named, with reductions of their own (one-class SVM none,
 RBF-SVM 3) unless another than 0 is asked for. Columns count from 0. Names of files are relative to the folder of the
@@ -33,12 +35,16 @@ from typing import Any, Literal
 
 from fame.config.loader import read_document
 from fame.config.values import ConfigValue
+from fame.errors import ConfigError
+from fame.monitor.calibration import false_alarm_rate
 
-_SECTIONS = ("Files", "Operations", "Classifiers", "Grid", "Split", "Threshold")
+_SECTIONS = ("Files", "Operations", "Classifiers", "Grid", "Split", "Threshold", "FalseAlarms")
 _FILES = ("fit_file", "unsupervised_train", "supervised_train", "testing")
 _CANDIDATE = ("name", "class", "parameters", "reduction", "scaling", "threshold", "unique")
 DEFAULTS = ("ocsvm", "rbfsvm")
 """The classifiers that are tried if the file names none."""
+RULES = ("any of", "all of")
+"""How the class of a candidate begins that combines others."""
 SCALINGS = ("minmax", "standard", "none")
 FOLDS = 5
 
@@ -66,6 +72,14 @@ class Candidate:
     threshold: Threshold | None = None
     unique: bool = False
 
+    @property
+    def combined(self) -> tuple[str, tuple[str, ...]] | None:
+        """The rule and the names of the classifiers that it combines; None of a classifier of its own."""
+        rule = next((rule for rule in RULES if self.cls.startswith(f"{rule} ")), None)
+        if rule is None:
+            return None
+        return rule, tuple(name.strip() for name in self.cls.removeprefix(rule).split(","))
+
 
 @dataclass(frozen=True, slots=True)
 class Learning:
@@ -82,6 +96,7 @@ class Learning:
     grid: Mapping[str, Any] = field(default_factory=dict)
     folds: int = FOLDS
     threshold: Threshold = "auto"
+    false_alarms: str = ""
 
 
 def load(path: str | Path) -> Learning:
@@ -100,6 +115,7 @@ def load(path: str | Path) -> Learning:
     fit, unsupervised, supervised = (_data_file(path, files[key]) if key in files else None for key in _FILES[:3])
     if unsupervised is None and supervised is None:
         raise sections["Files"].error("expected unsupervised_train or supervised_train with a name to learn from")
+    _check_combined(sections, classifiers)
     testing = [_data_file(path, item) for item in _items(files, "testing")]
     return Learning(
         file=path,
@@ -113,7 +129,20 @@ def load(path: str | Path) -> Learning:
         grid=_grid(sections["Grid"], [each.name for each in classifiers] or DEFAULTS) if "Grid" in sections else {},
         folds=_folds(split["folds"]) if "folds" in split else FOLDS,
         threshold=_threshold(sections["Threshold"]) if "Threshold" in sections else "auto",
+        false_alarms=_false_alarms(sections["FalseAlarms"]) if "FalseAlarms" in sections else "",
     )
+
+
+def _check_combined(sections: Mapping[str, ConfigValue], classifiers: Sequence[Candidate]) -> None:
+    """Raise ConfigError for a combination of classifiers that the file does not have."""
+    own = [each.name for each in classifiers if each.combined is None]
+    for value, each in zip(_items(sections, "Classifiers"), classifiers, strict=True):
+        _, names = each.combined or ("", ())
+        wrong = [name for name in names if name not in own]
+        if wrong or len(names) == 1:
+            known = ", ".join(own) or "none"
+            text = f"two or more classifiers of this file ({known}), as in 'any of path, rbfsvm'"
+            raise value.required("class", "SVC").expected(text)
 
 
 def _section(sections: Mapping[str, ConfigValue], key: str, known: Sequence[str] | None) -> dict[str, ConfigValue]:
@@ -196,6 +225,14 @@ def _folds(value: ConfigValue) -> int:
     if value.integer(minimum=0) == 1:
         raise value.expected("0 (no validation) or at least 2")
     return value.integer(minimum=0)
+
+
+def _false_alarms(value: ConfigValue) -> str:
+    try:
+        false_alarm_rate(str(value.data), 1.0)
+    except ConfigError as error:
+        raise value.error(error.text) from None
+    return str(value.data)
 
 
 def _threshold(value: ConfigValue) -> Threshold:

@@ -1,4 +1,4 @@
-"""Runs while they go on: begin, end and anomaly score, and their recording.
+"""Live runs: their begin, end and anomaly score, and their recording.
 
 A `RunSegmenter` finds where runs begin. All state of scoring is reset at each boundary. With the rule *home* nothing is
 scored before the arm has been seen at rest near home or passing it, because the phase of a run under way is unknown.
@@ -18,8 +18,9 @@ import numpy as np
 
 from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.benign_changes import Change
-from fame.monitor.anomaly.model import Model, Verdict
+from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.recording import NEAR, STILL, WHOLE, Recording, Rule, RunSegmenter
+from fame.monitor.anomaly.scoring import Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +81,8 @@ class RunMonitor:
         self._segmenter = RunSegmenter(rule, cycle or model.nominal)
         self._recent: deque[tuple[float, Sequence[float]]] = deque(maxlen=2 * model.nominal)
         self.run = 0
+        self._counts: list[int] = []
+        self._alarmed: bool = False
         self._running = rule != "signal"
         self.waiting = rule == "home"
         self.late = False
@@ -87,7 +90,7 @@ class RunMonitor:
         self._clear()
 
     def begin(self) -> None:
-        """A run begins (rule ``signal``); one that goes on ends."""
+        """Begin a run (rule ``signal``), and end the current one."""
         self.end()
         self._running = True
         self._clear()
@@ -98,7 +101,8 @@ class RunMonitor:
             return None
         points = self._points
         count = sum(point.verdict.anomalous for point in points)
-        score = count / len(points)
+        votes = [point.verdict.votes or (point.verdict.anomalous,) for point in points]
+        score = self.model.run_score([sum(column) for column in zip(*votes, strict=True)], len(points))
         first = next((point for point in points if point.verdict.anomalous), None)
         alarm = next((point for point in points if point.alarm), None)
         whole = len(points) >= WHOLE * self.model.nominal
@@ -133,8 +137,9 @@ class RunMonitor:
 
     def _score(self, stamp: float, values: Sequence[float]) -> Point:
         verdict = self._scorer.step(values, stamp)
-        self._anomalous += verdict.anomalous
-        score = self._anomalous / self.model.nominal
+        votes = verdict.votes or (verdict.anomalous,)
+        self._counts = [count + vote for count, vote in zip(self._counts, votes, strict=True)]
+        score = self.model.run_score(self._counts, self.model.nominal)
         alarm = not self._alarmed and score > self.threshold and not self._segmenter.undecided
         self._alarmed |= alarm
         point = Point(self.run, len(self._points), stamp, verdict, score, alarm)
@@ -143,7 +148,8 @@ class RunMonitor:
 
     def _clear(self) -> None:
         self._points: list[Point] = []
-        self._anomalous, self._alarmed = 0, False
+        self._counts = [0] * self.model.members
+        self._alarmed = False
         self._scorer.reset()
 
 

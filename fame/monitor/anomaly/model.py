@@ -13,20 +13,22 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.benign_changes import Change
-from fame.monitor.anomaly.learning_file import SCALINGS
+from fame.monitor.anomaly.ensemble import Ensemble, EnsembleScorer
+from fame.monitor.anomaly.learning_file import RULES, SCALINGS
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording, read_csv
+from fame.monitor.anomaly.scoring import PathScorer, PointScorer, Scorer
 from fame.monitor.arrays import Floats
+from fame.monitor.calibration import Calibration
 from fame.monitor.storage import read_artefact, versions, write_artefact
 
 
@@ -83,31 +85,17 @@ class DataProcess:
         return np.asarray(self.scaler.transform(values) if self.scaler is not None else values)
 
 
-class Verdict(NamedTuple):
-    """The verdict on a point. `magnitude` is in `unit` (``mm`` across the path, ``deg`` turned, ``samples`` late,
-    ``rad``); `joint` is the one that is farthest from where it should be; `kind` is ``path``, ``orientation``,
-    ``speed`` or empty. They are set for anomalous points only."""
-
-    anomalous: bool
-    magnitude: float = 0.0
-    unit: str = ""
-    joint: str = ""
-    kind: str = ""
-
-
-BENIGN_POINT = Verdict(False)
-
-
 @dataclass(frozen=True, slots=True)
 class Model:
     """A classifier with all that it needs.
 
-    process    None for a PathDetector, which takes joint angles as they are
-    threshold  a run is anomalous if its score exceeds this
-    nominal    points of a usual benign run
-    reference  points of some benign runs (points, joints), to find the joint that is off
-    data       SHA-256 of the training data
-    versions   of the packages that made it
+    process      None for a PathDetector or an Ensemble, which take joint angles as they are
+    threshold    a run is anomalous if its score exceeds this
+    nominal      points of a usual benign run
+    reference    points of some benign runs (points, joints), to find the joint that is off
+    data         SHA-256 of the training data
+    versions     of the packages that made it
+    calibration  of the threshold, if it promises a rate of false alarms
     """
 
     name: str
@@ -119,6 +107,7 @@ class Model:
     reference: Floats
     data: str = ""
     versions: dict[str, str] = field(default_factory=dict)
+    calibration: Calibration | None = None
 
     def predict(self, recording: Recording) -> Any:
         """Labels (points,): +1 benign, -1 anomalous."""
@@ -128,9 +117,21 @@ class Model:
 
     def scorer(self) -> Scorer:
         """Return a scorer of single points."""
+        if isinstance(self.estimator, Ensemble):
+            return EnsembleScorer(self.estimator)
         if isinstance(self.estimator, PathDetector):
             return PathScorer(self)
         return PointScorer(self)
+
+    @property
+    def members(self) -> int:
+        """The number of models of an ensemble; otherwise 1."""
+        return len(self.estimator.members) if isinstance(self.estimator, Ensemble) else 1
+
+    def run_score(self, anomalous: Sequence[int], points: int) -> float:
+        """Give the score of a run from its anomalous points (of each member of an ensemble) and all its points."""
+        scores = [count / points for count in anomalous]
+        return float(self.estimator.score(scores)) if isinstance(self.estimator, Ensemble) else scores[0]
 
     def alarm_points(self, threshold: float | None = None) -> int:
         """The number of anomalous points of a run from which on its score exceeds the threshold."""
@@ -139,6 +140,10 @@ class Model:
 
     def alarm_text(self, threshold: float | None = None) -> str:
         """The threshold in points and time."""
+        if isinstance(self.estimator, Ensemble):
+            factor = self.threshold if threshold is None else threshold
+            texts = (f"{each.name}: {each.alarm_text(factor * each.threshold)}" for each in self.estimator.members)
+            return f"{self.estimator.rule} {'; '.join(texts)}"
         points = self.alarm_points(threshold)
         many = "1 anomalous point" if points == 1 else f"{points} anomalous points"
         return f"alarm from {many} of a run of {self.nominal} on{self.seconds_text(points)}"
@@ -146,10 +151,12 @@ class Model:
     @property
     def period(self) -> float:
         """The usual time between two points, s; 0 if it is unknown."""
+        if isinstance(self.estimator, Ensemble):
+            return float(max(each.period for each in self.estimator.members))
         return self.estimator.period if isinstance(self.estimator, PathDetector) else 0.0
 
     def seconds_text(self, points: int) -> str:
-        """How long so many points last, if the model knows the time between two of them; else empty."""
+        """The duration of this many points, if the model knows the time between two of them; else empty."""
         return f", {points * self.period:.3g} s" if self.period else ""
 
     def worst_joint(self, values: Floats) -> tuple[str, float]:
@@ -158,88 +165,6 @@ class Model:
         apart = np.abs(values - nearest)
         worst = int(apart.argmax())
         return self.joints[worst], float(apart[worst])
-
-
-class Scorer(Protocol):
-    """Scores points one by one."""
-
-    def reset(self) -> None:
-        """The next run begins."""
-
-    def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
-        """One point: values of the joints in the model's order, and its time (s) if known."""
-
-    def changes(self) -> Sequence[Change]:
-        """Give the benign changes of the run so far."""
-
-
-class PointScorer:
-    """Scores each point on its own, by a classifier."""
-
-    model: Model
-
-    def __init__(self, model: Model) -> None:
-        self.model = model
-        self._benign = _decision(model)
-
-    def reset(self) -> None:
-        """Nothing is kept from point to point."""
-
-    def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
-        point = np.asarray(values, dtype=np.float64)
-        if self._benign(point):
-            return BENIGN_POINT
-        joint, apart = self.model.worst_joint(point)
-        return Verdict(True, apart, "rad", joint)
-
-    def changes(self) -> Sequence[Change]:
-        return ()
-
-
-class PathScorer:
-    """For the detector in task space."""
-
-    model: Model
-
-    def __init__(self, model: Model) -> None:
-        self.model = model
-        self._tracker = model.estimator.tracker()
-
-    def reset(self) -> None:
-        self._tracker.reset()
-
-    def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
-        reading = self._tracker.step(values, stamp)
-        if not reading.anomalous:
-            return BENIGN_POINT
-        joint, _ = self.model.worst_joint(np.asarray(values))
-        if reading.off_path:
-            return Verdict(True, 1000 * reading.deviation, "mm", joint, reading.kind)
-        if reading.kind == "orientation":
-            return Verdict(True, math.degrees(reading.tilt), "deg", joint, reading.kind)
-        return Verdict(True, reading.lateness, "samples", joint, reading.kind)
-
-    def changes(self) -> Sequence[Change]:
-        return list(self._tracker.changes())
-
-
-def _decision(model: Model) -> Callable[[Floats], bool]:
-    """Whether a point is benign."""
-    estimator, process = model.estimator, model.process
-    assert process is not None
-    if getattr(estimator, "kernel", None) != "rbf" or not hasattr(estimator, "support_vectors_"):
-        return lambda point: bool(estimator.predict(process.transform(point[None]))[0] != ANOMALOUS)
-    matrix, offset = process.affine(len(model.joints))
-    vectors, gamma = np.ascontiguousarray(estimator.support_vectors_.T), float(estimator._gamma)
-    squares, weights = (vectors**2).sum(axis=0), np.ascontiguousarray(estimator.dual_coef_[0])
-    intercept = float(estimator.intercept_[0])
-
-    def benign(point: Floats) -> bool:
-        features = point @ matrix + offset
-        distances = squares - 2 * (features @ vectors) + features @ features
-        return bool(np.exp(-gamma * distances) @ weights + intercept > 0)
-
-    return benign
 
 
 FORMAT = "fame-adm-1"
@@ -258,21 +183,26 @@ def data_hash(*recordings: Recording) -> str:
 
 def save_model(model: Model, path: str | Path) -> None:
     """Store a model."""
-    estimator = model.estimator
-    process = model.process
-    content = {
-        "format": FORMAT,
-        "versions": versions(),
+    write_artefact({"format": FORMAT, "versions": versions(), **_plain(model)}, path)
+
+
+def _plain(model: Model) -> dict[str, Any]:
+    estimator, process = model.estimator, model.process
+    if isinstance(estimator, Ensemble):
+        stored: Any = {"rule": estimator.rule, "members": [_plain(each) for each in estimator.members]}
+    else:
+        stored = estimator.to_plain() if isinstance(estimator, PathDetector) else estimator
+    return {
         "name": model.name,
         "joints": list(model.joints),
-        "estimator": estimator.to_plain() if isinstance(estimator, PathDetector) else estimator,
+        "estimator": stored,
         "process": None if process is None else [process.reduction, process.scaling, process.scaler, process.pca],
         "threshold": float(model.threshold),
         "nominal": int(model.nominal),
         "reference": model.reference,
         "data": model.data,
+        "calibration": None if model.calibration is None else model.calibration.to_plain(),
     }
-    write_artefact(content, path)
 
 
 def load_model(path: str | Path) -> Model:
@@ -281,7 +211,8 @@ def load_model(path: str | Path) -> Model:
     found = content.get("format") if isinstance(content, dict) else None
     if found != FORMAT:
         raise ConfigError(
-            f"is not a model of fame adm learn: expected format {FORMAT!r}, got {found!r}", file=str(path)
+            f"is not a model of this version: expected format {FORMAT!r}, got {found!r}; fame adm learn makes it anew",
+            file=str(path),
         )
     stated = content.get("versions")
     made = stated.get("scikit-learn", "unknown") if isinstance(stated, dict) else "unknown"
@@ -298,8 +229,11 @@ def load_model(path: str | Path) -> Model:
 
 
 def _model(content: dict[str, Any]) -> Model:
-    estimator, parts = content["estimator"], content["process"]
-    if isinstance(estimator, dict):
+    estimator, parts, calibration = content["estimator"], content["process"], content.get("calibration")
+    if isinstance(estimator, dict) and "members" in estimator:
+        members = tuple(_model({**part, "versions": content["versions"]}) for part in estimator["members"])
+        estimator = Ensemble(_rule(estimator["rule"]), members)
+    elif isinstance(estimator, dict):
         estimator = PathDetector.from_plain(estimator)
     elif parts is None:
         raise ValueError("a classifier without its process")
@@ -317,7 +251,14 @@ def _model(content: dict[str, Any]) -> Model:
         reference=reference,
         data=str(content["data"]),
         versions=dict(content["versions"]),
+        calibration=None if calibration is None else Calibration.from_plain(calibration),
     )
+
+
+def _rule(text: str) -> str:
+    if text not in RULES:
+        raise ValueError(f"rule {text!r}")
+    return text
 
 
 class DataPersist:

@@ -97,7 +97,7 @@ class _JointStateNode(ABC):
 
     @abstractmethod
     def current_run(self) -> int:
-        """Give the number of the run that goes on."""
+        """Return the number of the current run."""
 
     def close(self) -> None:
         """Close all endpoints."""
@@ -172,11 +172,11 @@ class OperateNode(_JointStateNode):
         return self.monitor.ended
 
     def current_run(self) -> int:
-        """Give the number of the run that goes on."""
+        """Return the number of the current run."""
         return self.monitor.run
 
     def close(self) -> None:
-        """Close all endpoints; the run that goes on is evaluated up to here."""
+        """Close all endpoints; the current run is evaluated up to here."""
         self._end()
         super().close()
 
@@ -244,7 +244,7 @@ class CollectNode(_JointStateNode):
         self.node.subscription(END, EMPTY, lambda _: self._count(collector.end))
 
     def current_run(self) -> int:
-        """Give the number of the run that goes on."""
+        """Return the number of the current run."""
         return self.collector.complete
 
     def _on_message(self, message: Any) -> None:
@@ -288,7 +288,8 @@ def alarm_message(point: Point) -> Any:
 def alarm_text(point: Point) -> str:
     """Describe an alarm in one line."""
     verdict = point.verdict
+    cause = f"{verdict.kind}, " if verdict.kind in ("noise", "sampling") else ""
     return (
-        f"run {point.run}: alarm at point {point.index} ({point.stamp:.3f} s), score {point.score:.4f}: "
+        f"run {point.run}: alarm at point {point.index} ({point.stamp:.3f} s), score {point.score:.4f}: {cause}"
         f"{verdict.magnitude:.3g} {verdict.unit}, most of all {verdict.joint}"
     )

@@ -12,9 +12,9 @@ The time at which benign runs pass the same place is the third score: the latene
 a run starts when the tool has left its first place, and stops when it has come to the last one: how long it waits
 there, and where the runs were divided, does not count.
 
-Benign changes are not anomalies up to a stated bound (`PathParameters`): another speed of the whole run, a pause, a
-start from another pose, an offset of the whole path that grows as an arm drifts. What they explain is subtracted before
-scores are compared to their limits, and reported as what it is at the end of the run (`Change`).
+Benign changes are not anomalies up to a stated bound (`PathParameters`): another speed of the whole run, a pause, lost
+samples, a start from another pose, sag, noise. What they explain is subtracted before scores are compared to their
+limits, and reported as what it is at the end of the run (`Change`).
 
 Threshold rule. The benign runs are put into `BLOCKS` contiguous blocks, and each run is scored against the other
 blocks: single runs would resemble their neighbours more than they resemble what comes later, since arms drift. The
@@ -38,7 +38,6 @@ from fame.imports import require
 from fame.monitor.anomaly.benign_changes import (
     NO_READING,
     SMOOTH,
-    WINDOW,
     BenignChanges,
     Change,
     PathParameters,
@@ -83,11 +82,12 @@ class PathDetector:
     margin: float
     parameters: PathParameters
     period: float
+    noise: float
 
     def __init__(self, chain: Chain, margin: float = MARGIN, **parameters: Any) -> None:
         """`parameters` are those of `PathParameters`. Raises ConfigError for one that is out of range."""
         self.chain, self.margin, self.parameters = chain, margin, PathParameters(**parameters)
-        self.period = 0.0
+        self.period, self.noise = 0.0, math.inf
         self.paths: Paths | None = None
         self.limits: Floats = np.zeros((0, 4))
 
@@ -101,14 +101,18 @@ class PathDetector:
         size = self.parameters.bin
         length = int(self.paths.times.max()) // size + 1
         largest = np.zeros((length, 4))
-        self.limits = np.full((length, 4), np.inf)
+        self.limits, self.noise = np.full((length, 4), np.inf), math.inf
+        noise = 0.0
         for block in np.array_split(np.arange(len(runs)), BLOCKS):
             others = self.paths.without(block.tolist())
             for number in block:
-                for reading in self._follow(runs[number], others):
+                tracker = self._tracker(others)
+                for reading in tracker.follow(runs[number]):
                     scores = (reading.deviation, abs(reading.change), abs(reading.lateness), reading.tilt)
                     bin = bin_of(reading.phase, length, size)
                     largest[bin] = np.maximum(largest[bin], scores)
+                noise = max(noise, tracker.noise)
+        self.noise = self.margin * noise
         padded = np.pad(largest, ((1, 1), (0, 0)), mode="edge")
         around = np.max([padded[:-2], padded[1:-1], padded[2:]], axis=0)
         self.limits = np.maximum(self.margin * around, self.parameters.floors)
@@ -117,7 +121,7 @@ class PathDetector:
     def follow(self, run: Recording) -> list[Reading]:
         """Every point of one run."""
         assert self.paths is not None
-        return self._follow(run, self.paths)
+        return self._tracker(self.paths).follow(run)
 
     def predict(self, recording: Recording) -> Any:
         """Labels (points,): +1 benign, -1 anomalous."""
@@ -127,12 +131,10 @@ class PathDetector:
     def tracker(self) -> Tracker:
         """What follows one run after the other, point by point."""
         assert self.paths is not None
-        return Tracker(self.chain, self.paths, self.limits, self.period, self.parameters)
+        return self._tracker(self.paths)
 
-    def _follow(self, run: Recording, paths: Paths) -> list[Reading]:
-        tracker = Tracker(self.chain, paths, self.limits, self.period, self.parameters)
-        stamps = [None] * len(run) if run.stamps is None else run.stamps.tolist()
-        return [tracker.step(values, stamp) for values, stamp in zip(run.values.tolist(), stamps, strict=True)]
+    def _tracker(self, paths: Paths) -> Tracker:
+        return Tracker(self, paths)
 
     def _path(self, run: Recording, number: int) -> Paths:
         values = run.values
@@ -181,6 +183,7 @@ class PathDetector:
             "runs": paths.runs,
             "arrival": paths.arrival,
             "limits": self.limits,
+            "noise": self.noise,
         }
 
     @classmethod
@@ -189,7 +192,7 @@ class PathDetector:
         vectors = [tuple(tuple(map(float, row)) for row in plain[name]) for name in ("origins", "axes")]
         chain = Chain(tuple(plain["joints"]), vectors[0], vectors[1], tuple(plain["steps"]), tuple(plain["tool"]))  # type: ignore[arg-type]
         detector = cls(chain, float(plain["margin"]), **plain.get("parameters", {}))
-        detector.period = float(plain["period"])
+        detector.period, detector.noise = float(plain["period"]), float(plain.get("noise", math.inf))
         detector.paths = Paths(
             plain["places"], plain["directions"], plain["times"], plain["runs"], float(plain["arrival"]),
             plain.get("turns", np.zeros((0, 4))),
@@ -203,8 +206,10 @@ class PathDetector:
 class Tracker:
     """Follows a run point by point. `reset` begins the next."""
 
-    def __init__(self, chain: Chain, paths: Paths, limits: Floats, period: float, parameters: PathParameters) -> None:
-        self._chain, self._period, self._parameters = chain, period, parameters
+    def __init__(self, detector: PathDetector, paths: Paths) -> None:
+        parameters = detector.parameters
+        self._chain, self._period, self._parameters = detector.chain, detector.period, parameters
+        self._usual = detector.noise
         require("scipy")
         from scipy.spatial import cKDTree
 
@@ -212,7 +217,7 @@ class Tracker:
         self._tree = cKDTree(np.hstack([paths.places, TURN * paths.directions, self._lag * paths.times[:, None]]))
         self._places, self._directions, self._times = paths.places, paths.directions, paths.times
         self._turns = paths.turns if len(paths.turns) else None
-        self._limits, self._arrival = limits.tolist(), paths.arrival
+        self._limits, self._arrival = detector.limits.tolist(), paths.arrival
         self.reset()
 
     def reset(self) -> None:
@@ -224,12 +229,11 @@ class Tracker:
         self._made_up = 0
         self._deviations: deque[Vector] = deque(maxlen=SMOOTH)
         self._tilts: deque[Vector] = deque(maxlen=SMOOTH)
-        self._lateness: deque[tuple[float, float]] = deque()
-        self._changes = BenignChanges(self._parameters)
+        self._changes = BenignChanges(self._parameters, self._usual)
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> Reading:
         """One more point: angles (rad), and its time (s) if there is one."""
-        time = self._tell_time(stamp)
+        before, time = self._time, self._tell_time(stamp)
         if not any(values):
             return NO_READING
         place = self._chain.place(values)
@@ -243,16 +247,24 @@ class Tracker:
         if self._offset is None:
             self._leave(place, phase - time)
             clock = phase
-        lateness = clock - phase if phase < self._arrival else 0.0
         moving = self._offset is not None and phase < self._arrival
         resting = direction == (0.0, 0.0, 0.0) and moving and bool(self._directions[near].any(axis=1).all())
         changes = self._changes
-        changes.add(deviation, clock, lateness, resting=resting, moving=moving)
-        if lateness:
-            lateness -= changes.explained(clock)
-        apart = math.dist(deviation, changes.offset)
-        reading = self._judge(apart, self._change(clock, lateness), lateness, phase, self._tilt(values, near))
-        return changes.excuse(reading)
+        changes.add(deviation, moving=moving)
+        stamped = stamp is not None and self._period > 0 and before is not None
+        changes.lost.step(phase, time - before if stamped and before is not None else None, moving=moving)
+        late = changes.late(clock, clock - phase if phase < self._arrival else 0.0, resting=resting)
+        return changes.excuse(self._judge(changes.above(deviation), late, phase, self._tilt(values, near)))
+
+    def follow(self, run: Recording) -> list[Reading]:
+        """Every point of one run."""
+        stamps = [None] * len(run) if run.stamps is None else run.stamps.tolist()
+        return [self.step(values, stamp) for values, stamp in zip(run.values.tolist(), stamps, strict=True)]
+
+    @property
+    def noise(self) -> float:
+        """The noise of the run so far, m."""
+        return self._changes.noise.level
 
     def changes(self) -> list[Change]:
         """Give the benign changes of the run so far that can be told from noise."""
@@ -277,11 +289,14 @@ class Tracker:
         if math.dist(place, self._first) > self._left:
             self._offset = offset
 
-    def _judge(self, deviation: float, change: float, lateness: float, phase: float, tilt: float) -> Reading:
+    def _judge(self, deviation: float, late: list[tuple[float, float]], phase: float, tilt: float) -> Reading:
         limit = self._limits[bin_of(phase, len(self._limits), self._parameters.bin)]
-        off_path, tilted = deviation > limit[0], tilt > limit[3]
-        late = abs(change) > limit[1] or abs(lateness) > limit[2]
-        kind = "path" if off_path else "orientation" if tilted else "speed" if late else ""
+        most = limit[0] + self._changes.widening
+        off_path, tilted = deviation > most, tilt > limit[3]
+        lateness, change = late[0]
+        slow = all(abs(change) > limit[1] or abs(lateness) > limit[2] for lateness, change in late)
+        kind = "path" if off_path else "orientation" if tilted else "speed" if slow else ""
+        kind = self._changes.kind(kind, deviation, most, early=lateness < 0) if kind else ""
         return Reading(deviation, change, lateness, phase, off_path, bool(kind), tilt, kind)
 
     def _direction(self, place: Vector) -> Vector:
@@ -310,16 +325,6 @@ class Tracker:
         self._tilts.append(tuple((signs @ product[:, 1:] / NEIGHBOURS).tolist()))
         x, y, z = _mean(self._tilts)
         return math.sqrt(x * x + y * y + z * z)
-
-    def _change(self, clock: float, lateness: float) -> float:
-        """How the lateness changed over the window."""
-        history = self._lateness
-        if not lateness:  # the clock is stopped
-            return 0.0
-        history.append((clock, lateness))
-        while history[0][0] < clock - WINDOW:
-            history.popleft()
-        return lateness - history[0][1]
 
 
 def _mean(vectors: Collection[Vector]) -> Vector:

@@ -131,7 +131,7 @@ class RunSegmenter:
         self._nearest, self._since = math.inf, 0
 
     def feed(self, values: Sequence[float]) -> int | None:
-        """Take a point. None: the run goes on. A number: a run began that many points ago, this one included."""
+        """Take a point. None: the run continues. A number: a run began that many points ago, this one included."""
         self._count += 1
         if self.rule == "count" and self._count > self.cycle > 0:
             self._count = 1

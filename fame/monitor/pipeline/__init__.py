@@ -12,7 +12,8 @@ Processors::
 Models::
 
     trained_model  TrainedModel: autoencoders with thresholds, stored and loaded, also as ONNX
-    train          `fame train`
+    detectors      kinds of detectors: autoencoders, PCA, nearest neighbours ...
+    train          `fame train`; compare: `fame train --compare`
 
 Nodes::
 

@@ -19,11 +19,11 @@ import numpy as np
 
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
-from fame.monitor.calibration import calibrate, interval
+from fame.monitor.calibration import calibrate, false_alarm_rate, interval
 from fame.monitor.data_files import rate_of
 from fame.monitor.pipeline.detectors import DETECTORS
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.train import Training, false_alarm_rate, folds_of, learned, losses, prepared
+from fame.monitor.pipeline.train import Training, folds_of, learned, losses, prepared
 
 Inject = Callable[[Floats, int, float, np.random.Generator], Floats]
 """Gives the values of a channel (n,) with a fault from a row on; the float is the deviation of the channel."""
@@ -101,7 +101,8 @@ def compare(
 ) -> list[Compared]:
     """Compare detectors, the best one first. Raises ConfigError for fewer than four runs."""
     if len(runs) < 4:
-        raise ConfigError(f"has {len(runs)} runs; at least 4 are needed to compare detectors", element="Training")
+        many = "1 run" if len(runs) == 1 else f"{len(runs)} runs"
+        raise ConfigError(f"has {many}; at least 4 are needed to compare detectors", element="Training")
     found = []
     for name in detectors:
         report(f"{name}: {len(runs)} runs")

@@ -301,7 +301,7 @@ def _slot(
         )
     if all(isinstance(place, str) for place in places) and len(set(places)) == len(places):
         return _Slot(steps, tuple(numbers), True, tuple(places), beside, True)
-    raise MessageError(f"{format_path(steps)}: two outputs go to one place", type=content.name)
+    raise MessageError(f"{format_path(steps)}: two outputs set this field", type=content.name)
 
 
 def _checked(content: Definition, path: Path, done: tuple[str, ...]) -> tuple[tuple[str, ...], Any, bool, str | None]:

@@ -93,7 +93,7 @@ class Publications:
 
 
 def _finite_rows(arrays: Sequence[Any], stamps: Floats) -> Any:
-    """Which rows are finite in all of them, at a time that a message can tell."""
+    """Which rows are finite in all of them, at a time that a message can hold."""
     finite = np.isfinite(stamps) & (np.abs(stamps) < _LAST_SECOND)
     for values in arrays:
         if values.dtype.kind == "f":

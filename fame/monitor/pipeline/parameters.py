@@ -1,8 +1,7 @@
 """Parameters of nodes: those of their processors, as parameters of ROS 2; server and client.
 
-A node offers the services by which every node of ROS 2 gives its parameters (``<node>/list_parameters``,
-``get_parameters``, ``describe_parameters``, ``set_parameters``: rcl_interfaces), on every backend; within rclpy, they
-are declared to it, which offers these. So `fame param` and `ros2 param` work on both. A parameter is named as its
+Nodes offer parameter services (`fame.middleware.parameters`), on every backend; within rclpy, the parameters are
+declared to it, which offers these. So `fame param` and `ros2 param` work on both. A parameter is named as its
 processor names it; where several of a chain have the same, ``2.cutoff`` is that of the second.
 """
 
@@ -16,44 +15,17 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from fame.middleware.interface import Node
+from fame.middleware.parameters import (
+    FIELDS,
+    NodeParameter,
+    ParameterTable,
+    from_value,
+    plain,
+    service_name,
+    service_type,
+)
 from fame.monitor.pipeline.processor import Parameter, declared_parameters, set_value
 from fame.monitor.pipeline.subscriptions import ThrottledReport
-
-_SERVICES = {
-    "ListParameters": "string[] prefixes\nuint64 depth\n---\nListParametersResult result",
-    "GetParameters": "string[] names\n---\nParameterValue[] values",
-    "DescribeParameters": "string[] names\n---\nParameterDescriptor[] descriptors",
-    "GetParameterTypes": "string[] names\n---\nuint8[] types",
-    "SetParameters": "Parameter[] parameters\n---\nSetParametersResult[] results",
-    "SetParametersAtomically": "Parameter[] parameters\n---\nSetParametersResult result",
-}
-_FIELDS = {
-    "bool": (1, "bool_value"),
-    "int": (2, "integer_value"),
-    "float": (3, "double_value"),
-    "str": (4, "string_value"),
-    "file": (4, "string_value"),
-    "floats": (8, "double_array_value"),
-    "strs": (9, "string_array_value"),
-}
-"""Type of a parameter -> its number in rcl_interfaces/msg/ParameterType, and the field of its value."""
-
-_BY_NUMBER = {**dict(_FIELDS.values()), 6: "bool_array_value", 7: "integer_array_value", 5: "byte_array_value"}
-
-
-def service_type(kind: str) -> str:
-    """The full name of a service type of rcl_interfaces, registered now if need be."""
-    full = f"rcl_interfaces/srv/{kind}"
-    text = _SERVICES[kind]
-    for used in ("ListParametersResult", "ParameterValue", "ParameterDescriptor", "SetParametersResult"):
-        text = "\n".join(_whole(line, used) for line in text.splitlines())
-    messages.register("\n".join(_whole(line, "Parameter") for line in text.splitlines()), full)
-    return full
-
-
-def _whole(line: str, used: str) -> str:
-    kind, space, name = line.partition(" ")
-    return f"rcl_interfaces/{kind}{space}{name}" if kind.removesuffix("[]") == used else line
 
 
 def owners(processors: Sequence[Any]) -> dict[str, tuple[Any, Parameter]]:
@@ -76,15 +48,19 @@ class ParameterServer:
         if hasattr(node, "ros"):
             self._declare(node)
             return
-        for kind, answer in (
-            ("ListParameters", self._list),
-            ("GetParameters", self._get),
-            ("DescribeParameters", self._describe),
-            ("GetParameterTypes", self._types),
-            ("SetParameters", self._set),
-            ("SetParametersAtomically", self._set_all),
-        ):
-            node.service(f"{node.name}/{_snake(kind)}", service_type(kind), answer)
+        table, offered = getattr(node, "parameters", None), True
+        if table is None:  # within one process
+            table, offered = ParameterTable(), False
+        for name, (_, parameter) in self.owners.items():
+            table[name] = NodeParameter(
+                parameter.type,
+                partial(self._value, name),
+                partial(self.set, name),
+                _description(parameter),
+                {"read_only": parameter.fixed, **bounds(parameter)},
+            )
+        if not offered:
+            table.offer(node)
 
     def set(self, name: str, value: Any) -> Any:
         """Raises ConfigError for an unknown one, or a value that does not fit."""
@@ -95,46 +71,9 @@ class ParameterServer:
         self._report(f"set {name} {kept}", f"{name} is {_shown(kept)} now")
         return kept
 
-    def _value(self, name: str) -> dict[str, Any]:
-        if name not in self.owners:
-            return {}
+    def _value(self, name: str) -> Any:
         processor, parameter = self.owners[name]
-        return to_value(parameter, getattr(processor, parameter.name))
-
-    def _list(self, request: Any) -> Any:
-        return {"result": {"names": list(self.owners)}}
-
-    def _get(self, request: Any) -> Any:
-        return {"values": [self._value(name) for name in request.names]}
-
-    def _types(self, request: Any) -> Any:
-        return {"types": [self._value(name).get("type", 0) for name in request.names]}
-
-    def _describe(self, request: Any) -> Any:
-        return {
-            "descriptors": [descriptor(name, self.owners[name][1]) for name in request.names if name in self.owners]
-        }
-
-    def _set(self, request: Any) -> Any:
-        return {"results": [self._try(item.name, from_value(item.value)) for item in request.parameters]}
-
-    def _set_all(self, request: Any) -> Any:
-        before = {item.name: self._value(item.name) for item in request.parameters}
-        results = self._set(request)["results"]
-        failed = next((result for result in results if not result["successful"]), None)
-        if failed is not None:
-            for item, result in zip(request.parameters, results, strict=True):
-                if result["successful"]:
-                    value = messages.create("rcl_interfaces/msg/ParameterValue", before[item.name])
-                    self._try(item.name, from_value(value))
-        return {"result": failed or {"successful": True}}
-
-    def _try(self, name: str, value: Any) -> dict[str, Any]:
-        try:
-            self.set(name, value)
-        except ConfigError as error:
-            return {"successful": False, "reason": str(error)}
-        return {"successful": True}
+        return getattr(processor, parameter.name)
 
     def _declare(self, node: Any) -> None:
         """Declare the parameters to rclpy, whose command line or parameter file may set them at the start."""
@@ -157,8 +96,11 @@ class ParameterServer:
         node.ros.add_on_set_parameters_callback(check)
         node.ros.add_post_set_parameters_callback(apply)
         for name, (processor, parameter) in self.owners.items():
-            value = _plain(getattr(processor, parameter.name))
-            fields = descriptor(name, parameter) | {"dynamic_typing": value == []}  # which has no type in ROS
+            value = plain(getattr(processor, parameter.name))
+            described = NodeParameter(
+                parameter.type, partial(self._value, name), description=_description(parameter), more=bounds(parameter)
+            ).descriptor(name)
+            fields = described | {"read_only": parameter.fixed, "dynamic_typing": value == []}  # without a type in ROS
             message = to_ros(messages.create("rcl_interfaces/msg/ParameterDescriptor", fields), ParameterDescriptor)
             try:
                 node.ros.declare_parameter(name, value, message)
@@ -167,17 +109,18 @@ class ParameterServer:
 
     def _apply(self, name: str, value: Any) -> None:
         """Set a parameter that was changed in ROS; report a refusal of its processor."""
-        result = self._try(name, value)
-        if not result["successful"]:
-            self._report(f"refused {name}", f"{name} stays as it is: {result['reason']}")
+        try:
+            self.set(name, value)
+        except ConfigError as error:
+            self._report(f"refused {name}", f"{name} stays as it is: {error}")
 
     def _changed(self, parameters: Any) -> Iterator[tuple[str, Any]]:
         """Names and values of those that are ours and new."""
         for item in parameters:
             if item.name in self.owners:
                 processor, parameter = self.owners[item.name]
-                value = _plain(item.value)
-                if value != _plain(getattr(processor, parameter.name)):
+                value = plain(item.value)
+                if value != plain(getattr(processor, parameter.name)):
                     yield item.name, value
 
     def _convert(self, name: str, value: Any) -> Any:
@@ -216,13 +159,13 @@ class ParameterClient:
         if isinstance(now, list) and not isinstance(value, list):
             value = [value]
         kind = type_of(value)
-        field = {"name": name, "value": {"type": _FIELDS[kind][0], _FIELDS[kind][1]: value}}
+        field = {"name": name, "value": {"type": FIELDS[kind][0], FIELDS[kind][1]: value}}
         (result,) = self._call("SetParameters", {"parameters": [field]}).results
         if not result.successful:
             raise ConfigError(result.reason or f"{name} was refused", file=self.other)
 
     def _call(self, kind: str, request: dict[str, Any]) -> Any:
-        client = self._node.client(f"{self.other}/{_snake(kind)}", service_type(kind))
+        client = self._node.client(f"{self.other}/{service_name(kind)}", service_type(kind))
         answers: list[Any] = []
         end = self._scheduler.now + round(self._timeout * SECOND)
         while not client.available and self._scheduler.now < end:
@@ -237,18 +180,6 @@ class ParameterClient:
         return answers[0]
 
 
-def to_value(parameter: Parameter, value: Any) -> dict[str, Any]:
-    """As rcl_interfaces/msg/ParameterValue."""
-    number, field = _FIELDS[parameter.type]
-    return {"type": number, field: _plain(value)}
-
-
-def from_value(value: Any) -> Any:
-    """What a ParameterValue holds; None if it is not set."""
-    field = _BY_NUMBER.get(value.type)
-    return _plain(getattr(value, field)) if field else None
-
-
 def type_of(value: Any) -> str:
     """The type of a parameter that takes a value as it was typed. Raises ConfigError."""
     if isinstance(value, list) and value and all(isinstance(item, str) for item in value):
@@ -261,43 +192,23 @@ def type_of(value: Any) -> str:
     raise ConfigError(f"expected a number, a text, true, false or a list of these, got {value!r}")
 
 
-def descriptor(name: str, parameter: Parameter) -> dict[str, Any]:
-    """As rcl_interfaces/msg/ParameterDescriptor."""
-    message: dict[str, Any] = {
-        "name": name,
-        "type": _FIELDS[parameter.type][0],
-        "description": _description(parameter),
-        "read_only": parameter.fixed,
-    }
+def bounds(parameter: Parameter) -> dict[str, Any]:
+    """Return what rcl_interfaces/msg/ParameterDescriptor says of the values that a parameter may have."""
     low, high = (parameter.range or (None, None))[:2] if parameter.type in ("int", "float") else (None, None)
-    if low is not None or high is not None:
-        bounds: dict[str, Any]
-        if parameter.type == "int":
-            bounds = {"from_value": -(2**62) if low is None else low, "to_value": 2**62 if high is None else high}
-            message["integer_range"] = [bounds]
-        else:
-            message["floating_point_range"] = [
-                {"from_value": -1e300 if low is None else low, "to_value": 1e300 if high is None else high}
-            ]
-    elif parameter.type == "str" and parameter.range:
-        message["additional_constraints"] = f"one of {', '.join(map(str, parameter.range))}"
-    return message
+    if parameter.type == "str" and parameter.range:
+        return {"additional_constraints": f"one of {', '.join(map(str, parameter.range))}"}
+    if low is None and high is None:
+        return {}
+    if parameter.type == "int":
+        least, most = -(2**62) if low is None else low, 2**62 if high is None else high
+        return {"integer_range": [{"from_value": least, "to_value": most}]}
+    lowest, highest = -1e300 if low is None else low, 1e300 if high is None else high
+    return {"floating_point_range": [{"from_value": lowest, "to_value": highest}]}
 
 
 def _description(parameter: Parameter) -> str:
     return parameter.description + (f" ({parameter.unit})" if parameter.unit else "")
 
 
-def _plain(value: Any) -> Any:
-    """A list for what holds several values: a tuple, an array."""
-    if isinstance(value, tuple):
-        return list(value)
-    return value.tolist() if hasattr(value, "tolist") else value
-
-
 def _shown(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
-
-
-def _snake(kind: str) -> str:
-    return "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in kind).lstrip("_")

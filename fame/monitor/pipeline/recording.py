@@ -175,7 +175,7 @@ def record_bag(
     scheduler = Scheduler()
     scheduler.now = round(first[0] * SECOND) if first is not None else 0
     if any(Path(output).suffix != ".csv" and "://" not in str(output) for output in outputs):
-        raise ConfigError("a bag is recorded to .csv or a database; to copy bags there are tools", file=str(bag))
+        raise ConfigError("with --bag, expected a .csv file or a database as output", file=str(bag))
     node = RecordingNode(
         LocalMiddleware(scheduler), scheduler, configuration, outputs,
         namespace=namespace, append=append, run_topic="", report=report,

@@ -106,7 +106,7 @@ class CsvFile:
         if append and path.exists():
             self._header, self.first_run = _recover(path)
         elif path.exists():
-            raise ConfigError("exists already; --append goes on with it", file=str(path))
+            raise ConfigError("exists already; use --append to continue it", file=str(path))
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
 
@@ -350,7 +350,7 @@ class Influx:
             return self._report_unreachable(str(getattr(error, "reason", error)) or type(error).__name__)
         if self._unreachable:
             self._unreachable = False
-            self._report("the server is there again; what waited on disk is sent")
+            self._report("the server is available again; rows stored on disk are sent")
         part = self._done.with_suffix(".part")
         part.write_text(str(self._offset() + len(batch)))
         part.replace(self._done)
@@ -359,7 +359,7 @@ class Influx:
     def _report_unreachable(self, reason: str) -> bool:
         if not self._unreachable:
             self._unreachable = True
-            self._report(f"the server cannot be reached ({reason}); rows wait on disk in {self._lines}")
+            self._report(f"the server cannot be reached ({reason}); rows are stored on disk in {self._lines}")
         return False
 
     def _post(self, url: str, data: bytes) -> None:

@@ -68,7 +68,7 @@ class SilenceWatch:
         """Expect the next message in time."""
         self._last, self._received = self._scheduler.now, True
         if self._timer is None:
-            self._report(f"{self._topic} goes on")
+            self._report(f"{self._topic}: messages arrive again")
             self._timer = self._expect()
 
     def close(self) -> None:
@@ -208,7 +208,7 @@ class Subscriptions:
             kept.append(value)
         if len(stream.stamps) > _MAX_WAITING:
             self._report(
-                f"many {topic}", f"{topic}: {_MAX_WAITING} samples wait to be processed; the oldest are left out"
+                f"many {topic}", f"{topic}: {_MAX_WAITING} samples wait to be processed; the oldest are dropped"
             )
             for kept in (stream.stamps, *stream.values):
                 del kept[: _MAX_WAITING // 2]

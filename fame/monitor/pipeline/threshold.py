@@ -44,7 +44,7 @@ class Threshold(Processor):
             trained = TrainedModel.load(self.model)
             self.threshold, self.names = trained.thresholds, self.names or trained.columns
         if not self.threshold:
-            raise ConfigError("needs a threshold, or a model that has some", element="threshold")
+            raise ConfigError("needs a threshold, or a model with thresholds", element="threshold")
 
     @property
     def threshold(self) -> tuple[float, ...]:
@@ -178,7 +178,7 @@ def compile_formula(text: str) -> Evaluate:
 
 def _evaluator(node: ast.expr) -> Evaluate:
     if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
-        value = float(node.value)  # numbers of any length, as 9 ** 9 ** 9, would take for ever
+        value = float(node.value)  # numbers of any length, as 9 ** 9 ** 9, would take forever
         return lambda arrays: value
     if isinstance(node, ast.Name):
         return _name(node.id)

@@ -22,7 +22,7 @@ import numpy as np
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
-from fame.monitor.calibration import calibrate
+from fame.monitor.calibration import calibrate, false_alarm_rate
 from fame.monitor.data_files import hash_files, rate_of, read_runs
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, Settings, detector_names, fit_detector
@@ -199,23 +199,6 @@ def warnings_of(model: TrainedModel) -> list[str]:
     if longest > 2 * shortest:
         told.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
     return told
-
-
-_RATE_TEXT = re.compile(r"\s*([0-9.eE+-]+)\s*(?:per\s+(run|hour))?\s*")
-
-
-def false_alarm_rate(text: str, seconds: float) -> float:
-    """Read ``0.01 per run`` or ``0.5 per hour``, with runs of a mean duration: per run. Raises ConfigError."""
-    found = _RATE_TEXT.fullmatch(str(text))
-    try:
-        value = float(found[1]) if found else math.nan
-    except ValueError:
-        value = math.nan
-    rate = value * seconds / 3600 if found and found[2] == "hour" else value
-    if not 0 < rate < 1:
-        text = f"expected a rate such as '0.01 per run' or '0.5 per hour', below 1 per run, got {text!r}"
-        raise ConfigError(text, element="Training.FalseAlarms")
-    return rate
 
 
 def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:

@@ -40,13 +40,13 @@ export class Control {
     if (can.has("speed")) parts.push(this.speed(status?.speed ?? 1));
     if (can.has("signal")) parts.push(h("button", { cls: "text", onclick: () => this.signal() }, icon("send"), "Signal"));
     if (can.has("set")) parts.push(h("button", { cls: "text", onclick: () => this.set() }, "Set"));
-    if (can.has("fault")) parts.push(h("button", { cls: "text", onclick: () => this.fault() }, icon("bolt"), "Break"));
+    if (can.has("fault")) parts.push(h("button", { cls: "text", onclick: () => this.fault() }, icon("bolt"), "Fault"));
     if (can.has("branch")) parts.push(this.branchButton());
     show(this.root, parts);
   }
 
   branchButton() {
-    return h("button", { cls: "text", title: "Run again to the cursor, stop there, and go on from there yourself", onclick: () =>
+    return h("button", { cls: "text", title: "Repeat the run up to the cursor, and continue it differently from there", onclick: () =>
       this.send({ do: "branch", time: this.app.player.time }).then((answer) => answer?.address && window.open(answer.address, "_blank", "noopener")) }, icon("branch"), "Branch here");
   }
 
@@ -108,7 +108,7 @@ export class Control {
 
   async fault() {
     const faults = this.app.mission.faults ?? [];
-    const found = await this.ask("Break something", [{ label: "Robot and part", options: faults.map(([robot, kind]) => [`${robot}:${kind}`, `${robot}: ${kind}`]) }], "Break it");
+    const found = await this.ask("Inject a fault", [{ label: "Robot and part", options: faults.map(([robot, kind]) => [`${robot}:${kind}`, `${robot}: ${kind}`]) }], "Inject");
     if (found) this.send({ do: "fault", robot: found[0].split(":")[0], kind: found[0].split(":")[1] });
   }
 
@@ -118,8 +118,29 @@ export class Control {
     if (found) this.send({ do: "complete", robot: robots[r].name, element: elements[element].id, value: found[0] });
   }
 
+  async retry(r, element) {
+    const { robots, elements } = this.app.mission;
+    const found = await this.ask(`Retry ${elements[element]?.name || elements[element]?.id}`, [{ label: "Variables to set first, as JSON", hint: "{\"speed\": 0.2} or nothing" }], "Retry");
+    if (found) this.send({ do: "retry", robot: robots[r].name, element: elements[element].id, value: found[0] });
+  }
+
+  async move(r, element) {
+    const { robots, elements } = this.app.mission, from = elements[element];
+    const others = elements.filter((one) => one.body === from.body && (one.file ?? 0) === (from.file ?? 0) && one.id !== from.id && !/Flow|boundary|process/i.test(one.tag));
+    const found = await this.ask(`Move the token from ${from.name || from.id}`, [{ label: "To", options: others.map((one) => [one.id, one.name || one.id]) }], "Move");
+    if (found) this.send({ do: "move", robot: robots[r].name, element: from.id, to: found[0] });
+  }
+
   /** Buttons beside a waiting token. */
   forWait(r, wait) {
+    if (this.status?.over) return null;
+    const parts = [this.completeButton(r, wait)];
+    if (this.can.has("retry") && wait.kind === "incident") parts.push(h("button", { cls: "text strong", onclick: () => this.retry(r, wait.e) }, "Retry …"));
+    if (this.can.has("move") && this.app.mission.elements[wait.e]) parts.push(h("button", { cls: "text", onclick: () => this.move(r, wait.e) }, "Move …"));
+    return parts;
+  }
+
+  completeButton(r, wait) {
     const user = wait.kind === "user" || /receiveTask/.test(this.app.mission.elements[wait.e]?.tag ?? "");
     if (!this.can.has("complete") || this.status?.over || !user) return null;
     return h("button", { cls: "text strong", onclick: () => this.complete(r, wait.e) }, "Complete …");

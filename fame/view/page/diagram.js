@@ -58,7 +58,7 @@ export class Diagram {
     this.planes = new Map();
     this.trail = []; // [plane, opener]: how one came here
     this.plane = -1;
-    this.crumbs = h("nav", { cls: "crumbs", "aria-label": "Where this diagram is" });
+    this.crumbs = h("nav", { cls: "crumbs", "aria-label": "Breadcrumb" });
     this.tools = h("div", { cls: "tools" },
       h("button", { title: "Zoom in", onclick: () => this.view.zoom(1.3) }, icon("plus")),
       h("button", { title: "Zoom out", onclick: () => this.view.zoom(1 / 1.3) }, icon("minus")),

@@ -191,7 +191,7 @@ export class Inspector {
     const complex = value !== null && typeof value === "object", paths = numbers(value);
     const plot = paths.length === 1 || (!complex && paths.length) ? this.plotButton({ r, name, path: paths[0] }) : paths.length > 1 ? this.plotMenu(r, name, paths) : null;
     const text = open ? h("pre", null, JSON.stringify(value, null, 2)) : h("code", null, brief(value));
-    const toggle = complex || (typeof value === "string" && value.length > 100) ? h("button", { cls: "value", title: open ? "Less" : "All of it", onclick: () => {
+    const toggle = complex || (typeof value === "string" && value.length > 100) ? h("button", { cls: "value", title: open ? "Show less" : "Show all", onclick: () => {
       if (open) this.opened.delete(id);
       else this.opened.add(id);
       this.key = "";
@@ -249,7 +249,7 @@ export class Inspector {
         last.set(row[1], row);
       }
     }
-    if (!last.size) return [h("p", { cls: "quiet" }, mission.messages ? "No message until now." : "This run has no recorded messages.")];
+    if (!last.size) return [h("p", { cls: "quiet" }, mission.messages ? "No message so far." : "This run has no recorded messages.")];
     return [h("table", { cls: "variables" }, h("tbody", null, [...last.values()].sort((a, b) => a[1].localeCompare(b[1])).map(([t, topic, sender, content]) => {
       const paths = numbers(content);
       return h("tr", { cls: time - t < RECENT ? "fresh" : "" }, h("th", { scope: "row" }, topic, h("small", null, this.instant(t), sender ? ` ${sender}` : "")),
@@ -271,6 +271,6 @@ export class Inspector {
           h("span", { cls: "line" }, word ? h("b", null, word) : null, e[at] >= 0 && w[at] !== END ? [" ", this.element(e[at])] : null, ` ${data.details.get(at) ?? ""}`)));
       }
     }
-    return found.length ? [h("ol", { cls: "log" }, found)] : [h("p", { cls: "quiet" }, `Nothing was logged by ${mission.robots[this.app.selected.robot]?.name ?? "any robot"} until here.`)];
+    return found.length ? [h("ol", { cls: "log" }, found)] : [h("p", { cls: "quiet" }, `No log lines of ${mission.robots[this.app.selected.robot]?.name ?? "any robot"} so far.`)];
   }
 }

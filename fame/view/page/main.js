@@ -14,7 +14,7 @@ const base = new URL(".", location.href);
 class App {
   constructor() {
     this.mission = { robots: [], elements: [], planes: [], blocks: [], end: 0, reading: 1, kind: "", control: [] };
-    this.store = new Store((number) => this.fetch(`block/${number}.json`));
+    this.store = new Store((number) => this.fetch(`block/${number}.json`), (time) => this.fetch(`at/${time}.json`));
     this.selected = { robot: -1, element: -1 };
     this.breakpoints = new Set();
     this.findings = new Map();
@@ -52,7 +52,7 @@ class App {
     await this.load(await this.fetch("mission.json"));
     this.fromLink();
     this.listen();
-    addEventListener("hashchange", () => this.fromLink());
+    addEventListener("hashchange", (event) => this.fromLink(new URL(event.newURL).hash)); // the address may be replaced meanwhile
     this.prefetch();
   }
 
@@ -61,6 +61,7 @@ class App {
     const models = JSON.stringify([mission.models, mission.planes]);
     this.mission = mission;
     this.store.index(mission.blocks, mission.end);
+    this.store.complete = mission.reading >= 1;
     this.findings = new Map();
     for (const finding of mission.findings ?? []) {
       const known = this.findings.get(finding.element) ?? [];
@@ -127,7 +128,7 @@ class App {
     socket.onmessage = ({ data }) => this.news(JSON.parse(data));
     socket.onclose = () => {
       byId("top").classList.add("gone");
-      if (this.mission.kind !== "recording" || this.mission.reading < 1) this.toast("The connection to fame view has ended: what is shown stays as it is.", true);
+      if (this.mission.kind !== "recording" || this.mission.reading < 1) this.toast("The connection to fame view has ended. The page shows the last state.", true);
     };
   }
 
@@ -136,6 +137,7 @@ class App {
     else if (news.type === "index") {
       this.store.index(news.blocks, news.end);
       this.mission.reading = news.reading;
+      this.store.complete = news.reading >= 1;
       if (news.elements) this.mission.elements.push(...news.elements.slice(Math.max(0, this.mission.elements.length - news.from)));
       this.prefetch();
       this.store.version += 1;
@@ -185,7 +187,7 @@ class App {
   }
 
   changedPlayer() {
-    this.timeline?.playerChanged();
+    this.timeline?.transport.playerChanged();
     this.saveLink();
   }
 
@@ -224,8 +226,9 @@ class App {
     }, 250);
   }
 
-  fromLink() {
-    const parts = new URLSearchParams(location.hash.slice(1)), { robots, elements } = this.mission;
+  fromLink(hash = location.hash) {
+    clearTimeout(this.linkTimer);
+    const parts = new URLSearchParams(hash.slice(1)), { robots, elements } = this.mission;
     if (parts.has("t")) this.player.seek(Math.round(Number(parts.get("t")) * 1e9) || 0);
     else if (this.isLive()) this.player.follow();
     const robot = robots.findIndex((one) => one.name === parts.get("robot"));
@@ -308,15 +311,15 @@ class App {
   }
 
   help() {
-    const rows = [["Space", "play, pause"], ["← →", "previous, next event (of the chosen robot)"], ["Shift ← →", "one second back, on"], ["Home End", "start, end"],
+    const rows = [["Space", "play, pause"], ["← →", "previous, next event (of the chosen robot)"], ["Shift ← →", "one second back, forward"], ["Home End", "start, end"],
       ["[ ]", "slower, faster"], ["+ −", "shorter, longer span of the timeline"], ["0", "the whole run"], ["F", "fit the diagram"],
-      ["1 … 9, A", "choose a robot, all robots"], ["L", "follow a run that lasts"], ["Esc", "drop the selection, then leave a called process"], ["?", "this help"]];
+      ["1 … 9, A", "choose a robot, all robots"], ["L", "follow a run that is in progress"], ["Esc", "clear the selection, then leave a called process"], ["?", "this help"]];
     const dialog = byId("help");
     show(dialog, h("form", { method: "dialog" }, h("div", { cls: "head" }, h("h2", null, "Keyboard"), h("button", { title: "Close" }, icon("close"))),
       h("dl", { cls: "keys" }, rows.map(([key, text]) => [h("dt", null, key.split(" ").map((one) => h("kbd", null, one))), h("dd", null, text)])),
-      h("h2", null, "Reading it"), h("ul", null, h("li", null, "A disc is a token: its colour and number are those of the robot. ×3 are three tokens."),
-        h("li", null, "Bars are elements under way: filled for activities, dashed where a token waits, hatched if cancelled, with a red edge and ✕ if failed."),
-        h("li", null, "Arrows are signals from the robot that sent them to the one that they woke. ✕ is an error, ▲ a report."),
+      h("h2", null, "Legend"), h("ul", null, h("li", null, "A disc is a token: its colour and number are those of the robot. ×3 are three tokens."),
+        h("li", null, "Bars are elements in progress: filled for activities, dashed where a token waits, hatched if cancelled, with a red border and ✕ if failed."),
+        h("li", null, "Arrows are signals, from their sender to the robots that received them. ✕ is an error, ▲ a report."),
         h("li", null, "Double-click a call activity to see what runs in it."))));
     dialog.showModal();
   }

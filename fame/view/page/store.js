@@ -140,8 +140,13 @@ export class State {
 
 /** The blocks of a run, and who loads them. `onchange` is called after something was added. */
 export class Store {
-  constructor(load) {
+  constructor(load, peek = null) {
     this.load = load;
+    this.peek = peek; // gives a block around an instant that the server has not read yet
+    this.complete = true; // whether it has read everything
+    this.ahead = null; // the last such block, its state, and whether one is on its way
+    this.aheadState = null;
+    this.peeking = false;
     this.blocks = []; // {number, start, end, events, data or null, loading}
     this.listeners = new Set();
     this.cursor = null;
@@ -206,6 +211,7 @@ export class Store {
 
   /** The state at an instant, or null while its block is being loaded. The same object is given again if it fits. */
   stateAt(time) {
+    if (!this.complete && this.peek && time > (this.blocks.at(-1)?.end ?? -1)) return this.stateAhead(time);
     const number = this.numberAt(time), block = this.blocks[number];
     if (block === undefined) return null;
     if (block.data === null) {
@@ -215,6 +221,27 @@ export class Store {
     if (this.cursor === null || this.cursor.block !== block.data || this.cursor.time > time) this.cursor = new State(block.data);
     this.cursor.apply(time);
     return this.cursor;
+  }
+
+  /** The state at an instant that the server has not read yet; null while it makes a block for it. */
+  stateAhead(time) {
+    const { ahead } = this;
+    if (ahead !== null && ahead.start <= time && time <= ahead.until) {
+      if (this.aheadState?.block !== ahead || this.aheadState.time > time) this.aheadState = new State(ahead);
+      this.aheadState.apply(time);
+      return this.aheadState;
+    }
+    if (!this.peeking) { // one at a time: what is wanted meanwhile is asked for afterwards
+      this.peeking = true;
+      this.peek(time).then((data) => {
+        this.ahead = prepared(data);
+        this.ahead.until = data.until;
+      }, () => { this.peek = null; }).finally(() => {
+        this.peeking = false;
+        this.changed();
+      });
+    }
+    return null;
   }
 
   /** Loaded blocks that overlap a span of time. */

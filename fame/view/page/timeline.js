@@ -1,19 +1,13 @@
 // The timeline: a lane per robot with its elements as bars, signals as arrows between lanes, plots, and the cursor.
 
-import { h, icon, clock, duration, robotColour, show, sharp, css, isDark } from "./dom.js";
+import { h, clock, duration, robotColour, show, sharp, css, isDark } from "./dom.js";
 import { CANCEL, FAIL, LEAVE, REPORT, spansOf } from "./store.js";
-import { SPEEDS } from "./player.js";
+import { Axis, step } from "./axis.js";
+import { Transport } from "./transport.js";
 import { link, signalsOf } from "./signals.js";
 import { Plots } from "./plots.js";
 
-const GUTTER = 148, ROW = 17, PAD = 6, RULER = 22, OVERVIEW = 12, MOST_ROWS = 4;
-
-/** Marks of the ruler: round steps that leave room for their text. */
-function step(span, width) {
-  const least = (span / Math.max(width, 1)) * 86, power = 10 ** Math.floor(Math.log10(least));
-  const found = [1, 2, 5, 10].map((times) => times * power).find((value) => value >= least);
-  return Math.max(found, 1e6);
-}
+const GUTTER = 148, ROW = 17, PAD = 6, MOST_ROWS = 4;
 
 export class Timeline {
   constructor(root, app) {
@@ -25,55 +19,20 @@ export class Timeline {
     this.rows = new Map(); // "robot/depth" -> Map element -> row
     this.seen = new Set();
     this.plots = new Plots(app, this);
-    this.transport(root);
-    this.overview = h("canvas", { cls: "overview", "aria-hidden": "true" });
-    this.ruler = h("canvas", { cls: "ruler", "aria-hidden": "true" });
+    this.transport = new Transport(root, this);
+    this.axis = new Axis(this);
     this.canvas = h("canvas", { cls: "lanes", role: "img", "aria-label": "Lanes of the robots" });
     this.labels = h("div", { cls: "labels" });
     this.spacer = h("div", { cls: "spacer" });
     this.scroller = h("div", { cls: "scroller", tabindex: 0, "aria-label": "Lanes" }, this.labels, this.canvas, this.spacer);
     this.cursor = h("div", { cls: "cursor" }, h("i"));
     this.tip = h("div", { cls: "tip", hidden: true });
-    this.box = h("div", { cls: "chart" }, h("div", { cls: "corner" }), this.overview, this.ruler, this.scroller, this.cursor, this.tip);
+    this.box = h("div", { cls: "chart" }, h("div", { cls: "corner" }), this.axis.overview, this.axis.ruler, this.scroller, this.cursor, this.tip);
     root.append(this.box);
     this.layer = document.createElement("canvas");
     this.layerKey = "";
     this.listen();
     new ResizeObserver(() => app.redraw()).observe(this.box);
-  }
-
-  transport(root) {
-    const { app } = this, button = (name, title, action) => h("button", { title, "aria-label": title, onclick: action }, icon(name));
-    this.playButton = h("button", { cls: "play", onclick: () => app.player.play() });
-    this.now = h("output", { cls: "now", "aria-label": "Time" });
-    this.total = h("span", { cls: "total" });
-    this.speed = h("select", { title: "Speed ([ slower, ] faster)", "aria-label": "Speed", onchange: () => {
-      app.player.speed = Number(this.speed.value);
-      app.changedPlayer();
-    } }, SPEEDS.map((speed) => h("option", { value: speed }, `${speed}×`)));
-    this.live = h("button", { cls: "text live", hidden: true, title: "Follow the run (L)", onclick: () => app.player.follow() }, icon("dot"), "Live");
-    this.reading = h("span", { cls: "reading", role: "status" });
-    this.level = h("select", { title: "How many levels of called processes have bars", "aria-label": "Levels", onchange: () => {
-      this.levels = Number(this.level.value);
-      app.redraw();
-    } }, [1, 2, 3, 4].map((count) => h("option", { value: count }, `${count} level${count > 1 ? "s" : ""}`)));
-    this.level.value = "2";
-    root.append(h("div", { cls: "bar transport", role: "toolbar", "aria-label": "Playback" },
-      button("previous", "Previous event (←)", () => app.step(-1)), this.playButton, button("next", "Next event (→)", () => app.step(1)),
-      h("span", { cls: "times" }, this.now, " / ", this.total), this.speed, this.live, this.reading, h("span", { cls: "space" }), this.level,
-      h("div", { cls: "tools" }, button("minus", "Longer span (−)", () => this.zoom(1.6)), button("plus", "Shorter span (+)", () => this.zoom(1 / 1.6)),
-        button("fit", "The whole run (0)", () => this.all()))));
-    this.playerChanged();
-  }
-
-  playerChanged() {
-    const { player } = this.app, title = player.playing ? "Pause (Space)" : "Play (Space)";
-    show(this.playButton, icon(player.playing ? "pause" : "play"));
-    this.playButton.title = title;
-    this.playButton.setAttribute("aria-label", title);
-    this.speed.value = String(player.speed);
-    this.live.classList.toggle("on", player.following);
-    this.live.hidden = !this.app.isLive();
   }
 
   // ---- where things are --------------------------------------------------------------------------
@@ -165,18 +124,17 @@ export class Timeline {
       this.from = Math.max(0, Math.min(time - (this.app.player.following ? span * 0.95 : 0), end - span));
       this.until = this.from + span;
     }
-    this.now.value = clock(time);
-    this.total.textContent = clock(store.end);
+    this.transport.now.value = clock(time);
+    this.transport.total.textContent = clock(store.end);
     const missing = store.blocks.filter((block) => block.data === null).length;
     const reading = mission.reading < 1 ? `reading ${Math.round(mission.reading * 100)} %` : missing > 1 ? `loading ${Math.round((1 - missing / store.blocks.length) * 100)} %` : "";
-    if (this.reading.textContent !== reading) this.reading.textContent = reading;
+    if (this.transport.reading.textContent !== reading) this.transport.reading.textContent = reading;
     for (const block of store.within(this.from, this.until)) if (block.data) this.settle(block.data);
     const lanes = this.lanes(), plotsTop = lanes.length ? lanes.at(-1).top + lanes.at(-1).height : 0, total = plotsTop + this.plots.height;
     this.spacer.style.height = `${total}px`;
     this.label(lanes, plotsTop, time);
     this.bars(lanes, plotsTop);
-    this.drawRuler(time);
-    this.drawOverview(time);
+    this.axis.draw(time);
     const x = this.x(time), visible = x >= -1 && x <= this.width + 1;
     this.cursor.hidden = !visible;
     this.cursor.style.transform = `translateX(${GUTTER + x}px)`;
@@ -431,67 +389,6 @@ export class Timeline {
     }
   }
 
-  drawRuler(time) {
-    const key = [this.from, this.until, this.width, isDark(), window.devicePixelRatio].join();
-    if (key === this.rulerKey) return;
-    this.rulerKey = key;
-    const context = sharp(this.ruler, this.width, RULER), each = step(this.until - this.from, this.width);
-    context.clearRect(0, 0, this.width, RULER);
-    context.font = "11px system-ui, sans-serif";
-    context.textBaseline = "middle";
-    const digits = Math.max(0, Math.min(3, -Math.floor(Math.log10(each / 1e9))));
-    for (let at = Math.ceil(this.from / each) * each; at <= this.until; at += each) {
-      const x = Math.round(this.x(at));
-      context.fillStyle = css("--line");
-      context.fillRect(x, RULER - 6, 1, 6);
-      context.fillStyle = css("--muted");
-      const seconds = at / 1e9, text = this.until < 120e9 ? `${seconds.toFixed(digits)} s` : clock(at).replace(/\.\d+$/, digits ? "$&" : "");
-      const wide = context.measureText(text).width, place = Math.min(Math.max(x - wide / 2, 0), this.width - wide);
-      context.fillText(text, place, 8);
-    }
-  }
-
-  drawOverview(time) {
-    const { store } = this.app, width = this.width, key = [store.version, width, isDark(), this.from, this.until, Math.round((time / Math.max(store.end, 1)) * width), this.density?.version].join();
-    if (key === this.overviewKey) return;
-    this.overviewKey = key;
-    const context = sharp(this.overview, width, OVERVIEW), end = Math.max(store.end, 1e9);
-    context.clearRect(0, 0, width, OVERVIEW);
-    const stale = this.density?.version !== store.version && performance.now() > (this.density?.until ?? 0);
-    if (stale || this.density?.width !== width || this.density.dark !== isDark()) {
-      this.density = this.densities(end, width);
-      this.density.dark = isDark();
-      this.strip ??= document.createElement("canvas");
-      const pen = sharp(this.strip, width, OVERVIEW);
-      pen.clearRect(0, 0, width, OVERVIEW);
-      pen.fillStyle = css("--soft");
-      pen.fillRect(0, 3, width, OVERVIEW - 6);
-      pen.fillStyle = css("--muted");
-      this.density.values.forEach((value, x) => {
-        if (value > 0) pen.fillRect(x, OVERVIEW / 2 - value * 4, 1, value * 8);
-      });
-    }
-    context.drawImage(this.strip, 0, 0, width, OVERVIEW);
-    const left = (this.from / end) * width, right = (this.until / end) * width;
-    context.strokeStyle = css("--accent");
-    context.lineWidth = 1.5;
-    if (!this.whole) context.strokeRect(left + 0.75, 1, Math.max(3, right - left) - 1.5, OVERVIEW - 2);
-    context.fillStyle = css("--accent");
-    context.fillRect((time / end) * width - 1, 0, 2, OVERVIEW);
-  }
-
-  densities(end, width) {
-    const begun = performance.now(), values = new Float32Array(Math.ceil(width));
-    for (const block of this.app.store.blocks) {
-      const times = block.data?.columns.t;
-      if (!times) continue;
-      for (let at = 0; at < times.length; at += 1) values[Math.min(values.length - 1, Math.floor((times[at] / end) * width))] += 1;
-    }
-    const most = Math.log1p(Math.max(...values, 1));
-    const shown = values.map((value) => Math.log1p(value) / most), cost = performance.now() - begun;
-    return { version: this.app.store.version, width, values: shown, until: begun + (cost > 8 ? Math.min(2000, 10 * cost) : 0) };
-  }
-
   // ---- what people do ----------------------------------------------------------------------------
 
   listen() {
@@ -508,10 +405,10 @@ export class Timeline {
       element.addEventListener("pointermove", (event) => held && move(event));
       for (const name of ["pointerup", "pointercancel"]) element.addEventListener(name, () => { held = false; });
     };
-    scrub(this.ruler, (x) => this.timeAt(x));
+    scrub(this.axis.ruler, (x) => this.timeAt(x));
     scrub(this.canvas, (x) => this.timeAt(x));
-    scrub(this.overview, (x) => (x / this.width) * Math.max(this.app.store.end, 1e9));
-    for (const element of [this.canvas, this.ruler, this.overview]) element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    scrub(this.axis.overview, (x) => (x / this.width) * Math.max(this.app.store.end, 1e9));
+    for (const element of [this.canvas, this.axis.ruler, this.axis.overview]) element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.canvas.addEventListener("click", (event) => {
       if (Math.hypot(event.clientX - this.pressed[0], event.clientY - this.pressed[1]) > 4) return;
       const hit = this.hit(event);

@@ -71,7 +71,7 @@ export class World {
     this.canvas = h("canvas", { cls: "ground", tabindex: 0, role: "img", "aria-label": "World from above" });
     this.frame = h("div", { cls: "frame" }, this.canvas);
     this.trails = true;
-    const trails = h("button", { title: "Show the ways of the robots", "aria-pressed": "true", cls: "text", onclick: () => {
+    const trails = h("button", { title: "Show the paths of the robots", "aria-pressed": "true", cls: "text", onclick: () => {
       this.trails = !this.trails;
       trails.setAttribute("aria-pressed", String(this.trails));
       app.redraw();

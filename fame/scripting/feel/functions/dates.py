@@ -104,7 +104,7 @@ def literal(text: str) -> Temporal | None:
 
 
 def _cycle(*parts: Any) -> str:
-    """Of Camunda 8's timers: ``R3/PT10S``, without a number for ever."""
+    """Of Camunda 8's timers: ``R3/PT10S``, without a number forever."""
     return f"R{parts[0]}/{parts[1]}" if len(parts) == 2 else f"R/{to_text(*parts)}"
 
 

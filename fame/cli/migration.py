@@ -1,0 +1,142 @@
+"""Options of ``fame deploy`` for migrations: preview and check what would happen to every token."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fame.cli.arguments import Parser
+from fame.cli.output import note, print_json, table
+from fame.errors import ConfigError, FameError
+
+if TYPE_CHECKING:
+    from fame.bpmn.library import Library
+    from fame.bpmn.model import Definitions
+    from fame.bpmn.pools import Pool
+    from fame.check.explore import Finding
+    from fame.deploy import Deployment
+    from fame.deploy.migration import Foreseen
+
+BUDGET = 2.5
+"""How long the migrated state is explored at most (s): meanwhile the robots are held."""
+_OPTIONS = ("plan", "dry_run", "force")
+
+
+def add_options(parser: Parser) -> None:
+    """Declare them."""
+    parser.add_argument(
+        "--migrate", action="store_true",
+        help="migrate running instances to this model instead of cancelling them: all robots or none "
+        "(docs/durability.md)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--plan", type=Path, metavar="PLAN.yaml",
+        help="with --migrate: the mapping of elements and variables that have changed",
+    )  # fmt: skip
+    parser.add_argument(
+        "--dry-run", action="store_true",
+        help="with --migrate: change nothing; list what would happen to each token, and write a plan to edit "
+        "(MODEL.plan.yaml) unless --plan is given",
+    )  # fmt: skip
+    parser.add_argument(
+        "--force", action="store_true",
+        help="with --migrate: migrate even if the exploration finds that a robot could then wait forever",
+    )  # fmt: skip
+
+
+class Migration:
+    """The migration that the arguments of a command ask for. Raises ConfigError for options without --migrate."""
+
+    def __init__(self, arguments: Namespace, definitions: Definitions, library: Library) -> None:
+        from fame.deploy.migration import read_plan
+
+        for name in _OPTIONS:
+            if getattr(arguments, name) and not arguments.migrate:
+                text = "without it what runs is cancelled"
+                raise ConfigError(f"--{name.replace('_', '-')} needs --migrate: {text}")
+        self.dry: bool = arguments.dry_run
+        self._force, self._plan, self._json = arguments.force, arguments.plan, arguments.json
+        self._model, self._definitions, self._library = arguments.model, definitions, library
+        self._found: list[Finding] = []
+        plan = read_plan(arguments.plan) if arguments.plan is not None else {}
+        self.options: dict[str, Any] = {"migrate": arguments.migrate, "plan": plan, "preview": arguments.dry_run}
+        if arguments.migrate and not arguments.dry_run:
+            self.options["approve"] = self._approve
+            import fame.scenario.exploration  # noqa: F401  (before the robots are held)
+
+    def _approve(self, pools: Mapping[str, Pool], foreseen: Mapping[str, Foreseen]) -> str:
+        """Explore the state that the robots would have. Called in a thread, while they are held."""
+        from fame.scenario.exploration import explore_migrated
+
+        try:
+            result = explore_migrated(self._definitions, self._library, pools, foreseen, seconds=BUDGET)
+        except FameError as error:
+            return "" if self._force else f"the migrated state cannot be explored: {error} (--force overrides)"
+        note(f"the migrated state: {result.summary()}")
+        self._found = [one for one in result.findings if one.level == "error"]
+        if not self._found or self._force:
+            return ""
+        return f"{self._found[0].text} (--force overrides)"
+
+    def explain(self) -> None:
+        """Say what the exploration found, with the run that shows it."""
+        from fame.cli.exploration import steps_of
+
+        for finding in self._found:
+            note(f"{finding.level} in the migrated state: {finding.text}")
+            for line in steps_of(finding):
+                note(line)
+
+    def findings(self) -> list[dict[str, Any]]:
+        """What the exploration found, for --json."""
+        from fame.cli.exploration import finding_as_json
+
+        return [finding_as_json(one) for one in self._found]
+
+    def show(self, deployment: Deployment) -> int:
+        """Print what a dry run has found, and write a plan. Returns the exit code: 1 if it is not possible."""
+        foreseen = deployment.foreseen
+        blocked = any(one.blocked for one in foreseen.values())
+        failed = deployment.failed or blocked
+        if self._json:
+            robots = {
+                each.robot: {
+                    "state": each.state,
+                    "reason": each.reason,
+                    "tokens": list(foreseen[each.robot].to_json()["tokens"]) if each.robot in foreseen else [],
+                }
+                for each in deployment.robots.values()
+            }
+            print_json({"status": "failed" if failed else "completed", "robots": robots})
+        else:
+            print(table(("robot", "model", "token at", "becomes", "reason"), _rows(deployment)), flush=True)
+        if self._plan is None and any(one.tokens or one.gone for one in foreseen.values()):
+            self._write(foreseen)
+        return 1 if failed else 0
+
+    def _write(self, foreseen: Mapping[str, Foreseen]) -> None:
+        from fame.deploy.migration import write_plan
+
+        path = Path(f"{self._model.stem}.plan.yaml")
+        write_plan(path, foreseen)
+        note(f"wrote {path}: edit it, then fame deploy {self._model} --migrate --plan {path}")
+
+
+def _rows(deployment: Deployment) -> Sequence[tuple[str, ...]]:
+    """A line for each token, and one for a robot without any."""
+    found = []
+    for each in deployment.robots.values():
+        one = deployment.foreseen.get(each.robot)
+        tokens = one.tokens if one is not None else ()
+        for token in tokens:
+            place = f'"{token.name}" ({token.element})' if token.name else token.element
+            target = f" as {token.target}" if token.target not in ("", token.element) else ""
+            assert one is not None
+            found.append(
+                (each.robot, one.hash[:12], place, token.fate + target * (token.fate != "blocked"), token.reason)
+            )
+        if not tokens:
+            found.append((each.robot, one.hash[:12] if one is not None else "", "", each.state, each.reason))
+    return found

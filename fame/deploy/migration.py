@@ -1,0 +1,196 @@
+"""Migration of what a robot runs: the plan for it, and what is foreseen.
+
+A plan is YAML that says what becomes of elements and variables, where it is not clear by itself::
+
+    elements:
+      Task_Cut: {to: Task_Mow}      # another id; of another kind: it begins there
+      Task_Scan: restart            # begins again
+      Task_Wait: abandon            # its token ends
+    variables:
+      speed: {rename: velocity}
+      height: {default: 0.5}        # if it is not set
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fame.config.values import ConfigValue
+    from fame.engine.migration import Plan, Token
+    from fame.robot import RobotNode
+
+_LARGEST = 500_000
+"""The longest state that is part of a report (characters of JSON)."""
+_WORDS = ("keep", "restart", "abandon")
+
+
+def read_plan(path: Path) -> dict[str, Any]:
+    """A plan as plain data. Raises ConfigError with file, line and key."""
+    from fame.config.loader import read_document
+
+    document = read_document(path).mapping(["elements", "variables"])
+    elements, variables = document.get("elements"), document.get("variables")
+    return {
+        "elements": {id: _element(value) for id, value in (elements.mapping() if elements is not None else {}).items()},
+        "variables": {
+            name: _variable(value) for name, value in (variables.mapping() if variables is not None else {}).items()
+        },
+    }
+
+
+def _element(value: ConfigValue) -> Any:
+    if isinstance(value.data, str):
+        return value.choice(_WORDS, "a fate or {to: ID}")
+    value.mapping(["to"])
+    return {"to": value.required("to", "the id of an element").text()}
+
+
+def _variable(value: ConfigValue) -> Any:
+    found = value.mapping(["rename", "default"])
+    return {
+        **({"rename": found["rename"].text()} if "rename" in found else {}),
+        **({"default": found["default"].data} if "default" in found else {}),
+    }
+
+
+def plan_of(data: Mapping[str, Any]) -> Plan:
+    """Return the plan that `read_plan` gave, perhaps from an envelope. Parts that are not valid are ignored."""
+    from fame.engine.migration import Plan
+
+    elements, variables = data.get("elements") or {}, data.get("variables") or {}
+    said = {id: what for id, what in elements.items() if isinstance(what, str)}
+    return Plan(
+        to={id: str(what["to"]) for id, what in elements.items() if isinstance(what, Mapping) and "to" in what},
+        restart=frozenset(id for id, what in said.items() if what == "restart"),
+        abandon=frozenset(id for id, what in said.items() if what == "abandon"),
+        rename={name: str(what["rename"]) for name, what in variables.items() if "rename" in what},
+        default={name: what["default"] for name, what in variables.items() if "default" in what},
+    )
+
+
+# ---- what is foreseen ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Foreseen:
+    """What would become of what a robot runs.
+
+    hash    of the model that it runs
+    tokens  each token, and what becomes of it
+    gone    elements without a token now that have no counterpart: a token that comes there would be blocked
+    state   the state in the new program, as `fame.robot.take_over.what_becomes` gives it; empty if a token is blocked
+            or if it is too large to be sent
+    """
+
+    hash: str = ""
+    tokens: Sequence[Token] = ()
+    gone: Sequence[Token] = ()
+    state: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def blocked(self) -> str:
+        """All reasons why it is not possible; empty if it is."""
+        reasons = "; ".join(str(token) for token in self.tokens if token.fate == "blocked")
+        return f"the state does not fit the new model: {reasons}" if reasons else ""
+
+    def to_json(self) -> dict[str, Any]:
+        """The form in a report."""
+        tokens, gone = (
+            [{**asdict(token), "others": list(token.others)} for token in found] for found in (self.tokens, self.gone)
+        )
+        return {"hash": self.hash, "tokens": tokens, "gone": gone, "state": self.state}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Foreseen:
+        """What a report has; what it does not have is empty."""
+        from fame.engine.migration import Token
+
+        tokens, gone = (
+            [Token(**{**token, "others": tuple(token.get("others", ()))}) for token in data.get(name, ())]
+            for name in ("tokens", "gone")
+        )
+        return cls(str(data.get("hash", "")), tokens, gone, data.get("state", {}))
+
+
+def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) -> Foreseen:
+    """What would become of what runs (`old`, of the model with this hash) in a loaded process."""
+    from fame.robot.take_over import gone_elements, what_becomes
+
+    said = plan_of(plan)
+    tokens, state = what_becomes(new, old, said)
+    there = {token.element for token in tokens}
+    gone = [token for token in gone_elements(new, old, said) if token.element not in there]
+    small = state is not None and len(json.dumps(state)) <= _LARGEST
+    return Foreseen(hash, tokens, gone, state if state is not None and small else {})
+
+
+def take_over(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], text: str) -> Callable[[], object]:
+    """Give a loaded process the state of what runs, which is held. Returns what lets it go on, and reports the `text`.
+
+    Raises MissionError if the state does not fit.
+    """
+    from fame.robot.take_over import go_on_after, take_over, timers_of
+
+    timers = timers_of(old)
+    tokens = take_over(new, old, plan_of(plan))
+    changed = ", ".join(map(str, tokens)) or "no token"
+
+    def go_on() -> None:
+        new.note("", f"{text}: {changed}")
+        go_on_after(new, timers)
+
+    return go_on
+
+
+def write_plan(path: Path, foreseen: Mapping[str, Foreseen]) -> None:
+    """Write a plan to edit: a line for each element that has a token, or that is gone and may have one later.
+
+    Raises ConfigError, also if the file exists.
+    """
+    from fame.errors import ConfigError
+
+    lines, taken = dict[str, str](), set[str]()
+    found = [(robot, token, "blocked") for robot, one in foreseen.items() for token in one.tokens]
+    found += [(robot, token, "no token is there now") for robot, one in foreseen.items() for token in one.gone]
+    for robot, token, state in found:
+        if token.element not in lines:
+            lines[token.element] = _plan_line(robot, token, taken, state)
+    text = "\n".join(
+        ["# What becomes of each token: keep, restart (begins again), abandon (its token ends), or {to: ID}",
+         "elements:" if lines else "elements: {}", *lines.values(),
+         "# variables:", "#   old_name: {rename: new_name}", "#   name: {default: 0}", ""]
+    )  # fmt: skip
+    try:
+        with path.open("x") as file:
+            file.write(text)
+    except FileExistsError:
+        raise ConfigError("exists already; give it with --plan, or remove it", file=str(path)) from None
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
+
+
+def _plan_line(robot: str, token: Token, taken: set[str], state: str) -> str:
+    """The line of an element: what is decided, or a comment with what is possible.
+
+    An element that is gone goes to the only new one of its kind, unless another element has `taken` it.
+    """
+    label = f'"{token.name}" of {robot}' if token.name else robot
+    if token.fate != "blocked":
+        return f"  {json.dumps(token.element)}: {_decided(token)}  # {label}"
+    targets = ", ".join(token.others) or "ID"
+    said = f"{label}: {state}: {token.reason}"
+    if len(token.others) == 1 and token.others[0] not in taken:
+        taken.update(token.others)
+        return f"  {json.dumps(token.element)}: {{to: {json.dumps(token.others[0])}}}  # {said}"
+    return f"  # {json.dumps(token.element)}: {{to: {targets}}}  # or restart, abandon; {said}"
+
+
+def _decided(token: Token) -> str:
+    if token.target not in ("", token.element):
+        return f"{{to: {json.dumps(token.target)}}}"
+    return token.fate

@@ -1,0 +1,223 @@
+"""What a robot's end of a deployment knows, receives and does: the data of `fame.deploy.robot_protocol`.
+
+`RobotState` is how far a robot is. An `Event` is what happens to it, an `Action` what `fame.deploy.engine_node` does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from fame.deploy.envelope import Envelope, Problem
+from fame.deploy.termination import Answered, Ready, Silence
+
+MATCHING = 5.0
+"""How long a robot waits for the other ends of its topics (s)."""
+
+
+# ---- state -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A process that is loaded and is to replace what runs.
+
+    commit  what was promised, once it is ready
+    asked   whether the other robots have been asked since the sender fell silent
+    holds   whether what runs is suspended, since the others did not answer at once
+    """
+
+    envelope: Envelope
+    stage: Literal["matching", "ready", "replacing"] = "matching"
+    commit: Ready | None = None
+    asked: bool = False
+    holds: bool = False
+
+    @property
+    def asks(self) -> bool:
+        """Whether it asks the other robots, since its sender fell silent."""
+        return self.commit is not None and self.commit.asking
+
+    @property
+    def why_it_holds(self) -> str:
+        """The reason, for people."""
+        missing = sorted(self.commit.unheard) if self.commit is not None else ()
+        return f"the sender fell silent, and what became of it at {', '.join(missing)} is not known"
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """How far a robot is.
+
+    running  the envelope of what runs, without its model
+    waiting  the newest envelope that is not loaded yet; it keeps waiting while it is being loaded
+    loading  the envelope whose model is being loaded, even if it has been aborted meanwhile
+    newest   `Envelope.order` of the newest that was loaded: older ones are ``stale``
+    answers  the last final answer to each of the last 100 deployments, oldest first
+    """
+
+    robot: str
+    running: Envelope | None = None
+    waiting: Envelope | None = None
+    loading: Envelope | None = None
+    candidate: Candidate | None = None
+    newest: tuple[int, str] = (-1, "")
+    answers: tuple[Reply, ...] = ()
+
+    @property
+    def deployed(self) -> str:
+        """The deployment that runs, or nothing."""
+        return self.running.deployment if self.running is not None else ""
+
+    def answer_to(self, deployment: str) -> Reply | None:
+        """The last final answer."""
+        return next((one for one in self.answers if one.deployment == deployment), None)
+
+    def candidate_of(self, deployment: str) -> Candidate | None:
+        """The candidate, if it came with this deployment."""
+        same = self.candidate is not None and self.candidate.envelope.deployment == deployment
+        return self.candidate if same else None
+
+
+def resumed(robot: str, envelope: Envelope) -> RobotState:
+    """The state of a robot whose engine goes on with what it had been running."""
+    answers = (Reply("started", envelope.deployment),)
+    return RobotState(robot, running=replace(envelope, model=""), newest=envelope.order, answers=answers)
+
+
+# ---- events ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """An envelope that was read and verified."""
+
+    envelope: Envelope
+
+
+@dataclass(frozen=True, slots=True)
+class LoadDue:
+    """The time to load the waiting model has come (after `ScheduleLoad`)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """The result of `Load`: a process, or an error, with its place where it has one."""
+
+    error: str = ""
+    problem: Problem | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Matched:
+    """The result of `Match`: the promised ends that are missing, as ``topic (publisher)``."""
+
+    missing: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Mapped:
+    """The result of `MapState`: an error if the state does not fit the new model."""
+
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Replaced:
+    """What ran has ended, its scripts included (after `Replace`)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """The engine ends."""
+
+
+Event = Received | LoadDue | Loaded | Matched | Mapped | Silence | Answered | Replaced | Stopped
+
+
+# ---- actions ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """Report an answer to a deployment. `repeated`: it was given before, so it goes only to the sender that asked."""
+
+    answer: str
+    deployment: str
+    reason: str = ""
+    problem: Problem | None = None
+    repeated: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Report to the observer of this engine."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class ScheduleLoad:
+    """Give `LoadDue` as soon as all messages of this moment are in: of a burst only the newest is loaded."""
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """Read, check and compile the model beside what runs; then give `Loaded`."""
+
+    envelope: Envelope
+
+
+@dataclass(frozen=True, slots=True)
+class Discard:
+    """Close the process that has just been loaded: it is not wanted any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """Wait until the promised other ends of the candidate's topics are there, at most `MATCHING` s; give `Matched`."""
+
+    envelope: Envelope
+
+
+@dataclass(frozen=True, slots=True)
+class MapState:
+    """Find out whether the state of what runs fits the candidate; give `Mapped`. It is suspended, unless previewed."""
+
+
+@dataclass(frozen=True, slots=True)
+class AwaitSender:
+    """Give `Silence` after this many seconds, unless this action or the end of the candidate comes before."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class AskOthers:
+    """Ask the other robots of the deployment what became of it; give `Answered` for each answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """Suspend what runs, in the safe state."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drop:
+    """Close the candidate; what runs goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Replace:
+    """Cancel what runs, or let it stay suspended for a migration; when its scripts have left, give `Replaced`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Start the candidate's process, or let it take over the state of what ran."""
+
+
+Action = (
+    Reply | Note | ScheduleLoad | Load | Discard | Match | MapState | AwaitSender | AskOthers
+    | Hold | Drop | Replace | Run
+)  # fmt: skip

@@ -1,0 +1,259 @@
+"""Endpoints of the backends between processes: publishers, subscriptions, services and clients.
+
+A backend derives its classes from these and implements their abstract methods: how an endpoint sends and is released,
+and whether it is `matched`. Everything else is here: one type per topic, packing and unpacking, the queue of a
+subscription, losses, requests and their responses.
+
+Threads: `WireSubscription.enqueue` may be called from any thread, all else in that of the scheduler.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from fame.errors import MessageError
+from fame.middleware import codec, messages
+from fame.middleware.errors import (
+    dropped_warning,
+    lost_text,
+    publish_error,
+    service_conflict,
+    type_conflict,
+    unanswered_warning,
+    unavailable_error,
+    unreadable_text,
+)
+from fame.middleware.interface import MAX_MESSAGE_SIZE, EndpointWarning, Message, QoS, deliver_response
+from fame.middleware.qos import counts_losses
+
+if TYPE_CHECKING:
+    from fame.middleware.wire_base import WireNode
+
+Callback = Callable[[Message], object]
+OnWarning = Callable[[EndpointWarning], object]
+
+
+class Endpoint(ABC):
+    """An endpoint of a topic or service."""
+
+    def __init__(self, node: WireNode) -> None:
+        self.node: WireNode = node
+        self.closed: bool = False
+
+    def close(self) -> None:
+        """Close the endpoint. Does nothing the second time."""
+        if not self.closed:
+            self.closed = True
+            for endpoints in (self.node.publishers, self.node.subscriptions, self.node.services):
+                if self in endpoints:
+                    endpoints.remove(self)
+            self.release()
+
+    @abstractmethod
+    def release(self) -> None:
+        """Free what the backend has made for it."""
+
+
+class TopicEndpoint(Endpoint):
+    """An endpoint of a topic. Raises MessageError if this process uses the topic with another type."""
+
+    topic: str
+    qos: QoS
+    message_class: type[Message]
+
+    def __init__(self, node: WireNode, topic: str, type: str, qos: QoS) -> None:
+        super().__init__(node)
+        self.topic, self.qos = topic, qos
+        self.lost: int = 0  # messages, as far as it knows
+        self.message_class = messages.message_type(type)
+        self.type: str = self.message_class.__msgtype__
+        if users := [end for end in endpoints_on(node.middleware.nodes, topic) if end.type != self.type]:
+            raise type_conflict(topic, users[0].type, (end.node.full_name for end in users), self.type)
+
+    def count_lost(self, number: int) -> None:
+        """Count messages that were lost."""
+        self.lost += number
+
+    @abstractmethod
+    def matched(self) -> bool:
+        """Whether it is connected to an endpoint of another node."""
+
+    @abstractmethod
+    def losses(self) -> str:
+        """How many messages it has lost, in words; empty if it does not know of any."""
+
+
+class WirePublisher(TopicEndpoint):
+    """A publisher."""
+
+    @abstractmethod
+    def publish(self, message: Message) -> None:
+        """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""
+
+    @abstractmethod
+    def subscriber_count(self) -> int:
+        """How many subscriptions it is connected to, those of its own node too."""
+
+    def losses(self) -> str:
+        if not self.lost:
+            return ""
+        return f"{self.topic}: {self.node.full_name} lost {self.lost} messages: a subscriber does not take them in time"
+
+    def pack(self, message: Message) -> bytes:
+        """The message as CDR. Raises MessageError as `publish`."""
+        if self.closed or message.__class__ is not self.message_class:
+            raise publish_error(self.topic, self.type, message, closed=self.closed)
+        return codec.serialize(message)
+
+
+class WireSubscription(TopicEndpoint):
+    """A subscription, and the queue of what came in: at most `qos.depth` messages, as CDR.
+
+    The scheduler takes them from the queue, one per entry. There is at most one such entry at a time, so that a
+    subscription with a full queue does not keep others waiting. A reliable subscription counts what is pushed out.
+    """
+
+    def __init__(self, node: WireNode, topic: str, type: str, callback: Callback, qos: QoS) -> None:
+        super().__init__(node, topic, type, qos)
+        self.max_size: int = MAX_MESSAGE_SIZE
+        self.held: bool = False
+        self.on_dropped: OnWarning = self._warn_once
+        self.counts_losses: bool = counts_losses(qos)
+        self._callback = callback
+        self._queue: deque[bytes] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
+        self._scheduled = False
+        self._unreadable = 0
+        self._soon = node.middleware.scheduler.soon
+
+    def drain(self) -> list[tuple[str, bytes]]:
+        """Take all messages that were held, each with the full name of the node that sent it."""
+        return []
+
+    def enqueue(self, data: bytes) -> None:
+        """Put a message into the queue. `schedule` is to follow."""
+        if self.counts_losses and len(self._queue) == self._queue.maxlen:
+            self.count_lost(1)
+        self._queue.append(data)
+
+    def schedule(self) -> None:
+        """Let the scheduler take what is in the queue."""
+        if self._queue and not self._scheduled:
+            self._scheduled = True
+            self._soon(self._take)
+
+    def _take(self) -> None:
+        self._scheduled = False
+        if self._queue:  # two threads may have scheduled it
+            data = self._queue.popleft()
+            self.schedule()
+            self.deliver(data)
+
+    def deliver(self, data: bytes) -> None:
+        """Unpack a message and pass it to the callback, unless it is too large or cannot be read."""
+        if self.closed:
+            return
+        if len(data) > self.max_size:
+            self.on_dropped(dropped_warning(self.topic, f"{len(data)} bytes; at most {self.max_size} are accepted"))
+            return
+        try:
+            message = codec.deserialize(data, self.type)
+        except MessageError as error:
+            self.on_dropped(dropped_warning(self.topic, str(error)))
+        else:
+            self._callback(message)
+
+    def losses(self) -> str:
+        counts = ((lost_text, self.lost), (unreadable_text, self._unreadable - 1))
+        return "; ".join(text(self.topic, self.node.full_name, count) for text, count in counts if count > 0)
+
+    def close(self) -> None:
+        self._queue.clear()
+        super().close()
+
+    def _warn_once(self, warning: EndpointWarning) -> None:
+        """Warn of the first unreadable message of a flood, and count the others."""
+        self._unreadable += 1
+        if self._unreadable == 1:
+            self.node.middleware.warn(warning)
+
+
+class ServiceEndpoint(Endpoint):
+    """A service or a client. Raises MessageError for an unknown type."""
+
+    name: str
+    type: str
+    request_type: str
+    response_type: str
+
+    def __init__(self, node: WireNode, name: str, type: str) -> None:
+        super().__init__(node)
+        self.name, self.type = name, type
+        self.request_type, self.response_type = messages.service(type)
+
+
+class WireService(ServiceEndpoint):
+    """A service. Raises MessageError if there is a service of that name already."""
+
+    def __init__(self, node: WireNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+        super().__init__(node, name, type)
+        self._handler = handler
+        for _, owner in node.middleware.offers(name):
+            raise service_conflict(name, owner, type)
+
+    def handle(self, request: Message, send: Callable[[Message], object]) -> None:
+        """Call the handler; `send` gets the response, now or later."""
+        response_type = self.response_type
+        deliver_response(self._handler(request), lambda response: send(messages.create(response_type, response)))
+
+
+class WireClient(ServiceEndpoint):
+    """A client of a service, with the callbacks of its pending requests."""
+
+    def __init__(self, node: WireNode, name: str, type: str) -> None:
+        super().__init__(node, name, type)
+        self._waiting: dict[Hashable, Callback] = {}
+
+    @property
+    @abstractmethod
+    def available(self) -> bool:
+        """Whether a node offers the service now."""
+
+    @abstractmethod
+    def send(self, request: Message) -> Hashable:
+        """Send a request. Returns the key of its response, for `on_response`, which comes in the scheduler."""
+
+    def call(self, request: Any, callback: Callback) -> None:
+        """Send a request. Raises MessageError if it does not fit, or if no node offers the service with this type."""
+        if not self.available:
+            offers = self.node.middleware.offers(self.name)
+            raise unavailable_error(self.name, self.request_type, (type for type, _ in offers))
+        self._waiting[self.send(messages.create(self.request_type, request))] = callback
+
+    def on_response(self, key: Hashable, response: Message) -> None:
+        """Pass on a response. One that was given up is dropped."""
+        callback = self._waiting.pop(key, None)
+        if callback is not None:
+            callback(response)
+
+    def give_up(self) -> None:
+        """If the service is gone, warn and drop the pending requests."""
+        if self._waiting and not self.available:
+            self._waiting.clear()
+            self.warn_unanswered()
+
+    def warn_unanswered(self) -> None:
+        """Warn that a request gets no response."""
+        self.node.middleware.warn(unanswered_warning(self.name, self.node.full_name))
+
+    def close(self) -> None:
+        self._waiting.clear()
+        super().close()
+
+
+def endpoints_on(nodes: Iterable[WireNode], topic: str) -> Iterator[Any]:
+    """The publishers and subscriptions of some nodes on a topic (full name)."""
+    for node in nodes:
+        yield from (end for end in (*node.publishers, *node.subscriptions) if end.topic == topic)

@@ -1,0 +1,152 @@
+"""A robot's state between its node and the disk: tables, timers, what elements say about resumption, files of a state.
+
+`restored` gives a node the engine of a journal, `go_on` lets it move. `save` and `load` do so with one file, without a
+journal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from fame.bpmn.model import Element
+from fame.engine.state import Wait
+from fame.errors import ConfigError, MissionError
+from fame.robot.journal import Contents, write_segment
+from fame.robot.node import INCIDENT, RobotNode
+from fame.robot.state_tables import StateTables, Tables, fold, instance_data, instance_of, restore_engine
+from fame.robot.stored_values import Loader
+from fame.robot.timers import Missed
+
+Retry = Literal["safe", "never", "ask"]
+RETRIES: tuple[Retry, ...] = ("safe", "never", "ask")
+"""What a task does with a request whose fate is unknown: make it again, fail with code ``lost``, or ask somebody."""
+MISSED: tuple[Missed, ...] = ("fire", "skip", "fail")
+_UNIX = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+class Settings(Protocol):
+    """The properties of a mission's elements about resumption."""
+
+    def retry(self, element: str) -> Retry: ...
+
+    def missed(self, element: str) -> Missed: ...
+
+
+def epoch_of(node: RobotNode) -> int:
+    """The date of second 0 of the mission's time (ns since 1970)."""
+    return (node.epoch - _UNIX) // timedelta(microseconds=1) * 1000
+
+
+def tables_of(node: RobotNode) -> Tables:
+    """The tables of a robot's state beside its engine."""
+    host, epoch = node.host, epoch_of(node)
+    timers = host.timers.state().items()
+    return {
+        "timers": {str(key): [kind, text, base + epoch, fired] for key, (kind, text, base, fired) in timers},
+        "totals": {"": [host.started, host.completed, host.failed, host.elements_done]},
+    }
+
+
+def set_timers(node: RobotNode, tables: Tables, settings: Settings) -> list[Wait]:
+    """Set the timers of a restored engine. Returns the waits whose timer was missed and is to fail."""
+    failed, engine = [], node.engine
+    for text, (kind, expression, base, fired) in tables.get("timers", {}).items():
+        key = int(text)
+        if key not in engine.waits and key not in engine.armed_starts:
+            continue
+        element = engine.timed(key).id
+        missed = settings.missed(element)
+        late = node.host.timers.resume(key, kind, expression, base - epoch_of(node), fired, missed)
+        if late:
+            node.host.report(element, f"{kind} timer {expression} came due while the engine was away: {missed}")
+        if late and missed == "fail" and key in engine.waits:
+            node.host.timers.cancel(key)
+            failed.append(engine.waits[key])
+    return failed
+
+
+def go_on(node: RobotNode) -> None:
+    """Continue with a restored engine: scripts start again, and messages are delivered."""
+    if node.engine.incidents:
+        node.hold(INCIDENT)
+    else:
+        node.engine.release()
+    node.engine.restart()
+    node.go_on()
+
+
+# ---- missions --------------------------------------------------------------------------------------------------------
+
+
+class _MissionSettings:
+    def __init__(self, elements: Mapping[str, Mapping[str, str]]) -> None:
+        self._elements = elements
+
+    def retry(self, element: str) -> Retry:
+        found = self._elements.get(element, {}).get("retry", "safe")
+        return found if found in RETRIES else "safe"
+
+    def missed(self, element: str) -> Missed:
+        found = self._elements.get(element, {}).get("missed", "fire")
+        return found if found in MISSED else "fire"
+
+
+def mission_settings(node: RobotNode) -> Settings:
+    """The properties ``retry`` and ``missed`` of a mission's elements."""
+    return _MissionSettings({item.id: _properties(item) for _, item in node.mission.flow_nodes()})
+
+
+def _properties(element: Element) -> Mapping[str, str]:
+    return getattr(element, "properties", {})
+
+
+def restored(node: RobotNode, contents: Contents) -> Tables:
+    """Restore the engine of a robot's node from a journal; nothing moves until `Recorder.go_on`.
+
+    Raises ConfigError for the journal of another program or robot.
+    """
+    tables: Tables = {}
+    for change in (contents.state, *contents.changes):
+        fold(tables, change)
+    load = Loader(node.mission)
+    try:
+        engine = restore_engine(tables, node.engine.program, node.host, node.engine.new_variables, load)
+    except MissionError as error:
+        raise ConfigError(str(error), file=str(contents.path)) from error
+    engine.at_once = node.engine.at_once
+    host = node.host
+    host.started, host.completed, host.failed, host.elements_done = tables["totals"][""]
+    over = [instance_of(data, engine.program, load) for data in tables.get("ended", {}).values()]
+    host.instances[:] = sorted([*over, *engine.instances.values()], key=lambda instance: instance.key)
+    node.attach(engine)
+    return tables
+
+
+def last_time(contents: Contents) -> int:
+    """The date of the last record (ns since 1970)."""
+    return int((contents.changes or [contents.state])[-1]["time"])
+
+
+# ---- without a journal -----------------------------------------------------------------------------------------------
+
+
+def save(node: RobotNode, path: Path, header: Mapping[str, Any]) -> None:
+    """Write the state of a robot between two stimuli into a file. Raises ConfigError."""
+    lost: list[str] = []
+    tables = StateTables(node.engine, lambda name, reason: lost.append(f"variable {name}: {reason}"))
+    over = [instance for instance in node.instances if instance.status != "running"]
+    more = {**tables_of(node), "ended": {str(each.key): instance_data(each, each.program) for each in over}}
+    state = tables.changes(more, whole=True)
+    if lost:
+        raise ConfigError(f"the state cannot be stored: {lost[0]}", file=str(path))
+    write_segment(path, header, {"time": epoch_of(node) + node.scheduler.now, **state})
+
+
+def load(node: RobotNode, contents: Contents) -> None:
+    """Restore a loaded robot from a file, and continue it. Raises ConfigError for the state of another program."""
+    tables = restored(node, contents)
+    set_timers(node, tables, mission_settings(node))
+    go_on(node)

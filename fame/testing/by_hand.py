@@ -1,0 +1,254 @@
+"""A mission under test that runs step by step: the test triggers every end, arrival and timer.
+
+Behaviours, scripts that wait and services are steps that the test ends; messages between robots arrive, or are lost,
+when it says so; timers fire when it says so. There is no world, and what only the world knows is unknown: the test says
+what is decided on it. So a test can take any of the ways that `fame check --explore` explores (docs/exploration.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from fame.bpmn.pools import shared_topics
+from fame.check.explore.abstraction import Abstraction, abstraction
+from fame.clock import SECOND
+from fame.engine.canonical import stimuli
+from fame.errors import FameError
+from fame.monitor.services import SERVICES
+from fame.robot import RobotNode, make_mission
+from fame.robot.events import Observer
+from fame.scenario import Scenario
+from fame.scenario.run import Run
+from fame.testing.failure import failure
+from fame.testing.manual_robots import HeldNetwork, StandInHost, stand_ins
+from fame.testing.mission import MissionUnderTest
+
+
+class _RunByHand(Run):
+    """A run without world, whose messages and timers are held."""
+
+    hosts: Mapping[str, StandInHost]
+    mail: HeldNetwork
+    abstract: Abstraction
+
+    def _build_nodes(self, strict: bool) -> list[RobotNode]:
+        plan = self.scenario
+        pools = list({pool.name: pool for pool in plan.cast.values()}.values())
+        shared = shared_topics(plan.definitions, pools, plan.library)
+        self.abstract = abstraction(plan.definitions, pools, plan.library, dict(shared))
+        self.mail = self.middleware.network = HeldNetwork(self.scheduler, self.abstract.shared)
+        nodes = {
+            robot: RobotNode(
+                robot,
+                make_mission(plan.definitions, pool.process, library=plan.library, shared=shared),
+                built_in_services=SERVICES, scheduler=self.scheduler, middleware=self.middleware,
+                observer=self.observer, on_report=self.reports.append, strict=strict, epoch=plan.epoch, compiled=False,
+            )
+            for robot, pool in plan.cast.items()
+        }  # fmt: skip
+        for node in nodes.values():
+            node.host.timers.hold()
+        self.hosts = stand_ins(nodes, plan.cast, self.abstract)
+        return list(nodes.values())
+
+
+class MissionByHand(MissionUnderTest):
+    """A mission that runs step by step: ``mission.load("patrol.bpmn", by_hand=True)``.
+
+    Each step takes a simulated second. A step that is not possible raises ExpectationError, which shows the state;
+    `lenient`: it is left out.
+    """
+
+    def __init__(self, scenario: Scenario, folder: Path, *, lenient: bool = False) -> None:
+        super().__init__(scenario, folder)
+        self._lenient = lenient
+        self._decisions: dict[tuple[str, str], list[int]] = {}
+        self.skipped: list[str] = []
+
+    def make_run(self, observer: Observer) -> Run:
+        """Make the run: without world, parameters, faults and completions."""
+        plan = replace(self.scenario, world=None, network=None, faults=(), completions=(), variables={})
+        run = _RunByHand(plan, False, observer, None)
+        for (robot, element), ways in self._decisions.items():
+            run.hosts[robot].decided[element].extend(ways)
+        return run
+
+    @property
+    def by_hand(self) -> _RunByHand:
+        """The run."""
+        run = self.run
+        assert isinstance(run, _RunByHand)
+        return run
+
+    # ---- steps -------------------------------------------------------------------------------------------------------
+
+    def finish(self, *where: str, raises: str | None = None) -> MissionByHand:
+        """End a waiting behaviour, service or script, or let it raise an error: ``finish("REX", "Go To")``."""
+        __tracebackhide__ = True
+        robot, (element,) = self._split(where, 1)
+        host = self._host(robot)
+        found = host.under_way(self.elements.find(robot, element))
+        if found:
+            host.finish(found[0], raises)
+        return self._done(robot, f"to be at {element!r}, so that it ends", bool(found))
+
+    def block(self, *where: str) -> MissionByHand:
+        """Let a waiting behaviour, service or script never end."""
+        __tracebackhide__ = True
+        robot, (element,) = self._split(where, 1)
+        host = self._host(robot)
+        found = host.under_way(self.elements.find(robot, element))
+        if found:
+            host.block(found[0])
+        return self._done(robot, f"to be at {element!r}, so that it blocks", bool(found))
+
+    def arrive(self, *where: str) -> MissionByHand:
+        """Deliver the next message on a topic to a robot: ``arrive("DINGO", "/target_found")``."""
+        __tracebackhide__ = True
+        robot, (topic,) = self._split(where, 1)
+        arrive = self.by_hand.mail.take(robot, _full(topic))
+        if arrive is not None:
+            arrive()
+        return self._done(robot, f"a message on {_full(topic)} on its way to it", arrive is not None)
+
+    def lose(self, *where: str) -> MissionByHand:
+        """Lose the next message on a topic to a robot."""
+        __tracebackhide__ = True
+        robot, (topic,) = self._split(where, 1)
+        lost = self.by_hand.mail.take(robot, _full(topic))
+        return self._done(robot, f"a message on {_full(topic)} on its way to it", lost is not None)
+
+    def fire(self, *where: str) -> MissionByHand:
+        """Fire the timer of an event: ``fire("REX", "Timeout")``."""
+        __tracebackhide__ = True
+        robot, (element,) = self._split(where, 1)
+        fired = self._fire(robot, self.elements.find(robot, element))
+        return self._done(robot, f"a timer at {element!r}", fired)
+
+    def activate(self, *where: str) -> MissionByHand:
+        """Start an element of an open ad-hoc sub-process."""
+        __tracebackhide__ = True
+        robot, (element,) = self._split(where, 1)
+        ids = self.elements.find(robot, element)
+        offered = [id for id in self.node(robot).offers() if id in ids]
+        if offered:
+            self.node(robot).activate(offered[0])
+        return self._done(robot, f"to offer {element!r}", bool(offered))
+
+    def complete(self, *where: str, **values: Any) -> MissionByHand:
+        """Complete a user, manual or receive task that waits, with results: ``complete("Sign", approved=True)``."""
+        __tracebackhide__ = True
+        robot, (element,) = self._split(where, 1)
+        ids = self.elements.find(robot, element)
+        waits = [wait.element for wait in self.node(robot).waiting_tokens() if wait.element in ids]
+        if waits:
+            self.node(robot).complete(waits[0], values)
+        return self._done(robot, f"to wait at {element!r} for somebody", bool(waits))
+
+    def decide(self, robot: str, element: str, *ways: bool | int) -> MissionByHand:
+        """Say what is decided at an element about something unknown, for the next times: True, False, or a number.
+
+        What is not said is decided in turn.
+        """
+        name, numbers = self.robot(robot), [int(not way) if isinstance(way, bool) else way for way in ways]
+        for id in self.elements.find(name, element):
+            if self.begun:
+                self._host(name).decided[id].extend(numbers)
+            else:
+                self._decisions.setdefault((name, id), []).extend(numbers)
+        return self
+
+    def go_on(self, condition: Callable[[], object], within: float) -> bool:
+        """Let everything that is left go on until a condition holds; whether it holds.
+
+        Again and again, each time in a second: messages arrive, steps end, people do their tasks, and if nothing of
+        this is left, the next timer of each robot fires.
+        """
+        end = self.by_hand.scheduler.now + round(within * SECOND)
+        while not condition() and self.by_hand.scheduler.now < end and self._go_on_once():
+            pass
+        return bool(condition())
+
+    # ---- how ---------------------------------------------------------------------------------------------------------
+
+    def _publish(self, robot: str, topic: str, payload: Any) -> None:
+        if payload is not None or not robot:
+            super()._publish(robot, topic, payload)
+        else:
+            self._host(robot).from_outside(topic)
+
+    def _host(self, robot: str) -> StandInHost:
+        return self.by_hand.hosts[robot]
+
+    def _done(self, robot: str, expected: str, possible: bool) -> MissionByHand:
+        """Note that a step has ended, or was not possible."""
+        __tracebackhide__ = True
+        if not possible:
+            text = f"{robot}: expected {expected}"
+            if not self._lenient:
+                raise failure(self, text)
+            self.skipped.append(text)
+        self.pass_time()
+        return self
+
+    def pass_time(self) -> None:
+        """Let the step take effect, and one second pass."""
+        for node in self.run.nodes:
+            node.runner.poll()
+        self.settle()
+        self.advance(1)
+
+    def _fire(self, robot: str, elements: frozenset[str] | None = None) -> bool:
+        """Let the timer of one of some elements fire, by default the one that is due first."""
+        timers = self.node(robot).host.timers
+        due = {
+            key: time
+            for key, node in stimuli(self.node(robot).engine).timers.items()
+            if (elements is None or node.id in elements) and (time := timers.due(key)) is not None
+        }
+        if due:
+            timers.fire(min(due, key=due.__getitem__))
+        return bool(due)
+
+    def _go_on_once(self) -> bool:
+        """Let everything continue once. Returns whether something happened."""
+        run, moved = self.by_hand, False
+        while run.mail.mail:
+            _, _, _, arrive = run.mail.mail.pop(0)
+            arrive()
+            self.settle()
+            moved = True
+        robots = [robot for robot in self.robots if robot not in run.dead]
+        for robot in robots:
+            moved |= self._go_on_alone(robot)
+        if not moved:
+            moved = sum(map(self._fire, robots)) > 0
+        self.pass_time()
+        return moved and not run.over
+
+    def _go_on_alone(self, robot: str) -> bool:
+        """Let the steps, people and surroundings of a robot go on once."""
+        host, engine = self._host(robot), self.node(robot).engine
+        found, moved = stimuli(engine), False
+        for wait in found.scripts.values():
+            if wait.alive and wait.started:
+                host.finish(wait, None)
+                moved = True
+        for wait in found.people:
+            try:
+                self.node(robot).complete(wait.node.id)
+                moved = True
+            except FameError:  # it has ended meanwhile
+                continue
+        for topic in sorted(found.topics & self.by_hand.abstract.outside):
+            host.from_outside(topic)
+            moved = True
+        self.settle()
+        return moved
+
+
+def _full(topic: str) -> str:
+    return topic if topic.startswith(("/", "~/")) else f"/{topic}"

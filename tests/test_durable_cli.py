@@ -1,0 +1,129 @@
+"""Engines with a state directory, from the command line: repair with keys, and directories that cannot be used."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from bpmn_text import document
+from middleware_contract import needs
+from test_killed_engines import ENVIRONMENT, TICKS, fame, told
+
+from fame.robot.journal import Journal, StateDirectory
+
+pytestmark = [needs("cyclonedds"), pytest.mark.dds, pytest.mark.processes]
+
+FAILING = document(
+    '<collaboration id="C"><participant id="A" name="REX" processRef="p"/></collaboration>'
+    '<process id="p" isExecutable="true"><startEvent id="s"/><scriptTask id="z"><script>x = 0</script></scriptTask>'
+    '<scriptTask id="a" name="Divide"><script>y = 10 / x</script></scriptTask><userTask id="u"/><userTask id="v"/>'
+    + "".join(f'<sequenceFlow id="{a}{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in ["sz", "za", "au", "uv"])
+    + "</process>"
+)
+
+
+class Engine:
+    """An engine in a process of its own, whose words are kept in a file."""
+
+    def __init__(self, folder: Path, *words: str, largest: int | None = None) -> None:
+        """`largest`: the largest file that it can write (kB)."""
+        self.said = folder / "said"
+        limit = ["bash", "-c", f'ulimit -f {largest} && exec "$@"', "_"] if largest is not None else []
+        with self.said.open("ab") as file:
+            self.process = subprocess.Popen([*limit, *fame("engine", "REX", *words)], env=ENVIRONMENT, stderr=file)
+
+    def until(self, text: str) -> str:
+        """What it has said, as soon as the text is in it."""
+        until = time.monotonic() + 60
+        while text not in (said := self.said.read_text()) and time.monotonic() < until:
+            assert self.process.poll() is None, said
+            time.sleep(0.05)
+        assert text in said
+        return said
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+
+@pytest.fixture
+def engines() -> Iterator[list[Engine]]:
+    made: list[Engine] = []
+    yield made
+    for engine in made:
+        engine.end()
+
+
+def refused(*words: str) -> str:
+    """What a command says that ends with exit code 1 or 2."""
+    done = subprocess.run(fame(*words), env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode in (1, 2), done
+    assert "Traceback" not in done.stderr
+    return done.stdout + done.stderr
+
+
+def test_repairs_are_signed_where_keys_are_used_and_the_journal_says_whose_key_it_was(
+    tmp_path: Path, engines: list[Engine]
+) -> None:
+    told("keys", "new", str(tmp_path / "team"))
+    key, public, state = str(tmp_path / "team.key"), str(tmp_path / "team.pub"), tmp_path / "state"
+    (tmp_path / "m.bpmn").write_text(FAILING)
+    engines.append(Engine(tmp_path, "--trust", public, "--state", str(state), "--on-error", "hold"))
+    told("deploy", str(tmp_path / "m.bpmn"), "--key", key, "--wait", "30")
+    engines[0].until("incident: ZeroDivisionError")
+    assert "fame retry REX a" in told("status")
+    assert "signed" in refused("retry", "REX", "a", "--set", "x=2")
+    told("retry", "REX", "a", "--set", "x=2", "--key", key)
+    told("set", "REX", "x=5", "--key", key)
+    told("move", "REX", "u", "v", "--key", key)
+    said = engines[0].until("moved to v by")
+    who = said.partition("retried x=2 by ")[2].splitlines()[0]
+    assert who.startswith("key ")
+    assert "unverified" not in said
+    assert f"set x=5 by {who}" in said
+    journal = "".join(path.read_text() for path in state.glob("journal-*"))
+    assert f"a: retried x=2 by {who}" in journal
+    assert f"u: moved to v by {who}" in journal
+
+
+def test_of_two_engines_on_one_directory_the_second_is_refused(tmp_path: Path, engines: list[Engine]) -> None:
+    state = StateDirectory(tmp_path / "state")
+    assert f"is in use by another engine (process {os.getpid()})" in refused(
+        "engine", "REX", "--state", str(tmp_path / "state")
+    )
+    state.close()
+
+
+def test_directories_that_cannot_be_used_are_refused_with_the_reason(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert "cannot be used for an engine's state" in refused("engine", "REX", "--state", str(tmp_path / "file"))
+    assert "cannot be used for an engine's state" in refused("engine", "REX", "--state", "/proc/nowhere")
+    assert "--fresh needs --state" in refused("engine", "REX", "--fresh")
+    state = tmp_path / "state"
+    state.mkdir()
+    (state / "journal-00000001").write_bytes(b"something else\n")
+    assert "is not a journal of a FAME engine" in refused("engine", "REX", "--state", str(state))
+    directory = StateDirectory(tmp_path / "other")
+    journal = Journal(directory, {"robot": "DINGO"})
+    journal.begin_segment({})
+    journal.close()
+    directory.close()
+    text = refused("engine", "REX", "--state", str(tmp_path / "other"))
+    assert "is the state of robot 'DINGO', not of 'REX'" in text
+
+
+def test_a_full_disk_holds_the_robot_until_there_is_room(tmp_path: Path, engines: list[Engine]) -> None:
+    """The engine may write files of 40 kB: to its journal this is a full disk, until the state is written anew."""
+    model = TICKS.replace("n &lt; 60", "n &lt; 100000")
+    model = model.replace('with open(FILE, "a") as file: file.write(f"{n}\\n")', "")
+    assert "FILE" not in model
+    (tmp_path / "m.bpmn").write_text(model)
+    engines.append(Engine(tmp_path, "--state", str(tmp_path / "state"), largest=40))
+    told("deploy", str(tmp_path / "m.bpmn"), "--wait", "30")
+    engines[0].until("holds: its state cannot be written: No space left on device")
+    engines[0].until("continues: its state can be written again")
+    assert "running" in told("status")
