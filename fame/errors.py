@@ -89,9 +89,9 @@ class ConfigError(_Located):
 class MissionError(FameError):
     """The run went wrong.
 
-    ``code`` is that of the BPMN error (``script`` for any other exception of a script, ``livelock`` for a loop
-    without rest); ``robot``, ``element``, ``file`` and ``line`` (of the .bpmn file, 0 unknown) say where; ``name`` is
-    what people call the element.
+    ``code`` is that of the BPMN error (``script`` for any other exception of a script, ``livelock`` for a loop without
+    waiting); ``robot``, ``element``, ``file`` and ``line`` (of the .bpmn file, 0 unknown) say where; ``name`` is what
+    people call the element.
     """
 
     text: str

@@ -52,11 +52,11 @@ ERRORS = {
     ),
     "two none start events": (
         '<startEvent id="a"/><startEvent id="b"/>' + ends("e") + flows("a e", "b e"),
-        "b: P has 2 none start events; one can begin it",
+        "b: P has 2 none start events; expected at most one",
     ),
     "an event-based gateway that leads to a task": (
         START + '<eventBasedGateway id="g"/>' + script("x = 1") + ends("e") + flows("s g t e"),
-        "g: leads to t, which is no catching event or receive task",
+        "g: leads to t: expected a catching event or a receive task",
     ),
     "two types of one topic": (
         row(throw("a", type=BOOL), catch("b", type=VECTOR)),

@@ -67,10 +67,10 @@ MODELS = {
     "a script that raises": Bad(script("x = 1\nx / 0"), 1, ("P: t", "mission.bpmn:4", "ZeroDivisionError")),
     "an error nobody catches": Bad(script("raise BpmnError('blade_blocked')"), 1, ("P", "t", "blade_blocked")),
     "a script without an end": Bad(script("while True: pass"), 1, ("P", "t", "budget")),
-    "a loop without rest": Bad(
+    "a loop that never waits": Bad(
         process(f'{START}<exclusiveGateway id="g"/><task id="t"/>{flow("s", "g")}{flow("g", "t")}{flow("t", "g")}'),
         1,
-        ("P: ", "without rest", "loop over"),
+        ("P: ", "without waiting", "loop over"),
     ),
     "nothing to run": Bad(
         document('<collaboration id="C"><participant id="X" name="REX"/></collaboration>'), 2, ("black boxes", "REX")
@@ -85,7 +85,7 @@ MODELS = {
         ("Y", "two pools"),
     ),
 }
-SLOW = ("a script without an end", "a loop without rest")
+SLOW = ("a script without an end", "a loop that never waits")
 
 
 def one_line(capsys: pytest.CaptureFixture[str], code: int, *said: str) -> str:

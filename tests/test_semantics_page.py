@@ -229,9 +229,9 @@ REFUSED = {
     "a boundary event needs a trigger": event("none", "boundary, interrupting"),
     "error events cannot start a process": event("error", "process start"),
     "business rules are not executed: decide with a gateway or a script task": activity("business rule task", "once"),
-    "conditional events cannot start a process: there are no variables yet to be true of":
+    "conditional events cannot start a process: it has no variables before it starts":
         event("conditional", "process start"),
-    "what starts a process does not repeat, and has no variables of its own":
+    "a receive task that starts a process must not repeat or have variables of its own":
         f"<receiveTask id='x' messageRef='M' instantiate='true'>{LOOPS['loop']}</receiveTask>",
     "timer events cannot be end events: they can be start, catch, boundary": event("timer", "end"),
     "a parallel multiple event cannot wait for an error":
@@ -243,10 +243,11 @@ REFUSED = {
         .replace('sourceRef="x"', 'sourceRef="s"'),
     "link 'l' has 0 catching events in this scope; it needs one":
         START + f'<intermediateThrowEvent id="x">{DEFINITIONS["link"]}</intermediateThrowEvent>' + flow("s", "x"),
-    "leads to t, which is no catching event or receive task": f'{START}<eventBasedGateway id="x"/>{TASK}'
+    "leads to t: expected a catching event or a receive task": f'{START}<eventBasedGateway id="x"/>{TASK}'
         + flow("s", "x", "t"),
-    "what an event-based gateway waits for does not repeat": f'{START}<eventBasedGateway id="x"/><receiveTask id="t" '
-        f'messageRef="M"><standardLoopCharacteristics loopMaximum="2"/></receiveTask>' + flow("s", "x", "t"),
+    "a receive task after an event-based gateway must not repeat": f'{START}<eventBasedGateway id="x"/>'
+        f'<receiveTask id="t" messageRef="M"><standardLoopCharacteristics loopMaximum="2"/></receiveTask>'
+        + flow("s", "x", "t"),
     "has no event to wait for": f'{START}<eventBasedGateway id="x"/>{flow("s", "x")}',
     "a complex gateway that joins needs an activation condition":
         gateway("complex", "joins").replace("activationCondition>activationCount == 1<", "documentation>a<")
@@ -257,7 +258,7 @@ REFUSED = {
         START + "<task id='x'><multiInstanceLoopCharacteristics/></task>" + flow("s", "x"),
     "a send task needs a message": START + "<sendTask id='x'/>" + flow("s", "x"),
     "a receive task needs a message": START + "<receiveTask id='x'/>" + flow("s", "x"),
-    "a service task needs the name of what it calls": START + "<serviceTask id='x'/>" + flow("s", "x"),
+    "a service task needs the name of a service": START + "<serviceTask id='x'/>" + flow("s", "x"),
     "unknown service 'grip'; known are: wave": START + "<serviceTask id='x' implementation='grip'/>"
         + flow("s", "x"),
     "it runs the Java class org.example.Grip; FAME does not run Java: use a script task, or name a registered "
@@ -272,13 +273,13 @@ REFUSED = {
         START + "<endEvent id='x' name='=topic'><signalEventDefinition/></endEvent>" + flow("s", "x"),
     "its condition is the resource c.groovy; put its text into the condition":
         START + TASK + flow("s", "t").replace("/>", f"><{RESOURCE}/></sequenceFlow>"),
-    "P has 2 none start events; one can begin it": START + "<startEvent id='x'/>",
+    "P has 2 none start events; expected at most one": START + "<startEvent id='x'/>",
     "has no none start event, so it cannot be called or entered":
         START + f"<subProcess id='x'><startEvent id='i'>{DEFINITIONS['signal']}</startEvent></subProcess>"
         + flow("s", "x"),
-    "an ad-hoc sub-process has no start event: what no flow leads to begins":
+    "an ad-hoc sub-process has no start event: elements without incoming flow start":
         activity("ad-hoc sub-process", "once").replace('<task id="i"/>', '<startEvent id="i"/>'),
-    "has nothing to begin with: add a start event":
+    "has no element to start with: add a start event":
         START + f"<subProcess id='x'><task id='a'/><task id='b'/>{flow('a', 'b')}{flow('b', 'a')}</subProcess>"
         + flow("s", "x"),
     "a cancel end event is allowed in a transaction only":

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     import yaml
 
 Kind = Literal["scenario", "world", "node", "learning"]
-"""What a file is for."""
+"""The kinds of configuration files."""
 _KINDS: dict[Kind, tuple[set[str], str, str]] = {
     "scenario": ({"model"}, "a scenario", "fame run"),
     "world": ({"robots", "size", "bounds"}, "a world", "fame world"),
     "node": ({"Inputs", "Outputs"}, "the configuration of a node", "fame process, fame record or fame train"),
     "learning": ({"Files"}, "a learning file", "fame adm learn"),
 }
-"""The keys that only such a file has, what it is called, and its commands."""
+"""Kind -> the keys that only such a file has, its name, and its commands."""
 
 
 def read_document(path: str | PathLike[str], kind: Kind | None = None) -> ConfigValue:
@@ -89,7 +89,7 @@ def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], seen: set[int
 
 
 def meant_for(content: object, kind: Kind) -> str:
-    """What a file is, and its command, if it has the keys of another kind than `kind` and none of that; else empty.
+    """A hint at the right command if a file has keys of another kind than `kind` and none of that kind; else empty.
 
     >>> meant_for({"Files": {}}, "node")
     'is a learning file, which is for fame adm learn'

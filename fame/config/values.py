@@ -20,7 +20,7 @@ from fame.text import suggestion
 Point = tuple[float, float]
 """x and y in m."""
 _LARGEST, _LEAST = 1e9, 1e-6
-"""The largest absolute value of any number, and the least of one that has to be above 0: what physics can bear."""
+"""The largest absolute value of any number, and the smallest of one above 0: beyond them physics overflows."""
 _REPR = reprlib.Repr()  # a list may hold itself, or others a thousand times
 _REPR.maxlevel, _REPR.maxlist, _REPR.maxstring, _REPR.maxother = 4, 8, 60, 60
 
@@ -50,7 +50,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class ConfigValue:
-    """A value and its place. Every method that checks raises ConfigError if the value is not what it asks for."""
+    """A value and its place. Methods that check it raise ConfigError if it does not fit."""
 
     data: Any
     path: str = ""
@@ -66,7 +66,7 @@ class ConfigValue:
         return self.source.error(self.path, text)
 
     def expected(self, what: str) -> ConfigError:
-        """The error that this is not `what` was expected."""
+        """The error "expected `what`, got ..."."""
         return self.error(f"expected {what}, got {self._shown()}")
 
     def _shown(self) -> str:

@@ -1,19 +1,19 @@
-"""The interpreter of one robot's process: how tokens move. No I/O, no threads, no clock, no XML, no ROS.
+"""The interpreter of one robot's process. It has no I/O, no threads, no clock, no XML and no ROS.
 
-`compile_program` makes a `Program` of a process and all that it calls; an `Engine` holds the instances of it. The world
-is a `Host`: the engine calls it, and gets stimuli in return (`Engine.start`, `deliver`, `timer_fired`, `script_ended`,
-`complete_task`). Each stimulus runs to completion: every token moves until it rests. Semantics are those of BPMN 2.0
-chapter 13, with what docs/semantics.md adds.
+`compile_program` compiles a process and all processes that it calls into a `Program`; an `Engine` holds its instances.
+The engine calls a `Host`, its interface to the world, and receives stimuli in return (`Engine.start`, `deliver`,
+`timer_fired`, `script_ended`, `complete_task`). Each stimulus runs to completion: every token moves until it waits.
+Semantics are those of BPMN 2.0 chapter 13, with the additions of docs/semantics.md.
 
-What an observer gets, as (instance, scope, element, what, detail):
+Observers receive (instance, scope, element, what, detail):
 
 ======  ==========================================================================
 start   an instance of the process started
 enter   a token came to an element
 leave   the element has completed
 take    a sequence flow was taken
-cancel  what went on at the element was cancelled
-fail    the element failed; the detail is the code of the error
+cancel  the work at the element was cancelled
+fail    the element failed; the detail is the error code
 end     the instance ended; the detail is its status
 ======  ==========================================================================
 """

@@ -1,15 +1,15 @@
 """Ad-hoc sub-processes (standard 13.3.5): activities that start without incoming flow, until a condition holds.
 
-By the standard somebody picks one enabled activity after another. Here the model picks: the elements that its
-collection names, in that order, or (without one) all that have no incoming flow, in the order of the file. Any of these
-may be begun again from outside while it is open (`Engine.activate`). From each, tokens go on along the flows.
+In the standard a person picks one enabled activity after another. Here the model picks: the elements that its
+collection names, in that order, or (without one) all that have no incoming flow, in the order of the file. While the
+sub-process is open, each of these can be started again from outside (`Engine.activate`). Tokens follow the flows.
 
-Around each activity inside stand two nodes. `admit` is before it: if the order is sequential and another one is at
-work, the token waits in ``todo``. `completed` is behind it and its interrupting boundary events: there the completion
-condition is asked. When that is true, all that goes on is cancelled; or, where the rest may end, nothing new begins
-(``over``).
+Each activity inside has two more nodes. `admit` comes before it: if the order is sequential and another activity is
+running, the token waits in ``todo``. `completed` comes after it and after its interrupting boundary events, and
+evaluates the completion condition. When that is true, the remaining activities are cancelled; if they may end instead,
+no new one starts (``over``).
 
-`Scope.items` holds the activity at work (``busy``), the keys of the nodes of waiting tokens (``todo``), and ``over``.
+`Scope.items` holds the running activity (``busy``), the node keys of waiting tokens (``todo``), and ``over``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,15 @@ from fame.errors import MissionError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdHoc:
-    """How an ad-hoc sub-process goes about it. `entries`: where what can begin does so, by id; `activities`: ids."""
+    """Spec of an ad-hoc sub-process.
+
+    entries     first nodes of the elements that can start, by id
+    activities  ids of its activities
+    chosen      its collection of ids to start; None: all
+    condition   its completion condition
+    sequential  whether one activity runs at a time
+    cancels     whether completion cancels the remaining activities
+    """
 
     entries: dict[str, Node]
     activities: frozenset[str]
@@ -43,24 +51,24 @@ class AdHoc:
 
 
 def make(context: ScopeCompiler, element: model.SubProcess) -> Node:
-    """An ad-hoc sub-process."""
+    """Make the node of an ad-hoc sub-process."""
     node = subprocesses.opening(context, element)
     inner = ScopeCompiler(context.compiler, element, context.file, context)
     node.body = inner.compile(_supervise)
-    first = inner.without_start("an ad-hoc sub-process has no start event: what no flow leads to begins")
+    first = inner.without_start("an ad-hoc sub-process has no start event: elements without incoming flow start")
     inner.open_with(_begin(inner, element, first) if first else inner.nothing())
     return node
 
 
 def _supervise(context: ScopeCompiler) -> None:
-    """Put the nodes around the activities of such a body, before its flows are linked."""
+    """Add the nodes before and after each activity, before the flows are linked."""
     interrupting: dict[str, list[model.Event]] = {}
     for event in context.content.nodes:
         node = context.main.get(event.id)
         if not isinstance(event, model.Event) or event.place != "boundary" or node is None:
             continue
-        how = node.catch or node.spec  # None: of a compensation event
-        if how is not None and how.interrupting:
+        catch = node.catch or node.spec  # None: of a compensation event
+        if catch is not None and catch.interrupting:
             interrupting.setdefault(event.attached_to, []).append(event)
     for activity in _activities_of(context):
         before = context.node(activity, admit, "/admit")
@@ -70,13 +78,13 @@ def _supervise(context: ScopeCompiler) -> None:
 
 
 def _activities_of(context: ScopeCompiler) -> list[model.Activity]:
-    """Those that the sub-process is there for: no handlers."""
+    """The activities of the sub-process, without compensation handlers and event sub-processes."""
     activities = (node for node in context.content.nodes if isinstance(node, model.Activity))
     return [node for node in activities if node.id in context.exits and not node.for_compensation]
 
 
 def _begin(context: ScopeCompiler, element: model.SubProcess, first: list[model.FlowNode]) -> Node:
-    """What such a body knows of itself, and its first node."""
+    """Set the spec of the body, and make its first node."""
     context.body.adhoc = AdHoc(
         entries={node.id: context.entries[node.id] for node in first},
         activities=frozenset(activity.id for activity in _activities_of(context)),
@@ -92,10 +100,10 @@ def _begin(context: ScopeCompiler, element: model.SubProcess, first: list[model.
 
 
 def begin(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """The first token of such a scope becomes one for each element that begins."""
+    """Replace the first token by one token for each element that starts."""
     scope.items = {"busy": "", "todo": [], "over": False}
     try:
-        entries = chosen_of(how_of(scope), scope.variables)
+        entries = chosen_of(spec_of(scope), scope.variables)
     except BaseException as error:
         faults.fail(engine, scope, node, error, again=False)
         return None
@@ -107,31 +115,31 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     return entries[0]
 
 
-def chosen_of(how: AdHoc, variables: dict[str, Any]) -> list[Node]:
-    """Where it begins. Raises ValueError for anything but a list of ids of elements that can begin."""
-    if how.chosen is None:
-        return list(how.entries.values())
-    ids = how.chosen(variables)
-    wrong = [id for id in ids if id not in how.entries] if isinstance(ids, list | tuple) else [ids]
+def chosen_of(spec: AdHoc, variables: dict[str, Any]) -> list[Node]:
+    """The first nodes. Raises ValueError for anything but a list of ids of elements that can start."""
+    if spec.chosen is None:
+        return list(spec.entries.values())
+    ids = spec.chosen(variables)
+    wrong = [id for id in ids if id not in spec.entries] if isinstance(ids, list | tuple) else [ids]
     if wrong:
-        raise ValueError(f"{wrong[0]!r} cannot begin: expected a list of any of {', '.join(how.entries)}")
-    return [how.entries[id] for id in ids]
+        raise ValueError(f"{wrong[0]!r} cannot start: expected a list of any of {', '.join(spec.entries)}")
+    return [spec.entries[id] for id in ids]
 
 
-def how_of(scope: Scope) -> AdHoc:
-    """What an ad-hoc scope knows of itself."""
+def spec_of(scope: Scope) -> AdHoc:
+    """The spec of the ad-hoc sub-process of a scope."""
     assert scope.body is not None
-    how: AdHoc = scope.body.adhoc
-    return how
+    spec: AdHoc = scope.body.adhoc
+    return spec
 
 
 def admit(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """A token comes to an activity."""
+    """Let a token into an activity, or keep it until the running one has completed."""
     state = scope.items
     if state["over"]:
         scopes.end_token(engine, scope)
         return None
-    if how_of(scope).sequential:
+    if spec_of(scope).sequential:
         if state["busy"]:
             state["todo"].append(node.key)
             return None
@@ -140,20 +148,20 @@ def admit(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def completed(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """An activity has completed, or was interrupted."""
-    state, how = scope.items, how_of(scope)
+    """Evaluate the completion condition after an activity that completed or was interrupted."""
+    state, spec = scope.items, spec_of(scope)
     if state["busy"] == node.id:
         state["busy"] = ""
     if state["over"]:
         scopes.end_token(engine, scope)
         return None
     try:
-        enough = how.condition is not None and bool(how.condition(scope.variables))
+        enough = spec.condition is not None and bool(spec.condition(scope.variables))
     except BaseException as error:
         faults.fail(engine, scope, node, error, again=False)
         return None
     if enough:
-        conclude(engine, scope, how)
+        conclude(engine, scope, spec)
         return None
     if state["todo"]:
         engine.ready.append((NEXT, scope))
@@ -161,14 +169,14 @@ def completed(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def take_next(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """Behind what the last activity led to, the token that waits longest."""
+    """Start the token that has waited longest, after the tokens that follow the last activity."""
     state = scope.items
     return engine.program.by_key[state["todo"].pop(0)] if state["todo"] and not state["busy"] else None
 
 
-def conclude(engine: EngineState, scope: Scope, how: AdHoc) -> None:
-    """Enough has been done: the rest is cancelled, or may end."""
-    if how.cancels:
+def conclude(engine: EngineState, scope: Scope, spec: AdHoc) -> None:
+    """The completion condition is true: cancel the remaining activities, or let them end."""
+    if spec.cancels:
         scopes.proceed(engine, steps.FINISH, *scopes.replace(engine, scope, scope.handles))
     else:
         scope.items["over"] = True
@@ -176,9 +184,9 @@ def conclude(engine: EngineState, scope: Scope, how: AdHoc) -> None:
 
 
 def sweep(engine: EngineState, scope: Scope, node: Node) -> None:
-    """The token that was enough ends last; so do those that wait for anything but the end of an activity."""
+    """End all tokens but those of running activities; the token that met the completion condition ends last."""
     for child in tuple(scope.children):
-        if isinstance(child, Wait) and child.token and child.node.id not in how_of(scope).activities:
+        if isinstance(child, Wait) and child.token and child.node.id not in spec_of(scope).activities:
             scope.children.pop(child)
             scopes.cancel_wait(engine, child)
             scope.tokens -= 1
@@ -198,7 +206,7 @@ SWEEP = Node("", "(sweep)", sweep)
 
 
 def activate(engine: EngineState, element: str) -> None:
-    """Let an element of an ad-hoc sub-process begin. Raises MissionError if none is open that could."""
+    """Start an element of an open ad-hoc sub-process. Raises MissionError if none that contains it is open."""
     for scope, entries in _open(engine):
         if element in entries:
             scope.tokens += 1
@@ -210,14 +218,14 @@ def activate(engine: EngineState, element: str) -> None:
 
 
 def offers(engine: EngineState) -> list[str]:
-    """The elements that could be activated now, each once."""
+    """The ids of the elements that `activate` can start now, without repetition."""
     return list(dict.fromkeys(id for _, entries in _open(engine) for id in entries))
 
 
 def _open(engine: EngineState) -> Iterator[tuple[Scope, dict[str, Node]]]:
-    """The ad-hoc scopes in which something may begin, and what."""
+    """The open ad-hoc scopes, with the elements that can start in them."""
     for instance in engine.instances.values():
         for scope in scopes_of(instance.root):
-            how: AdHoc | None = scope.body.adhoc if scope.body is not None else None
-            if how is not None and scope.items is not None and not scope.items["over"]:
-                yield scope, how.entries
+            spec: AdHoc | None = scope.body.adhoc if scope.body is not None else None
+            if spec is not None and scope.items is not None and not scope.items["over"]:
+                yield scope, spec.entries

@@ -1,9 +1,9 @@
-"""An engine's state as one hashable value, the engine again, and the stimuli that it would take: for exploration.
+"""The state of an engine as one hashable value (its form), the way back, and the stimuli that it accepts.
 
-Two engines have the same form if nothing that they may do from now on differs. Keys are replaced by numbers in the
-order of a walk: scopes and waits by the places of their nodes in the program, and by age only where the same node has
-several. What depends on the order of arming is kept beside it: listeners of one topic, armed conditions, and all keys
-while something is suspended. Counts of visits and the counter of keys are not part of the form.
+Two engines have the same form if they behave the same from now on. Keys are replaced by numbers in the order of a walk:
+scopes and waits are ordered by the position of their nodes in the program, and by age only where one node has several.
+Where the order of arming matters it is part of the form: listeners of one topic, armed conditions, and all keys while
+something is suspended. Counts of visits and the counter of keys are not part of the form.
 
 Invariant: ``canonical(revived(form)) == form``.
 """
@@ -37,8 +37,8 @@ class Stimuli:
     scripts  waits of running scripts and services, by key
     timers   nodes of pending timers, by key
     people   user and manual tasks that wait for somebody
-    topics   what it listens to, start events included
-    offers   elements of ad-hoc sub-processes that may begin
+    topics   topics with a listener, start events included
+    offers   elements of ad-hoc sub-processes that can start
     """
 
     scripts: dict[int, Wait]
@@ -49,7 +49,7 @@ class Stimuli:
 
 
 def stimuli(engine: Engine) -> Stimuli:
-    """The stimuli that change something, of an engine between two of them."""
+    """The stimuli that can change the state of an engine that is not running."""
     scripts, timers = {}, {}
     for key, wait in engine.waits.items():
         if wait.catch.trigger is SCRIPT:
@@ -69,10 +69,10 @@ class Forms:
     """The forms of the engines of one program.
 
     encode    value of a message or another part of the state -> hashable
-    decode    the opposite; makes a new value if it can be changed
+    decode    the inverse; gives a new object if the value is mutable
     variable  (name, value) of a variable -> hashable; as `encode` by default
-    kept      whether a variable belongs to the form; all that is data by default
-    constant  whether `decode` always gives the same value, which nothing can change
+    kept      whether a variable belongs to the form; by default all that are data
+    constant  whether `decode` always gives the same immutable value
     """
 
     program: Program
@@ -92,11 +92,11 @@ class Forms:
         self.variable: Callable[[str, Any], Hashable] = variable or (lambda name, value: encode(value))
         self.constant = constant
         self.counts: list[int] = [0] * len(program.elements)
-        """Completions of elements in all engines that were revived, together."""
+        """Completions of elements, summed over all restored engines."""
         self.contents: list[_Content] = []
         self._content_numbers: dict[Form, int] = {}
         self.given: dict[int, tuple[dict[str, Any], _Content]] = {}
-        """The dicts of variables of the engine that was revived last, by id, and what they held then."""
+        """The dicts of variables of the engine that was restored last, by id, with their contents at that time."""
         self.program, self.encode, self.decode, self.kept = program, encode, decode, kept
         self.nodes: tuple[Node, ...] = (*program.nodes, *OF_NO_PROGRAM)
         self.numbers: dict[Node, int] = {node: number for number, node in enumerate(self.nodes)}
@@ -104,13 +104,13 @@ class Forms:
         self.body_numbers: dict[Body, int] = {body: place for place, body in reversed(list(enumerate(self.bodies)))}
 
     def canonical(self, engine: Engine) -> tuple[Form, Keys]:
-        """The form of an engine between two stimuli, and the numbers of its keys. No script may be leaving."""
+        """The form of an engine that is not running, and the numbers of its keys. No script may be ending."""
         if engine.ready or engine.cancelling or engine.held is not None:
             raise RuntimeError("a form is taken between two stimuli, when nothing is being cancelled or held")
         return _Walk(self, engine).form()
 
     def content(self, own: Form) -> int:
-        """The number of what a dict of variables holds: (name, code), sorted."""
+        """The number of the content of a dict of variables: (name, code), sorted."""
         number = self._content_numbers.get(own)
         if number is None:
             number = self._content_numbers[own] = len(self.contents)
@@ -118,14 +118,14 @@ class Forms:
         return number
 
     def revived(self, form: Form, host: Host, new_variables: Callable[[], dict[str, Any]], *, moves: int) -> Engine:
-        """An engine of that form. Any number of engines may be made of it; `moves` as of `Engine`."""
+        """A new engine of that form; `moves` as of `Engine`."""
         return _Revival(self, form, Engine(self.program, host, new_variables, moves=moves)).engine
 
 
 class _Content:
-    """What a dict of variables holds. `codes` of the values that are made anew each time.
+    """The content of a dict of variables. `codes`: those of the mutable values, decoded for each engine.
 
-    constants  values that nothing can change, and their codes
+    constants  the immutable values with their codes
     """
 
     __slots__ = ("codes", "constants", "values")
@@ -143,7 +143,7 @@ _KEY = attrgetter("key")
 
 
 class _Walk:
-    """One walk over an engine."""
+    """One walk over an engine, which gives its form."""
 
     def __init__(self, forms: Forms, engine: Engine) -> None:
         self.forms, self.engine, self.nodes = forms, engine, forms.numbers
@@ -219,7 +219,7 @@ class _Walk:
         return form, keys
 
     def _dict(self, variables: dict[str, Any]) -> int:
-        """The number of a dict of variables; those outside it come first."""
+        """The number of a dict of variables; outer dicts come first."""
         place = self.dicts.get(id(variables))
         if place is not None:
             return place
@@ -229,7 +229,7 @@ class _Walk:
         return place
 
     def _content(self, variables: dict[str, Any]) -> int:
-        """The number of what a dict of variables holds."""
+        """The number of the content of a dict of variables."""
         forms = self.forms
         encode, kept = forms.variable, forms.kept
         given = forms.given.get(id(variables))
@@ -301,7 +301,7 @@ class _Walk:
         )
 
     def _mail_ranks(self) -> dict[int, int]:
-        """The order in which kept messages have come."""
+        """The order of arrival of queued messages."""
         kept = [key for box in self.boxes for key, _ in box.messages]
         kept += [key for messages in self.engine.waiting_starts.values() for key, _ in messages]
         return {key: rank + 1 for rank, key in enumerate(sorted(kept))}
@@ -326,7 +326,7 @@ class _Walk:
 
 
 class _Revival:
-    """An engine while it is made of its form."""
+    """Restores an engine from its form."""
 
     def __init__(self, forms: Forms, form: Form, engine: Engine) -> None:
         self.forms, self.engine, self.nodes = forms, engine, forms.nodes

@@ -1,10 +1,10 @@
-"""Compensation: undoing what has completed (standard 13.5.5), and transactions that are cancelled (10.3.5).
+"""Compensation of completed activities (standard 13.5.5), and cancelled transactions (10.3.5).
 
-A scope keeps a `Record` of each activity that completed in it and can be compensated: by the handler at its boundary,
-by the event sub-process for compensation inside it or, failing both, by what was completed in it. Throwing compensation
-takes the records of its scope (or of one activity) and undoes them one by one, the latest first, each with the
-variables that its activity had; then the thrower goes on, unless it did not wait for that. An event sub-process throws
-it for the scope that it handles.
+A scope keeps a `Record` of each completed activity that can be compensated: by the handler at its boundary, by the
+compensation event sub-process inside it or, with neither, by compensating the activities inside it. A compensation
+throw event takes the records of its scope (or of one activity) and compensates them one by one, the latest first, each
+with the variables of its activity. Then the throwing token continues, unless it did not wait. In an event sub-process,
+the throw event compensates the scope that the event sub-process handles.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from fame.engine.state import Record, Scope
 
 @dataclass(slots=True)
 class Compensate:
-    """Spec of what throws compensation; `activity`: of that one alone. Its scope is the undoing."""
+    """Spec of a compensation throw event. `activity`: compensate only this one; None: all of the scope."""
 
     activity: str | None
 
@@ -32,20 +32,20 @@ class Compensate:
 
 
 def completed(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """What follows a task that can be compensated."""
+    """Record that a task which can be compensated has completed."""
     remember(scope, Record(node.part_of, scope.variables, []))
     return node.next
 
 
 def remember(scope: Scope, *records: Record) -> None:
-    """Keep records in the order of completion."""
+    """Append records in the order of completion."""
     if scope.done is None:
         scope.done = []
     scope.done.extend(records)
 
 
 def compensate(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """A compensation event: undo what completed in its scope, or one activity of it."""
+    """Compensate the completed activities of the scope, or one of them."""
     spec: Compensate = node.spec
     homes, chosen = [scope], list[Record]()
     if scope.node is not None and isinstance(scope.node.spec, Handler) and scope.parent is not None:
@@ -64,14 +64,14 @@ def compensate(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def beside(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """The thrower does not wait: another token, at the node in `spec`, sees to it (standard, waitForCompletion)."""
+    """Continue at once; another token, at the node in `spec`, compensates (``waitForCompletion="false"``)."""
     scope.tokens += 1
     engine.ready.append((node.spec, scope))
     return node.next
 
 
 def _unrolled(records: list[Record]) -> list[Record]:
-    """Those to undo, in the order of undoing: of an activity without a handler, what was completed in it."""
+    """The records to compensate, in order. An activity without a handler stands for the records inside it."""
     found, stack = [], list(records)
     while stack:
         record = stack.pop()
@@ -83,14 +83,14 @@ def _unrolled(records: list[Record]) -> list[Record]:
 
 
 def handler_of(node: Node) -> Node | None:
-    """Where the token goes that undoes an activity."""
+    """The first node of an activity's compensation handler, if it has one."""
     if node.boundary is not None and node.boundary.compensation is not None:
         return node.boundary.compensation
     return node.body.compensation if node.body is not None else None
 
 
 def _undo_next(engine: EngineState, undoing: Scope) -> None:
-    """Compensate one more activity; after the last one the thrower continues."""
+    """Compensate the next activity; after the last one the throwing token continues."""
     if not undoing.done:
         scopes.finish(engine, undoing)
         return
@@ -101,7 +101,7 @@ def _undo_next(engine: EngineState, undoing: Scope) -> None:
     inner.done = record.inner or None
     engine.ready.append((entry, inner))
     handler = entry.part_of
-    if isinstance(handler.spec, Handler):  # the event sub-process for compensation inside it
+    if isinstance(handler.spec, Handler):  # the compensation event sub-process inside it
         if handler.plain_step is not None:
             engine.notify(undoing, handler.entered)
         inner.body, inner.handles = handler.body, (handler,)
@@ -109,18 +109,18 @@ def _undo_next(engine: EngineState, undoing: Scope) -> None:
 
 
 def _one_undone(engine: EngineState, undoing: Scope, inner: Scope) -> None:
-    """One activity has been undone."""
+    """One activity has been compensated."""
     _undo_next(engine, undoing)
 
 
 def _undone(engine: EngineState, scope: Scope, undoing: Scope) -> None:
-    """All has been undone."""
+    """Complete the throw event: everything has been compensated."""
     assert undoing.node is not None
     scopes.complete(engine, scope, undoing.node)
 
 
 def cancel(engine: EngineState, scope: Scope, node: Node) -> None:
-    """A cancel end event: its transaction is cancelled and undone, then leaves by its cancel boundary event."""
+    """Cancel and compensate the transaction around a cancel end event; it leaves by its cancel boundary event."""
     place = scope
     while place.parent is not None and not (place.node and place.node.body and place.node.body.transaction):
         place = place.parent
@@ -134,7 +134,7 @@ def cancel(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def _whole_of(instance: Scope) -> Scope:
-    """A transaction that repeats is cancelled as one: what completed in its instances at work is undone, too."""
+    """The scope of a repeated transaction, which is cancelled as a whole, with the records of its running instances."""
     whole = instance.parent
     assert whole is not None
     for each in whole.children:
@@ -145,7 +145,7 @@ def _whole_of(instance: Scope) -> Scope:
 
 
 def _rolled_back(engine: EngineState, scope: Scope, node: Node) -> None:
-    """A transaction has been undone."""
+    """Take the cancel boundary event: the transaction has been compensated."""
     assert scope.parent is not None
     assert scope.node is not None
     assert scope.node.boundary is not None
@@ -166,7 +166,7 @@ ROLL_BACK.next = CANCELLED
 def thrown(
     context: ScopeCompiler, event: model.Event, definition: model.CompensateDefinition, ends: Step, part: str = ""
 ) -> Node:
-    """A throwing compensation event."""
+    """Make a compensation throw event."""
     undoing = context.node(event, compensate, part if definition.wait else "/beside", Compensate(definition.activity))
     undoing.ended = _undone
     if definition.wait:
@@ -176,7 +176,7 @@ def thrown(
 
 
 def compensable(context: ScopeCompiler, event: model.Event) -> None:
-    """A compensation event at the boundary of an activity, and the handler associated with it."""
+    """Make a compensation boundary event and link the handler associated with it."""
     targets = [target for source, target in context.content.associations if source == event.id]
     if len(targets) != 1 or len(event.definitions) > 1:
         context.refuse(f"a compensation event needs one handler; it has {len(targets)}", event)
@@ -186,9 +186,9 @@ def compensable(context: ScopeCompiler, event: model.Event) -> None:
 
 
 def _attach(context: ScopeCompiler, activity: str, node: Node, handler: str) -> None:
-    """Let an activity be compensated, or each instance of one that repeats.
+    """Give an activity its compensation handler, or each instance of a repeated activity.
 
-    Behind an activity without a scope of its own, a node records that it has completed.
+    After an activity without a scope of its own, a node records its completion.
     """
     main = context.main[activity]
     boundary_of(context.compensated.get(activity, main)).compensation = node

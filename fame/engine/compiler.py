@@ -1,4 +1,4 @@
-"""Compiles a process into a program: which family makes each element, and what is shared while it is done."""
+"""Compiles a process into a program: chooses the family that makes the nodes of each element."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def make(context: ScopeCompiler, element: model.FlowNode) -> None:
 
 
 def _activity(context: ScopeCompiler, element: model.Activity) -> None:
-    """A task, sub-process or call activity: its work, its mapping around that, its loop around both."""
+    """Make a task, sub-process or call activity: the node of its work, inside its mapping, inside its loop."""
     if element.refused:
         context.refuse(element.refused, element)
     node = _work(context, element)
@@ -73,7 +73,7 @@ def _activity(context: ScopeCompiler, element: model.Activity) -> None:
 
 
 def _work(context: ScopeCompiler, element: model.Activity) -> Node:
-    """The node that does what an activity is for."""
+    """Make the node of an activity without its mapping and loop."""
     if isinstance(element, model.SubProcess):
         return adhoc.make(context, element) if element.kind == "adhoc" else subprocesses.make(context, element)
     if isinstance(element, model.CallActivity):
@@ -84,7 +84,7 @@ def _work(context: ScopeCompiler, element: model.Activity) -> Node:
 
 
 def _make_keys_unique(nodes: Iterable[Node]) -> None:
-    """A called process may have ids of its caller's file."""
+    """Number the keys that occur more than once: a called process can have the same ids as its caller."""
     seen: dict[str, int] = {}
     for node in nodes:
         seen[node.key] = seen.get(node.key, 0) + 1

@@ -3,10 +3,10 @@
 The variables of a process are one plain dict, used as the globals of its scripts; those of an inner scope are a dict
 chained to it (`Variables`).
 
-Of a caught message an explicit mapping decides alone; else the data objects at the event's output association; else one
-variable named like the topic takes the message, or its bare value if it is a wrapper (one field ``data``). In that last
-case, in a model of the original FaMe, variables that a data object declares and nothing else fills take the fields that
-they begin like.
+A caught message is stored by the event's explicit mapping if there is one; else by the data objects at its output
+association; else in one variable named like the topic, as the bare value if the message is a wrapper (one field
+``data``). In that last case, in a model of the original FaMe, variables that a data object declares and nothing else
+sets also take the fields whose names their own begin with.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ class Undefined(Enum):
 
 
 UNDEFINED = Undefined.UNDEFINED
-"""What a property or payload evaluates to when a name in it is not set: no assignment, no field."""
+"""The value of a property or payload if a name in it is not set: nothing is assigned, the field is left out."""
 
 
 class Variables(dict[str, Any]):
     """Variables of a scope with variables of its own (a multi-instance activity, a mapping).
 
-    `outer` is the dict outside, itself perhaps a `Variables`; `own` are its first names. What is known inside or new is
-    written inside; what is known outside only is written there. Scripts run with it as globals, and CPython then calls
-    the methods here:
+    `outer` is the dict of the scope outside, possibly a `Variables` too; `own` are its initial variables. A name that
+    is known only outside is written there; every other name is written inside. Scripts run with this dict as globals,
+    for which CPython calls these methods:
 
     ====================================  =================================================
     compiled to                           calls
@@ -49,12 +49,13 @@ class Variables(dict[str, Any]):
     STORE_NAME, DELETE_NAME               `__setitem__`, `__delitem__`
     STORE_GLOBAL (`global x` in a         nothing: it writes into the underlying dict, past
     function, ``:=`` in a comprehension)  all methods; `settle` corrects that afterwards
-    LOAD_NAME in the body of a class      the underlying dict alone, before CPython 3.13: outer
-                                          variables are out of sight there (not in its methods)
+    LOAD_NAME in the body of a class      only the underlying dict, before CPython 3.13: outer
+                                          variables are not visible there (but in its methods)
     ====================================  =================================================
 
     Invariant while no script runs in it: a name is in the underlying dict if and only if it is the scope's own.
-    Iteration, `len` and `dict.items` show the own names alone; `in`, `get` and `[]` see through. `plain` shows all.
+    Iteration, `len` and `dict.items` show only its own names; `in`, `get` and `[]` also find outer names. `plain` shows
+    all.
     """
 
     __slots__ = ("_own", "outer")
@@ -107,8 +108,8 @@ class Variables(dict[str, Any]):
 def plain(variables: Mapping[str, Any]) -> dict[str, Any]:
     """All variables that are data, inner ones before outer ones, as a new plain dict.
 
-    Names with two leading underscores, modules, classes and whatever can be called are code, not data: never shown,
-    logged or stored.
+    Names with two leading underscores, modules, classes and callables are code, not data: they are never shown, logged
+    or stored.
     """
     shown = plain(variables.outer) if isinstance(variables, Variables) else {}
     shown.update((name, value) for name, value in variables.items() if not name.startswith("__"))
@@ -139,9 +140,9 @@ def receiver(
     assignments: Sequence[tuple[str, Callable[[dict[str, Any]], Any]]],
     loose: Sequence[str] = (),
 ) -> Take:
-    """The function (variables, message) of one catching event.
+    """The function (variables, message) that stores a message caught by one event.
 
-    `assignments` is its mapping, compiled; `loose` are variables of the process that nothing else fills (`unfilled`).
+    `assignments` is its compiled mapping; `loose` are variables of the process that nothing else sets (`unfilled`).
     """
     if assignments:
         return _mapped(assignments)
@@ -153,9 +154,9 @@ def receiver(
 
 
 def unfilled(process: Process) -> tuple[str, ...]:
-    """The variables of a process that a caught message may fill by their names alone: none, unless the model says so.
+    """The variables of a process that a caught message can set by their names (``by_prefix``).
 
-    They are those that data objects declare without a value, and that no element fills by an association.
+    They are those that data objects declare without a value and that no association of an element sets.
     """
     if not process.by_prefix:
         return ()
@@ -180,7 +181,7 @@ def _mapped(assignments: Sequence[tuple[str, Callable[[dict[str, Any]], Any]]]) 
 
 
 def seeing_fields(source: Compiled) -> Compiled:
-    """An expression that sees the fields of the message by their names, as FEEL does."""
+    """An expression in which the fields of the message are names, as in FEEL."""
 
     def evaluate(variables: dict[str, Any]) -> Any:
         message = variables["msg"]
@@ -191,7 +192,7 @@ def seeing_fields(source: Compiled) -> Compiled:
 
 
 def with_inputs(inputs: Sequence[tuple[str, Compiled]], source: Compiled) -> Compiled:
-    """An expression that sees the inputs of its event as well."""
+    """An expression in which the inputs of its event are names as well."""
 
     def evaluate(variables: dict[str, Any]) -> Any:
         found = {name: value(variables) for name, value in inputs}
@@ -219,7 +220,7 @@ def _matched(names: tuple[str, ...], topic: str, match: Match) -> Take:
     getters: dict[type, list[tuple[str, Callable[[Any], Any]]]] = {}
 
     def take(variables: dict[str, Any], message: Any) -> None:
-        if isinstance(message, Mapping):  # of a topic without a type, from outside: no class to remember it by
+        if isinstance(message, Mapping):  # from outside, on a topic without a type: no class to cache by
             for name, path in match(names, topic, message).items():
                 variables[name] = _descend(message, path)
             return
@@ -234,11 +235,11 @@ def _matched(names: tuple[str, ...], topic: str, match: Match) -> Take:
 
 
 def match(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str, ...]]:
-    """Which field (a path) of the message goes to which of a data object's variables.
+    """The field (as a path) of the message for each of a data object's variables.
 
-    A field goes to the variable of its own name (a message inside it too, whole), else to the first that is named
-    ``<field>_...``; a nested field counts by its last name. The value of a wrapper goes to the variable named like the
-    topic, or to the only one.
+    A field, also one that is a message, goes to the variable of its own name, else to the first that is named
+    ``<field>_...``. Of a nested field only the last name matters. The value of a wrapper goes to the variable named
+    like the topic, or to the only variable.
     """
     if is_wrapper(message.__class__):
         fitting = [name for name in names if name in (topic, "data") or name.startswith("data_")]
@@ -256,8 +257,7 @@ def match(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str
 
 
 def match_prefix(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str, ...]]:
-    """As `match`, where no data object brings the variables to the event: all that counts is that they begin like a
-    field of the message itself."""
+    """Like `match`, without a data object at the event: variables whose names begin with that of a top-level field."""
     found: dict[str, tuple[str, ...]] = {}
     for field in message if isinstance(message, Mapping) else getattr(message, "__dataclass_fields__", ()):
         free = [name for name in names if name not in found and name.startswith(field)]
@@ -274,7 +274,7 @@ def is_wrapper(kind: type) -> bool:
 
 
 def _fields(message: Any, names: Sequence[str], path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Paths of the fields that a variable may take: the innermost ones, and messages that are asked for by name."""
+    """Paths of the fields that a variable can take: innermost fields, and messages that a variable is named like."""
     fields = message if isinstance(message, Mapping) else getattr(message, "__dataclass_fields__", {})
     for name in fields:
         value = message[name] if isinstance(message, Mapping) else getattr(message, name)
@@ -291,16 +291,16 @@ def _descend(message: Any, path: tuple[str, ...]) -> Any:
 
 
 def correlates(keys: Sequence[tuple[str, Compiled]], variables: dict[str, Any], message: Any) -> bool:
-    """Whether a message is for a catching event with these correlation keys and variables (standard 8.3.2).
+    """Whether a message correlates with a catching event by these keys and variables (standard 8.3.2).
 
-    Each key that has a value already must have that of the message; the others are set by the first message.
+    A key that has a value must equal that of the message; the first message sets the other keys.
     """
     if not keys:
         return True
     inner = Variables(variables, {"msg": message})
     try:
         found = [(name, source(inner)) for name, source in keys]
-    except Exception:  # a message without what is asked for is for somebody else
+    except Exception:  # a message that lacks the key is for another receiver
         return False
     if any(_held(variables, name) not in (UNDEFINED, value) for name, value in found):
         return False
@@ -311,7 +311,7 @@ def correlates(keys: Sequence[tuple[str, Compiled]], variables: dict[str, Any], 
 
 
 def _held(variables: Mapping[str, Any], key: str) -> Any:
-    """The value of a key that a process has: of a variable, or of a field of one (``order.id``)."""
+    """The value of a correlation key in the process: a variable, or a field of one (``order.id``)."""
     value: Any = variables
     for name in (key,) if key in variables else key.split("."):
         holds = name in value if isinstance(value, Mapping) else hasattr(value, name)

@@ -5,10 +5,10 @@ each message thrown by this robot.
 
 Invariants between two stimuli:
 
-- `ready` is empty. A scope's `tokens` is the number of its waiting tokens, child scopes, arrivals at joins and held
-  tokens, and of the one that waits for cancelled scripts to end.
-- What is dead is in no table: `listeners`, `conditions`, `waits` hold the living alone. Entries of a dead scope in
-  `ready` are skipped when they come up, never searched for.
+- `ready` is empty. A scope's `tokens` counts its waiting tokens, child scopes, arrivals at joins, held tokens, and the
+  token that waits for cancelled scripts to end.
+- `listeners`, `conditions` and `waits` contain nothing that has ended. Entries of an ended scope in `ready` are skipped
+  when their turn comes, never searched for.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from fame.engine.state import Continuation, Gathered, Instance, Listener, Scope,
 class EngineState:
     """The tables of one engine.
 
-    listeners       what waits for each topic, in the order of arming
+    listeners       waits and queues for each topic, in the order of arming
     conditions      armed conditional events, in the order of arming
     unsettled       whether a script's step has consequences: it has published, or a condition is armed
-    waits           those that the host names by key: timers, scripts
+    waits           the waits that the host refers to by key: timers, scripts
     inclusive       scopes in which an inclusive join has an arrival
-    cancelling      what continues when a cancelled script has ended, by its key
-    instances       those that run, by key
-    waiting_starts  triggers that a full process keeps
-    gathered        triggers of parallel multiple start events
+    cancelling      continuations of cancelled scripts that have not ended, by key of the script
+    instances       running instances, by key
+    waiting_starts  queued triggers of a process that runs as many instances as it may
+    gathered        triggers of parallel multiple start events that are not complete
     armed_starts    start events with a timer, by key
-    held            all scopes and waits, if the host holds them
+    held            all scopes and waits, while the host holds the engine
     incidents       tokens at elements that have failed, with code and text (`fame.engine.repair`)
-    on_incident     called with such a token; without it an uncaught error fails its instance
+    on_incident     called with such a token; if None, an uncaught error fails its instance
     new_variables   gives the dict that an instance, or a call with variables of its own, starts with
     parameters      variables that every instance starts with
-    at_once         whether the host observes each mark by itself
-    settled         called when a stimulus has run to completion, if set
+    at_once         whether the host receives each mark at once instead of after the stimulus
+    settled         called when a stimulus has run to completion
     """
 
     program: Program
@@ -70,12 +70,12 @@ class EngineState:
         self.settled: Callable[[], object] | None = None
         self._trail: Trail = []
         self.place: Scope | None = None
-        """Where what is emitted happens."""
+        """The scope of the next marks."""
         self.emit: Callable[[Mark], object] = self._observe_mark
-        """Notes a mark at that place."""
+        """Records a mark of that scope."""
 
     def new_key(self) -> int:
-        """Identities come from one counter."""
+        """A new key: all keys come from one counter."""
         self.counter += 1
         return self.counter
 
@@ -87,14 +87,14 @@ class EngineState:
         self.gathered.clear()
 
     def notify(self, scope: Scope, mark: Mark) -> None:
-        """Note that something happened; observers get it at the end of the stimulus."""
+        """Record a mark; observers receive it at the end of the stimulus."""
         if self.place is not scope:
             self.set_place(scope)
         emit = self.emit
         emit(mark)
 
     def set_place(self, scope: Scope) -> None:
-        """What is emitted from now on happens in that scope."""
+        """Set the scope of the next marks."""
         self.place = scope
         if not self.at_once:
             marks: list[Mark] = []
@@ -102,12 +102,12 @@ class EngineState:
             self.emit = marks.append
 
     def observe(self) -> None:
-        """Let the host have all that was noted."""
+        """Pass all recorded marks to the host."""
         if self._trail:
             trail, self._trail, self.place = self._trail, [], None
             self.host.observe(trail)
 
     def _observe_mark(self, mark: Mark) -> None:
-        """Let the host know of something that just happened."""
+        """Pass one mark to the host."""
         assert self.place is not None
         self.host.observe([(self.place, [mark])])

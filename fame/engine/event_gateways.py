@@ -1,4 +1,4 @@
-"""Event-based gateways and multiple events: the first of several stimuli counts (standard 13.4.4)."""
+"""Event-based gateways and multiple events: the first of several events wins (standard 13.4.4)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fame.engine.steps import Branch, fork
 
 @dataclass(slots=True)
 class Alternative:
-    """Spec of one of several that are waited for together; `via`: the sequence flow that leads to its event."""
+    """Spec of one of several alternative events. `via`: the sequence flow to it, of an event-based gateway."""
 
     via: str = ""
 
@@ -25,7 +25,7 @@ class Alternative:
 
 
 def choose(engine: EngineState, scope: Scope, node: Node) -> None:
-    """The first stimulus wins; of queued messages the oldest arrival."""
+    """Wait for the first of several events; the oldest queued message wins at once."""
     wait = waiting.wait_at(engine, node, scope)
     if not wait.alive:
         return
@@ -41,7 +41,7 @@ def choose(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def fire_alternative(engine: EngineState, wait: Wait) -> None:
-    """One of the alternatives has come."""
+    """Continue at the alternative that occurred; disarm the others."""
     gateway, node = wait.owner, wait.node
     assert isinstance(gateway, Wait)
     waiting.withdraw(engine, gateway)
@@ -57,7 +57,7 @@ def fire_alternative(engine: EngineState, wait: Wait) -> None:
 
 
 def multiple(context: ScopeCompiler, event: model.Event) -> None:
-    """An intermediate catching event with several definitions."""
+    """Make an intermediate catching event with several definitions."""
     choice = context.node(event, choose)
     choice.slot, choice.catch = context.slot(event.id), triggers.catching()
     parts = _alternatives(context, event, choice, choice.slot)
@@ -67,7 +67,7 @@ def multiple(context: ScopeCompiler, event: model.Event) -> None:
 
 
 def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
-    """An event-based gateway."""
+    """Make an event-based gateway."""
     node = context.node(gateway, choose)
     node.slot, node.catch = context.slot(gateway.id), triggers.catching()
     context.watch(node)
@@ -78,7 +78,7 @@ def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
 
 
 def _alternatives(context: ScopeCompiler, event: model.Event, owner: Node, slot: int) -> list[Node]:
-    """One node for each definition of an event; whichever fires is the event."""
+    """Make one node for each definition of an event."""
     nodes = []
     for number, definition in enumerate(event.definitions):
         catch = triggers.part_of_event(fire_alternative)
@@ -93,7 +93,7 @@ def _alternatives(context: ScopeCompiler, event: model.Event, owner: Node, slot:
 
 
 def _link_alternatives(context: ScopeCompiler, gateway: model.Gateway, node: Node) -> None:
-    """The events that an event-based gateway chooses among."""
+    """Make the alternatives of an event-based gateway: the events and receive tasks that it leads to."""
     found: list[Node] = []
     for id in gateway.outgoing:
         target = context.model[context.flows[id].target]
@@ -103,7 +103,7 @@ def _link_alternatives(context: ScopeCompiler, gateway: model.Gateway, node: Nod
         elif isinstance(target, model.Task) and target.kind == "receive" and target.topic is not None:
             choices = [_receive(context, target, target.topic, gateway, main.slot)]
         else:
-            context.refuse(f"leads to {target.id}, which is no catching event or receive task", gateway)
+            context.refuse(f"leads to {target.id}: expected a catching event or a receive task", gateway)
         for choice in choices:
             choice.spec, choice.part_of = Alternative(id), main
             context.watch_event(choice)
@@ -116,9 +116,9 @@ def _link_alternatives(context: ScopeCompiler, gateway: model.Gateway, node: Nod
 
 
 def _receive(context: ScopeCompiler, task: model.Task, topic: model.Topic, gateway: model.Gateway, slot: int) -> Node:
-    """A receive task behind an event-based gateway."""
+    """Make a receive task that follows an event-based gateway."""
     if task.loop is not None:
-        context.refuse("what an event-based gateway waits for does not repeat", task)
+        context.refuse("a receive task after an event-based gateway must not repeat", task)
     choice = context.node(task, triggers.wait, f"@{gateway.id}")
     choice.slot, choice.catch = slot, triggers.part_of_event(fire_alternative, waiting.MESSAGE)
     choice.catch.keys = context.assignments(task.keys, task)
@@ -127,7 +127,7 @@ def _receive(context: ScopeCompiler, task: model.Task, topic: model.Topic, gatew
 
 
 def instantiating(context: ScopeCompiler, gateway: model.Gateway) -> list[Node]:
-    """A gateway that starts the process, then the event that came; of a parallel one, the others are waited for."""
+    """Make a gateway that starts the process at the event that occurred; a parallel one then waits for the others."""
     found: list[Node] = []
     main = context.main[gateway.id]
     for choice in main.catch.parts if main.catch is not None else ():

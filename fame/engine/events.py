@@ -1,6 +1,6 @@
-"""Start, intermediate, boundary and end events: what they throw, and what a boundary event does to its activity.
+"""Start, intermediate, boundary and end events: throwing, and the effect of a boundary event on its activity.
 
-What they wait for is in `triggers`.
+Their triggers are in `triggers`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ class Throw:
     """Spec of a throwing signal or message event, or a send task.
 
     topic    the qualified topic
-    payload  what the message carries
-    to       the robot that a message is for; None: all
+    payload  the value of the message
+    to       the receiving robot; None: all
     """
 
     topic: str
@@ -43,7 +43,7 @@ class Raise:
 
 
 def throw(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """Publish; own catchers are reached once the tokens ahead of this one wait, then this token continues."""
+    """Publish. Own catchers receive it when all tokens ahead of this one wait; then this token continues."""
     spec: Throw = node.spec
     try:
         value = spec.payload(scope.variables) if spec.payload is not None else None
@@ -59,7 +59,7 @@ def throw(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def send(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """A message for another process: own catchers do not get it."""
+    """Send a message to another process; own catchers do not receive it."""
     spec: Throw = node.spec
     try:
         value = spec.payload(scope.variables) if spec.payload is not None else None
@@ -74,7 +74,7 @@ def send(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def _code_of(spec: Raise, variables: dict[str, Any]) -> str | None:
-    """The code that is thrown. Raises ValueError for a computed one that is null."""
+    """The code to throw. Raises ValueError if it is computed and null."""
     if spec.computed is None:
         return spec.code
     code = spec.computed(variables)
@@ -84,7 +84,7 @@ def _code_of(spec: Raise, variables: dict[str, Any]) -> str | None:
 
 
 def raise_error(engine: EngineState, scope: Scope, node: Node) -> None:
-    """An error end event."""
+    """Throw the error of an error end event."""
     try:
         code = _code_of(node.spec, scope.variables)
     except BaseException as error:
@@ -94,7 +94,7 @@ def raise_error(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def escalate(engine: EngineState, scope: Scope, node: Node) -> None:
-    """Throw an escalation: the token is first in line, and continues unless its scope is cancelled or suspended."""
+    """Throw an escalation. The token continues first, unless its scope is cancelled or suspended."""
     try:
         code = _code_of(node.spec, scope.variables)
     except BaseException as error:
@@ -107,18 +107,18 @@ def escalate(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def fire_boundary(engine: EngineState, wait: Wait) -> None:
-    """A boundary event has occurred."""
+    """Take a boundary event that has occurred."""
     handlers.take_boundary(engine, wait.scope, wait.node, wait.catch, wait.owner)
 
 
 _ENDING = (steps.end, steps.terminate, raise_error, compensation.cancel)
-"""Steps at which a token ends, whatever follows."""
+"""Steps at which a token always ends."""
 
 # ---- compiling -----------------------------------------------------------------------------------
 
 
 def start(context: ScopeCompiler, event: model.Event) -> None:
-    """A start event: of the process if it has triggers; of an event sub-process it is made with that."""
+    """Make a start event with its triggers; that of an event sub-process is made with the sub-process."""
     node = context.counted(context.node(event, steps.pass_on))
     context.watch(node)
     context.place(event, node)
@@ -135,7 +135,7 @@ def start(context: ScopeCompiler, event: model.Event) -> None:
 
 
 def catch(context: ScopeCompiler, event: model.Event) -> None:
-    """An intermediate catching event. Several definitions: the first that comes (a multiple event)."""
+    """Make an intermediate catching event; with several definitions (a multiple event) the first to occur wins."""
     if not event.definitions or isinstance(event.definitions[0], model.LinkDefinition):
         context.passing(event)
     elif len(event.definitions) > 1 and not event.parallel:
@@ -151,7 +151,7 @@ def catch(context: ScopeCompiler, event: model.Event) -> None:
 
 
 def boundary(context: ScopeCompiler, event: model.Event) -> None:
-    """A boundary event: one node for each of its definitions, known to its activity once that is made."""
+    """Make one node for each definition of a boundary event; they are attached when the activity is made."""
     if not event.definitions:
         context.refuse("a boundary event needs a trigger", event)
     if isinstance(event.definitions[0], model.CompensateDefinition):
@@ -168,7 +168,7 @@ def boundary(context: ScopeCompiler, event: model.Event) -> None:
 
 
 def _check_cancels(context: ScopeCompiler, event: model.Event, nodes: list[Node]) -> None:
-    """Refuse a cancel event at anything but a transaction."""
+    """Refuse a cancel event at any activity but a transaction."""
     host = context.model[event.attached_to]
     cancels = any(isinstance(node.spec, FaultCatch) and node.spec.kind == "cancel" for node in nodes)
     if cancels and getattr(host, "kind", "") != "transaction":
@@ -176,7 +176,7 @@ def _check_cancels(context: ScopeCompiler, event: model.Event, nodes: list[Node]
 
 
 def throwing(context: ScopeCompiler, event: model.Event) -> None:
-    """An intermediate throwing event, or an end event: the same, but for what follows."""
+    """Make an intermediate throw event or an end event."""
     ends: Step = steps.end if event.place == "end" else steps.pass_on
     if len(event.definitions) < 2:
         node = _thrown(context, event, event.definitions[0], ends) if event.definitions else None
@@ -201,7 +201,7 @@ def throwing(context: ScopeCompiler, event: model.Event) -> None:
 def _thrown(
     context: ScopeCompiler, event: model.Event, definition: model.EventDefinition, ends: Step, part: str = ""
 ) -> Node:
-    """A node that throws what an event definition says. Raises ModelError."""
+    """Make the node that throws one event definition. Raises ModelError."""
     match definition:
         case model.SignalDefinition(topic=topic) | model.MessageDefinition(topic=topic):
             step = throw if isinstance(definition, model.SignalDefinition) else send
@@ -230,7 +230,7 @@ def _thrown(
 
 
 def _link(context: ScopeCompiler, event: model.Event, name: str, part: str) -> Node:
-    """A link event: a jump to the catching one of the same name in this body (standard 10.5.5)."""
+    """Make a throwing link event: a jump to the catching link of that name in this body (standard 10.5.5)."""
     events = (other for other in context.content.nodes if isinstance(other, model.Event))
     targets = [other for other in events if other.place == "catch" and name in links_of(other)]
     if len(targets) != 1:

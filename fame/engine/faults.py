@@ -1,8 +1,8 @@
-"""Errors and escalations: how they climb until something catches them (docs/semantics.md; standard 13.5.2).
+"""Propagation of errors and escalations until they are caught (docs/semantics.md; standard 13.5.2).
 
-From the failing activity outwards: its boundary events, then the event sub-process of its scope; then the activity
-that this scope is has failed, through sub-processes and calls alike. What fails in a handler has failed outside the
-scope that it handles.
+From the failing activity outwards: first its boundary events, then the event sub-processes of its scope; then the
+activity of that scope counts as failed, through sub-processes and calls alike. An error inside an event sub-process
+propagates from outside the scope that it handles.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fame.errors import MissionError
 
 
 def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException, *, again: bool = True) -> None:
-    """An element failed: find what catches it, else the instance fails, or an incident is kept.
+    """Find what catches the error of an element; without one the instance fails, or an incident is kept.
 
     `again`: its token has left the node, which can be executed again.
     """
@@ -57,13 +57,13 @@ def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException, *,
 
 
 def give_up(engine: EngineState, wait: Wait, error: BaseException) -> None:
-    """What a token waits for, or the message that came, could not be evaluated: the token leaves as an error."""
+    """Turn a waiting token into an error: its trigger or its message could not be evaluated."""
     waiting.withdraw(engine, wait)
     fail(engine, wait.scope, wait.node, error, again=wait.token)
 
 
 def give_up_part(engine: EngineState, wait: Wait, error: BaseException) -> None:
-    """The same of an alternative, or of one of several triggers: the event or gateway that it is part of gives up."""
+    """The same for one of several alternatives or triggers: the error is that of its event or gateway."""
     assert isinstance(wait.owner, Wait)
     waiting.withdraw(engine, wait.owner)
     fail(engine, wait.scope, wait.node, error, again=False)
@@ -72,7 +72,7 @@ def give_up_part(engine: EngineState, wait: Wait, error: BaseException) -> None:
 def abandon(
     engine: EngineState, instance: Instance, node: Node, text: str, code: str, cause: BaseException | None = None
 ) -> None:
-    """An instance failed: nothing caught its error."""
+    """Fail an instance because of an uncaught error."""
     instance.error = MissionError(text, element=node.id, file=node.file, line=node.line, code=code)
     instance.error.__cause__ = cause
     scopes.notify_cancelled(engine, instance.root)
@@ -91,7 +91,7 @@ FAILED = Node("", "(failed)", conclude_failed)
 
 
 def fail_without_token(engine: EngineState, variables: dict[str, Any], element: str, error: BaseException) -> None:
-    """What the script of an element left behind has failed after its token went on (see `Engine.fail_callback`)."""
+    """Raise the error of a callback that an element's script has registered (see `Engine.fail_callback`)."""
     known = [scope for instance in engine.instances.values() for scope in scopes_of(instance.root)]
     places = [scope for scope in known if scope.variables is variables]
     holder = _body_of(engine, element)
@@ -113,7 +113,7 @@ def _body_of(engine: EngineState, element: str) -> str:
 
 
 def escalate(engine: EngineState, scope: Scope, node: Node, code: str | None) -> None:
-    """An escalation climbs likewise; the thrower goes on unless something interrupting caught it."""
+    """Propagate an escalation; the throwing token continues unless an interrupting event caught it."""
     place: Scope | None = scope
     while place is not None:
         handler = _matching(place.body.escalations, code) if place.body is not None else None
@@ -138,9 +138,9 @@ def escalate(engine: EngineState, scope: Scope, node: Node, code: str | None) ->
 
 
 def _outside(scope: Scope) -> tuple[Scope, Node | None, Scope | None]:
-    """What fails with a scope: that scope, the activity that it is, and the scope of this.
+    """What a fault of a scope affects: that scope, its activity, and the scope around the activity.
 
-    With an event sub-process fails what it handles, which may be one as well.
+    For an event sub-process this is the scope that it handles, which may be that of an event sub-process as well.
     """
     while scope.node is not None and isinstance(scope.node.spec, Handler) and scope.parent is not None:
         scope = scope.parent
@@ -148,7 +148,7 @@ def _outside(scope: Scope) -> tuple[Scope, Node | None, Scope | None]:
 
 
 def _called_at(scope: Scope, node: Node) -> str:
-    """For an element of another file: where the mission called it."""
+    """The place of the call, for an element of another file."""
     call: Node | None = None
     place: Scope | None = scope
     while place is not None:
@@ -159,7 +159,7 @@ def _called_at(scope: Scope, node: Node) -> str:
 
 
 def _matching(catchers: tuple[Node, ...], code: str | None) -> Node | None:
-    """The catcher of a code: an exact one beats one that catches all."""
+    """The catcher of a code: an exact match comes before one that catches all codes."""
     for catcher in catchers:
         if catcher.spec.code == code and code is not None:
             return catcher
@@ -170,7 +170,7 @@ def _matching(catchers: tuple[Node, ...], code: str | None) -> Node | None:
 
 
 def _set_variables(catcher: Node, scope: Scope, code: str, text: str) -> None:
-    """Set the variables in which a catching event wants code and text."""
+    """Set the variables that the catching event declares for code and text."""
     wanted: FaultCatch = catcher.spec
     if wanted.code_variable:
         scope.variables[wanted.code_variable] = code
@@ -179,10 +179,10 @@ def _set_variables(catcher: Node, scope: Scope, code: str, text: str) -> None:
 
 
 def _describe(error: BaseException, code: str) -> str:
-    """An uncaught error, in words."""
+    """The message of an uncaught error."""
     if isinstance(error, BpmnError):
-        said = f": {error.message}" if error.message not in ("", code) else ""
-        return f"error {code or 'without code'} was not caught{said}"
+        message = f": {error.message}" if error.message not in ("", code) else ""
+        return f"error {code or 'without code'} was not caught{message}"
     if isinstance(error, MemoryError):
-        return f"MemoryError: {str(error) or 'there is no memory for what it wants to keep'}"
+        return f"MemoryError: {str(error) or 'the script needs more memory than there is'}"
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

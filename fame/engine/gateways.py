@@ -1,6 +1,6 @@
 """Exclusive, parallel, inclusive and complex gateways (standard 13.4): their joins and how they are compiled.
 
-A split is a step that other elements have as well: see `fame.engine.steps`.
+Splits are steps that other elements share: see `fame.engine.steps`.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from fame.engine.state import Scope, Wait
 from fame.engine.steps import Branch
 
 NAMES = ("activationCount", "waitingForStart")
-"""The variables that the conditions of complex gateways see besides those of their scope."""
+"""Extra variables in the conditions of complex gateways."""
 
 
 @dataclass(slots=True)
 class Port:
-    """Spec of one incoming flow of a join; `number` is its place among the `need` of them."""
+    """Spec of one incoming flow of a join. `number`: its index; `need`: the number of incoming flows."""
 
     join: Node
     number: int
@@ -34,7 +34,10 @@ class Port:
 
 
 def arrive(engine: EngineState, scope: Scope, port: Node) -> Node | None:
-    """A token at one incoming flow of a parallel join. Counts per flow; the last number is that of the empty flows."""
+    """Take a token at one incoming flow of a parallel join.
+
+    The state of a join is the number of tokens of each flow, then the number of flows without a token.
+    """
     joins = scope.joins
     if joins is None:
         joins = scope.joins = {}
@@ -63,7 +66,7 @@ def arrive(engine: EngineState, scope: Scope, port: Node) -> Node | None:
 
 
 def arrive_inclusive(engine: EngineState, scope: Scope, port: Node) -> None:
-    """A token at one incoming flow of an inclusive join: it is decided when nothing else can move."""
+    """Take a token at one incoming flow of an inclusive join, which is decided when no other token can move."""
     if scope.joins is None:
         scope.joins = {}
     spec: Port = port.spec
@@ -72,7 +75,7 @@ def arrive_inclusive(engine: EngineState, scope: Scope, port: Node) -> None:
 
 
 def decide_inclusive(engine: EngineState) -> bool:
-    """Let the inclusive joins through that wait for no other token (standard 13.4.3). Whether there was one."""
+    """Pass the inclusive joins that no other token can reach (standard 13.4.3). Returns whether there was one."""
     passed = False
     for scope in tuple(engine.inclusive):
         joins = [join for join, held in (scope.joins or {}).items() if _is_undecided(join, held)]
@@ -94,7 +97,7 @@ def _is_undecided(join: Node, held: list[int]) -> bool:
 
 
 def _may_pass(engine: EngineState, scope: Scope, join: Node) -> bool:
-    """No token elsewhere in the scope reaches an empty flow of the join, but such as reach a filled one too."""
+    """Whether every other token of the scope that reaches an empty flow of the join reaches a filled one, too."""
     counts = (scope.joins or {})[join]
     filled = 0
     for number, count in enumerate(counts):
@@ -110,7 +113,7 @@ def _may_pass(engine: EngineState, scope: Scope, join: Node) -> bool:
 
 
 def _reach(join: Node, node: Node) -> int:
-    """The incoming flows of a join that a token at a node reaches; at a port of the join it is on one already."""
+    """The incoming flows of a join that a token at a node can reach, as a bit mask."""
     if isinstance(node.spec, Port) and node.spec.join is join:
         return 1 << node.spec.number
     spec: Branch = join.spec
@@ -118,7 +121,7 @@ def _reach(join: Node, node: Node) -> int:
 
 
 def _holds_token(child: Scope | Wait) -> bool:
-    """Whether it represents a token of its scope that can continue in it."""
+    """Whether a child represents a token that can continue in the scope around it."""
     if isinstance(child, Wait):
         return child.token
     return child.node is not None and not isinstance(child.node.spec, Handler)
@@ -137,7 +140,7 @@ def _pass_through(engine: EngineState, scope: Scope, join: Node) -> None:
 
 
 def masks(content: model.Body, join: model.Gateway) -> dict[str, int]:
-    """For each element and sequence flow of a body: the incoming flows of a join that it reaches without passing it."""
+    """For each element and flow of a body: the incoming flows of a join that a token there reaches before the join."""
     before: dict[str, list[str]] = {}
     for flow in content.flows:
         before.setdefault(flow.target, []).append(flow.id)
@@ -163,11 +166,12 @@ def masks(content: model.Body, join: model.Gateway) -> dict[str, int]:
 
 
 def arrive_complex(engine: EngineState, scope: Scope, port: Node) -> Node | None:
-    """A token at one incoming flow of a complex gateway (standard 13.4.5).
+    """Take a token at one incoming flow of a complex gateway (standard 13.4.5).
 
-    It passes when its activation condition is true, of ``activationCount``: how many flows have a token. One token of
-    each of these is consumed. Then it waits for its reset: for a token of each other flow from which one can still
-    come, as an inclusive join does. Numbers: tokens per flow, then whether one was consumed, 0 for all before that.
+    It passes when its activation condition over ``activationCount``, the number of flows with a token, is true. One
+    token of each of these flows is consumed. Then it waits for its reset: for a token of each other flow from which one
+    can still come, as an inclusive join does. Its state is the number of tokens of each flow, then for each flow
+    whether a token was consumed (0 for all before the activation).
     """
     if scope.joins is None:
         scope.joins = {}
@@ -181,7 +185,7 @@ def arrive_complex(engine: EngineState, scope: Scope, port: Node) -> Node | None
 
 
 def _activate(engine: EngineState, scope: Scope, join: Node) -> Node | None:
-    """The complex gateway itself, if its activation condition is true."""
+    """Activate a complex gateway if its activation condition is true. Returns its node if so."""
     assert scope.joins is not None
     spec: Branch = join.spec
     assert spec.activation is not None
@@ -207,10 +211,10 @@ def _activate(engine: EngineState, scope: Scope, join: Node) -> Node | None:
 
 
 def _reset(engine: EngineState, scope: Scope, join: Node) -> None:
-    """What came late is dropped, and the gateway waits anew; what is left may activate it at once.
+    """Reset a complex gateway: drop late tokens and wait again. The remaining tokens can activate it at once.
 
-    Flows whose condition names ``waitingForStart`` are asked again, now that it is false; the others are taken when the
-    gateway is activated alone.
+    Conditions that name ``waitingForStart`` are evaluated again, now that it is false; other outgoing flows are taken
+    only at activation.
     """
     assert scope.joins is not None
     spec: Branch = join.spec
@@ -236,7 +240,7 @@ def _reset(engine: EngineState, scope: Scope, join: Node) -> None:
 
 
 def part(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """The flows of a complex gateway with conditions that name ``waitingForStart``: one for each that is true."""
+    """Split at the activation of a complex gateway with conditions that name ``waitingForStart``."""
     return steps.take_all(engine, scope, node, Variables(scope.variables, {"waitingForStart": True}))
 
 
@@ -250,7 +254,7 @@ _ARRIVALS: dict[str, Step] = {
 
 
 def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
-    """A gateway; a join has a port for each flow that comes in."""
+    """Make a gateway; a join has a port for each incoming flow."""
     spec = Branch()
     node = context.counted(context.node(gateway, steps.pass_on, spec=spec))
     context.place(gateway, node)
@@ -269,7 +273,7 @@ def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
 
 
 def _lead_on(context: ScopeCompiler, gateway: model.Gateway, node: Node, flows: list[model.SequenceFlow]) -> None:
-    """Link a gateway to what follows it."""
+    """Link a gateway to the targets of its outgoing flows."""
     spec: Branch = node.spec
     if not flows:
         node.next = context.node(gateway, steps.end, "/end")

@@ -1,12 +1,11 @@
-"""Take boundary events, begin event sub-processes, and suspend and resume what they interrupt.
+"""Boundary events, event sub-processes, and suspension of the scopes that they interrupt.
 
 An event sub-process with ``resume=true`` suspends its scope instead of cancelling it. `suspend` holds everything that
-goes on in the scope when its handler begins, at any depth: scopes count the suspensions that hold them in `state`,
-waits in `paused`. Tasks are cancelled, to be started again; catching events do not listen; timers run on and leave a
-mark in `due`. What begins in the scope while the handler runs (other event sub-processes) is younger than the handler,
-and so not held.
+is active in the scope when its handler starts, at any depth: scopes count their suspensions in `state`, waits in
+`paused`. Tasks are cancelled, to be started again; catching events do not listen; timers continue, and set `due` when
+they fire. Event sub-processes that start while the handler runs have greater keys than the handler and are not held.
 
-`hold` does the same from outside to all that runs, whatever is suspended in it already, until `release`.
+`hold` suspends all running instances from outside, whatever is suspended in them already, until `release`.
 """
 
 from __future__ import annotations
@@ -21,15 +20,15 @@ from fame.engine.state import Scope, Wait
 
 
 def take_boundary(
-    engine: EngineState, scope: Scope, node: Node, how: Catch | FaultCatch, owner: Scope | Wait | None
+    engine: EngineState, scope: Scope, node: Node, catch: Catch | FaultCatch, owner: Scope | Wait | None
 ) -> None:
-    """A boundary event cancels its activity (`owner`, if it is still at work), or runs beside it.
+    """Start a token at a boundary event, and cancel its activity (`owner`, if still active) if it interrupts.
 
-    `how` says which, as the node's `Catch` or spec.
+    `catch` is the `Catch` or the spec of the node.
     """
     scopes.count_event(engine, scope, node)
     cancelling: Cancelling = ()
-    if not how.interrupting:
+    if not catch.interrupting:
         scope.tokens += 1
     elif isinstance(owner, Scope):
         cancelling = scopes.kill(engine, owner)
@@ -40,23 +39,23 @@ def take_boundary(
     scopes.proceed(engine, node.next, scope, cancelling)
 
 
-def begin_handler(engine: EngineState, scope: Scope, start: Node, how: Catch | FaultCatch) -> None:
-    """Run an event sub-process: in place of its scope, while that is suspended, or beside it, as `how` says.
+def begin_handler(engine: EngineState, scope: Scope, start: Node, catch: Catch | FaultCatch) -> None:
+    """Start an event sub-process that replaces its scope, suspends it, or runs in parallel, as `catch` says.
 
     Raises RecursionError if the instance has too many scopes.
     """
-    if how.interrupting and not how.resume:
+    if catch.interrupting and not catch.resume:
         open_handler(engine, start, *scopes.replace(engine, scope, (*scope.handles, start.part_of)))
         return
     if scope.instance.scopes >= state.SCOPES:
         raise scopes.too_many()
     scope.tokens += 1
     inner = scopes.open_child(engine, scope, start.part_of, None, scope.variables)
-    open_handler(engine, start, inner, suspend(engine, scope, inner) if how.resume else ())
+    open_handler(engine, start, inner, suspend(engine, scope, inner) if catch.resume else ())
 
 
 def open_handler(engine: EngineState, start: Node, scope: Scope, cancelling: Cancelling) -> None:
-    """The handler starts, in its scope, when the scripts that were cancelled for it have ended."""
+    """Start a handler in its scope when the scripts that were cancelled for it have ended."""
     handler = start.part_of
     if handler.plain_step is not None:
         engine.notify(scope, handler.entered)
@@ -76,7 +75,7 @@ def open_handler(engine: EngineState, start: Node, scope: Scope, cancelling: Can
 
 
 def suspend(engine: EngineState, scope: Scope, handler: Scope) -> Cancelling:
-    """Suspend a scope except `handler` and the other event sub-processes that wait there."""
+    """Suspend a scope except `handler` and the other armed event sub-processes."""
     scope.suspender, scope.mark = handler, handler.key
     scope.state += 1
     for inner in _held_scopes(scope):
@@ -91,11 +90,11 @@ def suspend(engine: EngineState, scope: Scope, handler: Scope) -> Cancelling:
 def resume(engine: EngineState, scope: Scope) -> None:
     """Resume the scope: the handler has ended normally."""
     scope.suspender = None
-    _go_on(engine, [scope, *_held_scopes(scope)], _held_waits(scope))
+    _continue(engine, [scope, *_held_scopes(scope)], _held_waits(scope))
 
 
 def hold(engine: EngineState) -> None:
-    """Hold all instances, and let none begin, until `release`. Nothing follows when cancelled scripts have ended."""
+    """Suspend all instances, and let none start, until `release`. No token continues when cancelled scripts end."""
     held = [inner for instance in engine.instances.values() for inner in scopes.subtree(instance.root)]
     waits = _in_order([wait for scope in held for wait in (*scope.arms, *_waits_in(scope))])
     for scope in held:
@@ -110,10 +109,10 @@ def release(engine: EngineState) -> None:
     """Continue what was held. Its scripts must have ended."""
     if engine.held is not None:
         (held, waits), engine.held = engine.held, None
-        _go_on(engine, [scope for scope in held if scope.alive], [wait for wait in waits if wait.alive])
+        _continue(engine, [scope for scope in held if scope.alive], [wait for wait in waits if wait.alive])
 
 
-def _go_on(engine: EngineState, released: list[Scope], awake: list[Wait]) -> None:
+def _continue(engine: EngineState, released: list[Scope], awake: list[Wait]) -> None:
     """Undo one suspension of these scopes and waits."""
     for inner in released:
         inner.state -= 1

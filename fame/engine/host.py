@@ -1,8 +1,7 @@
-"""The interface of an engine to the world, and the effects of scripts.
+"""The interface of an engine to the world, and the errors of scripts.
 
-The engine calls its host; the host never calls back from inside such a call. What it has to report (a timer fired, a
-script ended) is a later stimulus of its own. Waits are named by their integer keys, so that no handle of the host is
-part of the engine's state.
+The engine calls its host; the host never calls back inside such a call. Its reports (a timer fired, a script ended) are
+later stimuli. Waits are identified by integer keys, so that no object of the host is part of the engine's state.
 """
 
 from __future__ import annotations
@@ -31,17 +30,17 @@ class BpmnError(Exception):
 
 
 class Cancelled(BaseException):
-    """Raised at the ``await`` of a cancelled script. No Exception, so that `except Exception` does not swallow it."""
+    """Raised at the ``await`` of a cancelled script. No Exception, so that `except Exception` does not catch it."""
 
 
 class Host(Protocol):
     """The world as an engine sees it."""
 
     def compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Compiled:
-        """A callable of the variables for a text. Raises ModelError if the text is wrong."""
+        """Compile a text to a callable of the variables. Raises ModelError if the text is wrong."""
 
     def service(self, operation: str, *, element: str, file: str) -> Compiled:
-        """The callable that a service task names. Raises ModelError for an unknown one."""
+        """The callable of the service that a service task names. Raises ModelError for an unknown service."""
 
     def publish(self, topic: str, value: Any) -> Any:
         """Send `value` (the payload, or None) on the qualified topic to other nodes.
@@ -53,34 +52,34 @@ class Host(Protocol):
         """Send a message to one other robot, by name. Raises BpmnError ``unreachable`` if it does not take it."""
 
     def set_timer(self, key: int, kind: str, text: str) -> None:
-        """Call `timer_fired(key)` when the ISO 8601 duration, date or cycle is due. Raises ValueError on a bad text."""
+        """Call `timer_fired(key)` when the ISO 8601 duration, date or cycle is due. Raises ValueError for bad text."""
 
     def cancel_timer(self, key: int) -> None:
         """Forget that timer, if it is still set."""
 
     def run(self, key: int, script: Any) -> None:
-        """Drive a suspended script on; when it has ended, call `script_ended(key, error or None)`."""
+        """Continue a suspended script; when it has ended, call `script_ended(key, error or None)`."""
 
     def cancel(self, key: int) -> bool:
-        """Cancel it. True: it has ended. False: it is still in ``finally``; `script_ended` follows."""
+        """Cancel a script. True: it has ended. False: it is still in ``finally``; `script_ended` follows."""
 
     def make_safe(self, reason: str) -> None:
         """Bring the robot to its safe state. `reason`: ``suspended``, ``failed`` or ``terminated``."""
 
     def observe(self, trail: Trail) -> None:
-        """What happened in an observed program since the last call (see `fame.engine`).
+        """Receive what happened in an observed program since the last call (see `fame.engine`).
 
         All of it belongs to one stimulus.
         """
 
     def report(self, element: str, text: str) -> None:
-        """Something a person should know that stops nothing: a dropped trigger, an uncaught escalation."""
+        """Warn about something that does not stop the mission: a dropped trigger, an uncaught escalation."""
 
-    def lacks(self, element: str, output: str) -> None:
-        """An activity has ended, and nothing has set an output that it declares. Raises NameError to let it fail."""
+    def output_missing(self, element: str, output: str) -> None:
+        """An activity has ended without setting an output that it declares. Raises NameError to make it fail."""
 
     def begun(self, instance: Instance) -> None:
-        """An instance begins."""
+        """An instance starts."""
 
     def ended(self, instance: Instance) -> None:
         """An instance completed, failed or was cancelled. The engine has forgotten it."""
@@ -90,7 +89,7 @@ _RAISE = (dis.opmap["RAISE_VARARGS"], dis.opmap["RERAISE"])
 
 
 def is_from_outside(error: KeyboardInterrupt) -> bool:
-    """Whether it is a person's Ctrl-C, which came between two instructions, and not one that a script raised."""
+    """Whether it is a user's Ctrl-C, which arrives between two instructions, and not raised by a script."""
     trace = error.__traceback__
     if trace is None:
         return False

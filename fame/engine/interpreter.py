@@ -1,7 +1,8 @@
 """The interpreter: stimuli, and the loop that moves tokens.
 
-A stimulus (`start`, `deliver`, `timer_fired` ...) changes the state and then runs the ready queue empty: `run` is the
-loop, all else hangs on the step functions of the nodes. The invariants between two stimuli are in `engine_state`.
+A stimulus (`start`, `deliver`, `timer_fired` ...) changes the state and then processes the ready queue until it is
+empty: `run` is the loop; everything else is done by the step functions of the nodes. The invariants between two stimuli
+are in `engine_state`.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ from fame.engine.waiting import MESSAGE, catch
 from fame.errors import MissionError
 
 MOVES = 10_000_000
-"""Moves of tokens within one stimulus, after which it is taken for a livelock."""
+"""Moves of tokens within one stimulus that count as a livelock."""
 
 PORTION = 300
-"""Moves after which observers get what happened, if the stimulus lasts that long."""
+"""Moves after which observers are informed during a long stimulus."""
 
 TRACE = 100_000
-"""Moves that are followed at most to find the elements of such a loop; no more than led there."""
+"""Upper bound of the moves that are traced to find the elements of a livelock."""
 
 
 class Engine(EngineState):
@@ -49,16 +50,16 @@ class Engine(EngineState):
     # ---- stimuli -------------------------------------------------------------------------------------
 
     def begin(self, variables: dict[str, Any] | None = None) -> None:
-        """Once, when the program is loaded: arm the timers of start events, and start at the none start event.
+        """Arm the timers of start events, and start at the none start event. To be called once, after loading.
 
-        Raises MissionError for a timer that says no time.
+        Raises MissionError for a timer without a valid time.
         """
         self.arm_starts()
         if self.program.begin is not None:
             self.start(variables)
 
     def arm_starts(self) -> None:
-        """Arm the timers of start events that are not armed. Raises MissionError for a timer that says no time."""
+        """Arm the timers of start events that are not armed. Raises MissionError for a timer without a valid time."""
         armed = set(self.armed_starts.values())
         for node in self.program.timed:
             if node in armed:
@@ -75,7 +76,7 @@ class Engine(EngineState):
     def start(self, variables: dict[str, Any] | None = None) -> Instance:
         """Start an instance at the none start event. Raises MissionError if the process has none."""
         if self.program.begin is None:
-            text = "has no none start event, so it starts by its events alone"
+            text = "has no none start event; it starts only by its events"
             raise MissionError(text, element=self.program.process)
         instance = starts.open_instance(self, self.program.begin, variables)
         self.run()
@@ -88,18 +89,18 @@ class Engine(EngineState):
             self.run()
 
     def post(self, topic: str, message: Any) -> None:
-        """Deliver what a script has published to own catchers in its turn; then the script's token continues."""
+        """Queue a message that a script has published for own catchers; then the script's token continues."""
         self.ready.append((None, (topic, message)))
         self.unsettled = True
 
     def stepped(self) -> None:
-        """A suspended script went on and waits again: its variables may have changed, and it may have published."""
+        """A suspended script ran and waits again: variables may have changed, messages may have been published."""
         if self.conditions:
             waiting.check_conditions(self)
         self.run()
 
     def timer_fired(self, key: int, last: bool = True) -> None:
-        """A timer is due; `last`: it will not be again."""
+        """A timer is due. `last`: it does not fire again."""
         start = self.armed_starts.get(key)
         if start is not None:
             if last:
@@ -115,7 +116,7 @@ class Engine(EngineState):
         return start if start is not None else self.waits[key].node
 
     def script_ended(self, key: int, error: BaseException | None = None) -> None:
-        """A suspended script is out: done, failed, or (it was cancelled) gone."""
+        """A suspended script has ended: completed, failed, or cancelled."""
         continuation = self.cancelling.pop(key, None)
         if continuation is not None:
             scope = continuation.scope
@@ -123,7 +124,7 @@ class Engine(EngineState):
             continuation.pending -= 1
             if continuation.pending == 0:
                 self.ready.append((continuation.node, scope))
-        elif key in self.waits and not self.waits[key].paused:  # of one that is held, what was left has ended
+        elif key in self.waits and not self.waits[key].paused:  # a paused script was cancelled and starts again
             tasks.script_ended(self, self.waits[key], error)
         self.run()
 
@@ -143,12 +144,12 @@ class Engine(EngineState):
         raise MissionError(f"is not waiting; currently waiting: {', '.join(waits) or 'nothing'}", element=element)
 
     def activate(self, element: str) -> None:
-        """Let an element of an ad-hoc sub-process that is open begin (once more). Raises MissionError."""
+        """Start an element of an open ad-hoc sub-process (again). Raises MissionError."""
         adhoc.activate(self, element)
         self.run()
 
     def offers(self) -> list[str]:
-        """The ids of what `activate` could let begin now."""
+        """The ids of the elements that `activate` can start now."""
         return adhoc.offers(self)
 
     def retry(self, element: str, values: dict[str, Any] | None = None) -> None:
@@ -174,14 +175,14 @@ class Engine(EngineState):
         self.run()
 
     def restart(self) -> None:
-        """Continue after `fame.engine.restore`, once: start scripts again; resume what waited for their end."""
+        """Continue after `fame.engine.restore`, once: start scripts again, and tokens that wait for them."""
         for wait in sorted(self.waits.values(), key=attrgetter("key")):
             if wait.started and wait.alive and not wait.paused:
                 tasks.restart(self, wait)
         self.run()
 
     def hold(self) -> None:
-        """Suspend all instances and bring the robot to its safe state; nothing begins. `release` undoes it."""
+        """Suspend all instances and bring the robot to its safe state; no instance starts before `release`."""
         if self.held is None:
             handlers.hold(self)
             self.run()
@@ -192,7 +193,7 @@ class Engine(EngineState):
         self.run()
 
     def stop(self) -> None:
-        """Cancel all instances. They end at once; their scripts may still be leaving."""
+        """Cancel all instances. They end at once; their scripts may still be in ``finally``."""
         for key in self.armed_starts:
             self.host.cancel_timer(key)
         self.forget_starts()
@@ -207,7 +208,7 @@ class Engine(EngineState):
     # ---- the loop ------------------------------------------------------------------------------------
 
     def run(self) -> None:
-        """Move every token until it rests."""
+        """Move every token until it waits."""
         ready, pop = self.ready, self.ready.popleft
         left, portion = self.limit, self.portion
         moves = repeat(None, portion)
@@ -225,7 +226,7 @@ class Engine(EngineState):
                 counts = scope.counts
                 for _ in moves:
                     counts[node.index] += 1
-                    step = node.step  # looked up apart: CPython is slow to call what an attribute holds
+                    step = node.step  # a call of a local name is faster in CPython
                     node = step(self, scope, node)
                     if node is None:
                         break
@@ -245,7 +246,7 @@ class Engine(EngineState):
             self.settled()
 
     def _fail_livelock(self, node: Node, scope: Scope) -> None:
-        """The tokens of an instance never rest: go on for a while to see over which elements, then fail it."""
+        """Trace the tokens of a livelock for a while to find the elements of the loop, then fail the instance."""
         instance, ready = scope.instance, self.ready
         passes: dict[str, int] = {}
         ready.appendleft((node, scope))
@@ -266,7 +267,8 @@ class Engine(EngineState):
                     ready.appendleft((following, place))
         if instance.status == "running":
             loop = ", ".join(id for id, count in passes.items() if id and count > 1)
-            faults.abandon(self, instance, node, f"{self.limit} moves without rest, in a loop over {loop}", "livelock")
+            text = f"{self.limit} moves without waiting, in a loop over {loop}"
+            faults.abandon(self, instance, node, text, "livelock")
 
     # ---- callbacks -----------------------------------------------------------------------------------
 
@@ -275,10 +277,10 @@ class Engine(EngineState):
         waiting.check_conditions(self)
 
     def fail_callback(self, variables: dict[str, Any], element: str, error: BaseException) -> None:
-        """What a script of that element left behind has failed, after its token went on.
+        """Raise the error of a callback that a script of this element registered before its token continued.
 
-        The error climbs from the scope with these variables outwards. Boundary events of the element itself do not
-        catch it, since there is no token at it. The host runs the engine afterwards, by `stepped`.
+        The error propagates from the scope with these variables outwards. Boundary events of the element itself do not
+        catch it, since it holds no token. The host runs the engine afterwards, by `stepped`.
         """
         faults.fail_without_token(self, variables, element, error)
 
@@ -289,9 +291,9 @@ class Engine(EngineState):
 
 
 def deliver(engine: EngineState, topic: str, message: Any) -> None:
-    """One delivery reaches every catcher armed at its beginning once, in the order of arming; start events last.
+    """Deliver a message once to each catcher that is armed now, in the order of arming; start events come last.
 
-    Of those that wait for a BPMN message only the first that correlates gets it (standard 8.3.2).
+    A BPMN message goes only to the first catcher that it correlates with (standard 8.3.2).
     """
     taken = False
     listeners = tuple(engine.listeners.get(topic, ()))
@@ -320,7 +322,7 @@ def _is_for(listener: Listener, message: Any) -> bool:
 
 
 def _put(engine: EngineState, box: Mailbox, message: Any) -> None:
-    """A message for those that wait at a queue, else into it."""
+    """Give a message to the waits at a queue; without a wait, keep it in the queue."""
     if not box.alive:
         return
     if not box.waits:

@@ -1,11 +1,11 @@
-"""Activities that repeat: multi-instance (standard 13.3.7) and standard loops (13.3.6).
+"""Repeated activities: multi-instance (standard 13.3.7) and standard loops (13.3.6).
 
-The activity becomes a scope, guarded by its boundary events, with one child scope for each instance. A multi-instance
-activity has variables of its own (how many instances there are, are active, are completed), and so has each instance:
-``loopCounter`` (it is the n-th that was generated), the item of the collection, and whatever is new in it. An
-instance of a standard loop has none; ``loopCounter`` is known to its condition.
+The activity becomes a scope with its boundary events and one child scope for each instance. A multi-instance activity
+has variables of its own (number of all, active and completed instances), and so has each instance: ``loopCounter`` (its
+number, from 1), the item of the collection, and new variables. An instance of a standard loop has none; its condition
+can use ``loopCounter``.
 
-`Scope.items` of the activity holds the progress: items, output, how many there are, have started, are completed.
+`Scope.items` of the activity holds the progress: items, output, and the number of all, started and completed instances.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from fame.engine.state import Record, Scope
 
 _COUNTERS = (("nrOf", "numberOf"), ("Instances", "ActiveInstances", "CompletedInstances"))
 NAMES = ("loopCounter", *(prefix + name for prefix in _COUNTERS[0] for name in _COUNTERS[1]))
-"""The variables that activities which repeat set by themselves."""
+"""The variables that the engine sets for repeated activities."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loop:
-    """Spec of an activity that repeats. `instance` is the node that its child scopes stand for."""
+    """Spec of a repeated activity. `instance` is the node of its child scopes."""
 
     instance: Node
     standard: bool = False
@@ -51,7 +51,7 @@ class Loop:
 
 
 def begin(engine: EngineState, scope: Scope, node: Node) -> None:
-    """A token comes to such an activity."""
+    """Open the scope of a repeated activity and start its first instance, or all of them."""
     loop: Loop = node.spec
     try:
         values, total = extent(loop, scope.variables)
@@ -74,7 +74,7 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> None:
         if not whole.alive:
             return
     if loop.standard:
-        go_round(engine, whole, node, first=True)
+        iterate(engine, whole, node, first=True)
         return
     set_counters(whole)
     whole.tokens = 0
@@ -85,7 +85,7 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def extent(loop: Loop, variables: dict[str, Any]) -> tuple[list[Any] | None, int]:
-    """The items that a multi-instance activity is for, and how many instances that makes."""
+    """The items of a multi-instance activity (None: by cardinality), and its number of instances."""
     if loop.collection is not None:
         found = loop.collection(variables)
         if not isinstance(found, Iterable) or isinstance(found, str | bytes | Mapping):
@@ -98,7 +98,7 @@ def extent(loop: Loop, variables: dict[str, Any]) -> tuple[list[Any] | None, int
 
 
 def whole_number(found: Any) -> int:
-    """The number of instances that a cardinality gives, also as a text. Raises ValueError for any other value."""
+    """The number of instances for a cardinality, a number or digits. Raises ValueError for any other value."""
     number = float(found) if isinstance(found, str) and found.strip().isdecimal() else found
     try:
         if not isinstance(number, bool) and number >= 0 and int(number) == number:
@@ -109,7 +109,7 @@ def whole_number(found: Any) -> int:
 
 
 def begin_instance(engine: EngineState, whole: Scope, node: Node) -> None:
-    """One more instance."""
+    """Start one more instance."""
     loop, items = node.spec, whole.items
     items["started"] += 1
     number, variables = items["started"], whole.variables
@@ -126,7 +126,7 @@ def begin_instance(engine: EngineState, whole: Scope, node: Node) -> None:
 
 
 def end_instance(engine: EngineState, whole: Scope, instance: Scope) -> None:
-    """The last token of an instance is gone."""
+    """Complete an instance; start the next one, or end the activity."""
     node, items = whole.node, whole.items
     assert node is not None
     loop: Loop = node.spec
@@ -137,7 +137,7 @@ def end_instance(engine: EngineState, whole: Scope, instance: Scope) -> None:
     elif instance.done:
         compensation.remember(whole, *instance.done)
     if loop.standard:
-        go_round(engine, whole, node, first=False)
+        iterate(engine, whole, node, first=False)
         return
     set_counters(whole)
     try:
@@ -158,8 +158,8 @@ def end_instance(engine: EngineState, whole: Scope, instance: Scope) -> None:
         waiting.check_conditions(engine)
 
 
-def go_round(engine: EngineState, whole: Scope, node: Node, first: bool) -> None:
-    """A standard loop: once more, or on."""
+def iterate(engine: EngineState, whole: Scope, node: Node, first: bool) -> None:
+    """Start the next iteration of a standard loop, or end it."""
     loop, done = node.spec, whole.items["done"]
     again = not (loop.maximum and done >= loop.maximum)
     if again and loop.condition is not None and (loop.before or not first):
@@ -183,7 +183,7 @@ def leave(engine: EngineState, scope: Scope, whole: Scope) -> None:
 
 
 def set_counters(whole: Scope) -> None:
-    """Let the variables say how far the activity is."""
+    """Set the variables that count instances."""
     items = whole.items
     values = (items["total"], items["started"] - items["done"], items["done"])
     assert isinstance(whole.variables, Variables)
@@ -198,7 +198,7 @@ def set_counters(whole: Scope) -> None:
 def repeated(
     context: ScopeCompiler, element: model.Activity, how: model.MultiInstance | model.StandardLoop, inner: Node
 ) -> Node:
-    """An activity that repeats: a scope, in which the activity itself (`inner`) is run for each instance."""
+    """Make a repeated activity: a scope in which the activity itself (`inner`) runs once for each instance."""
     node = context.node(element, begin, "/loop")
     instance = context.node(element, steps.pass_on, "/instance", LoopInstance())
     node.ended, instance.ended = leave, end_instance

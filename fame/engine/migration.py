@@ -1,8 +1,8 @@
 """Transfer the state of an engine to another program: a changed model continues where the old one was.
 
-An element that has the same id and kind in both programs goes over by itself; a `Plan` names another element, lets it
-begin again, or drops its tokens. What listens without a token (boundary events, event sub-processes, queues) is closed
-if its event is gone; `arm_new` opens what is new. An event never becomes one of another kind.
+Tokens at an element with the same id and kind in both programs are transferred; a `Plan` maps an element to another
+one, restarts it, or drops its tokens. Boundary events, event sub-processes and queues are closed if the new program
+does not have them; `arm_new` arms the new ones. An event never becomes one of another kind.
 
 `migrate` is a function of plain data: the snapshot of a state, to that of another. Nothing moves.
 """
@@ -28,9 +28,9 @@ Fate = Literal["keep", "restart", "abandon", "blocked"]
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is to become of elements and variables, where it is not clear by itself.
+    """How to transfer elements and variables that differ.
 
-    to       the new id of an element; `restart`: elements that begin again; `abandon`: those whose tokens end
+    to       the new id of an element; `restart`: elements to start again; `abandon`: elements whose tokens end
     rename   the new name of a variable
     default  values of variables that are not set
     """
@@ -44,11 +44,11 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """A token and what becomes of it.
+    """A token and its fate.
 
     target   the element in the new program; `reason`: why it is blocked
     name     the label of the element
-    others   elements of its kind that are new: where a blocked token could go to
+    others   new elements of its kind: possible targets of a blocked token
     """
 
     element: str
@@ -67,9 +67,9 @@ class Token:
 
 
 def migrate(data: Data, old: Program, new: Program, plan: Plan) -> tuple[Data, list[Token]]:
-    """The state in the new program, and what became of each token.
+    """The state in the new program, and the fate of each token.
 
-    Raises MissionError, with all reasons, if a token cannot go over.
+    Raises MissionError, with all reasons, if a token cannot be transferred.
     """
     migration = _Migration(data, old, new, plan)
     blocked = [str(token) for token in migration.tokens if token.fate == "blocked"]
@@ -79,12 +79,12 @@ def migrate(data: Data, old: Program, new: Program, plan: Plan) -> tuple[Data, l
 
 
 def preview(data: Data, old: Program, new: Program, plan: Plan) -> list[Token]:
-    """What would become of each token."""
+    """The fate of each token, without migrating."""
     return _Migration(data, old, new, plan).tokens
 
 
 def gone(old: Program, new: Program, plan: Plan) -> list[Token]:
-    """Elements at which a token of the old program could wait, and that have no counterpart: as if one did."""
+    """A blocked token for each element of the old program where one could wait and that has no counterpart."""
     before, now = kinds(old), kinds(new)
     fresh = [id for id in now if id not in before]
     return [
@@ -99,12 +99,12 @@ def gone(old: Program, new: Program, plan: Plan) -> list[Token]:
 
 
 def kinds(program: Program) -> dict[str, str]:
-    """The kind of each element, in words."""
+    """The kind of each element, as text."""
     return {node.id: kind_of(node) for process in program.sources for node in process.body.walk()}
 
 
 def kind_of(element: model.FlowNode) -> str:
-    """What an element is: tokens and subscriptions go over between elements of one kind."""
+    """The kind of an element: tokens and subscriptions are transferred between elements of one kind."""
     match element:
         case model.Event():
             how = " ".join(type(each).__name__.removesuffix("Definition").lower() for each in element.definitions)
@@ -164,7 +164,7 @@ class _Migration:
     # ---- tokens ------------------------------------------------------------------------------------------------------
 
     def _decide_scope(self, scope: Data) -> None:
-        """Decide on a scope (the token of the activity that it is), and on the tokens in it."""
+        """Decide on a scope (the token of its activity), and on the tokens in it."""
         if scope["node"] is not None and not self._decide(scope, scope["node"], scope["parent"]):
             return
         if scope["body"] and self._node(scope["body"]) is None:
@@ -205,14 +205,14 @@ class _Migration:
         return [self._node(part.key) for part in old.catch.parts] != [part.key for part in now.catch.parts]
 
     def _entry(self, element: str, parent: int) -> str | None:
-        """Where an element begins, in the new body of a scope."""
+        """The first node of an element in the new body of a scope."""
         body = self._scopes[parent]["body"]
         opener = self._node(body) if body else ""
         found = self._new.body if opener == "" else self._new.by_key[opener].body if opener is not None else None
         return found.entries[element].key if found is not None and element in found.entries else None
 
     def _leave(self, item: Data, parent: int, begin: str) -> None:
-        """A token leaves its place, with all that is in it, and goes to another node of the new program."""
+        """Move a token, without the content of its activity, to another node of the new program."""
         self._drop(item)
         self._begin.append({"node": begin, "scope": parent})
 
@@ -308,13 +308,13 @@ class _Migration:
         }
 
     def _record(self, record: list[Any]) -> list[Any] | None:
-        """Something that can be compensated; what is gone from the model cannot."""
+        """A record for compensation, unless its activity is not in the new model."""
         node = self._node(record[0])
         inner = [kept for item in record[2] if (kept := self._record(item)) is not None]
         return [node, record[1], inner] if node is not None else None
 
     def _counts(self, counts: list[int]) -> list[int]:
-        """Completed elements, by the slots of the new program."""
+        """The counts of completed elements, by the slots of the new program."""
         slots: dict[str, list[int]] = {}
         for slot, element in enumerate(self._new.elements):
             slots.setdefault(element, []).append(slot)
@@ -326,7 +326,7 @@ class _Migration:
         return found
 
     def _listeners(self, waits: list[Data], boxes: list[Data]) -> dict[str, list[int]]:
-        """What listens, in the order of before, on the topics of the new program."""
+        """The listeners, in their old order, on the topics of the new program."""
         nodes = {item["key"]: self._new.by_key[item["node"]] for item in (*waits, *boxes)}
         found: dict[str, list[int]] = {}
         for keys in self._data["listeners"].values():
@@ -353,7 +353,7 @@ class _Migration:
 
 
 def arm_new(engine: Engine) -> None:
-    """Arm what a migrated state does not have yet: new boundary events, event sub-processes, queues, timed starts."""
+    """Arm what is new in a migrated state: boundary events, event sub-processes, queues, timer start events."""
     for scope in all_scopes(engine):
         if scope.state != RUNNING:
             continue

@@ -2,8 +2,8 @@
 
 A *node* is a place where a token can be: most elements are one node, some are several (the ports of a join, the
 triggers of a multiple event). A node has a *step*, the function that is called when a token comes to it, and is linked
-directly to where the token goes next. Each family of elements keeps what only it needs in a `spec` of its own,
-beside its steps. A node at which tokens wait has a `Catch`: its `Trigger` wakes the token. A program never changes.
+directly to the node where the token goes next. Each family of elements has a `spec` dataclass for the data that only
+its steps need. A node at which tokens wait has a `Catch`, whose `Trigger` wakes the token. A program never changes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Step = Callable[[Any, Any, Any], "Node | None"]
 waits or is gone."""
 
 Compiled = Callable[[dict[str, Any]], Any]
-"""A compiled text: a script gives None, or a suspended script (a coroutine) if it waits; an expression its value."""
+"""A compiled text: a script returns None, or a suspended script (a coroutine) if it waits; an expression its value."""
 
 Mark = tuple[str, str, Any]
 """Something that happened, for observers: (element, what, detail), with the words listed in `fame.engine`."""
@@ -27,25 +27,25 @@ Mark = tuple[str, str, Any]
 NO_MARK: Mark = ("", "", None)
 
 UNCOUNTED = 0
-"""The slot of nodes whose passing does not complete an element."""
+"""The slot of nodes that do not complete an element."""
 
 
 class Node:
-    """Where a token can be. All nodes are of this one class, so that CPython runs the loop over them fast.
+    """A place where a token can be. All nodes have this class, because CPython then runs the loop over them fast.
 
     id, line, file   the element
     key              names the node in snapshots
-    step             what happens when a token comes
+    step             the function that is called when a token comes
     plain_step       in an observed program: the step without observation; None: this node is not observed
-    entered, left    what observers get when a token comes, and when the element has completed
+    entered, left    the marks for observers when a token comes, and when the element has completed
     index, slot      the count that grows when a token comes; the count of completions of the element
     next             where the token goes
     part_of          the node whose boundary events catch an error here: itself, unless it is part of an element
-    boundary         its boundary events, if it has some
-    catch            what is waited for here, if something is
-    body, ended      what runs in the scope that it opens, and what follows when that has ended: a function of (engine,
-                     scope around, scope that ended), which gives a scope that ends with it, or None
-    spec             what its family keeps: a dataclass beside the family's steps
+    boundary         its boundary events, if it has any
+    catch            the trigger that tokens wait for here, if they wait
+    body, ended      the body of the scope that it opens, and a function of (engine, outer scope, ended scope), called
+                     when that scope has ended, which returns a scope that ends with it, or None
+    spec             the data of its family: a dataclass beside the family's steps
     """
 
     __slots__ = (
@@ -83,7 +83,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """What can wake a waiting token: functions of (engine, wait) that begin, end, suspend and resume its waiting."""
+    """What wakes a waiting token: functions of (engine, wait) that start, end, suspend and resume its waiting."""
 
     name: str
     arm: Callable[[Any, Any], object]
@@ -93,30 +93,30 @@ class Trigger:
 
 
 def nothing(engine: Any, wait: Any) -> None:
-    """What a trigger does that needs nothing done."""
+    """Do nothing: the function of a trigger that needs no action."""
 
 
 NO_TRIGGER = Trigger("", nothing, nothing, nothing, nothing)
-"""Of a token that is woken by what is armed beside it, as at an event-based gateway."""
+"""The trigger of a token that other waits wake, as at an event-based gateway."""
 USER = Trigger("user", nothing, nothing, nothing, nothing)
-"""Somebody completes a user or manual task."""
+"""A person completes a user or manual task."""
 
 
 def _no_value(variables: dict[str, Any]) -> Any:
-    """Of a trigger that is neither a time nor a condition."""
+    """The value of a trigger that is neither a timer nor a condition."""
 
 
 @dataclass(slots=True)
 class Catch:
-    """What is waited for at a node, by a token or armed without one.
+    """What a node waits for, with a token or (boundary events and the like) without one.
 
     trigger       what wakes it
-    fire          what happens then: a function of (engine, wait)
-    give_up       what happens when it cannot be waited for, or its message cannot be taken: (engine, wait, error)
-    topic         of a signal or message, "" of all else
+    fire          called when it occurs: a function of (engine, wait)
+    give_up       called when the trigger or its message cannot be evaluated: a function of (engine, wait, error)
+    topic         of a signal or message; "" for other triggers
     queue         how many messages are kept for it
-    take          what a message does to the variables
-    keys          what correlates a message: (variable, expression over `msg`)
+    take          stores a message in the variables
+    keys          correlation keys of a message: (variable, expression over `msg`)
     value         the time of a timer, or the condition, compiled
     timer         ``duration``, ``date`` or ``cycle``
     parts         armed in its place: alternatives of which the first counts, or triggers of which all are needed
@@ -140,11 +140,11 @@ class Catch:
 
 @dataclass(slots=True)
 class FaultCatch:
-    """Spec of what catches an error, escalation, cancellation or compensation: found as that climbs, never armed.
+    """Spec of an event that catches errors, escalations, cancellation or compensation: found by search, never armed.
 
     kind                           ``error``, ``escalation``, ``cancel`` or ``compensate``
-    code                           what it catches; None: all
-    code_variable, message_variable where code and text go
+    code                           the code that it catches; None: all
+    code_variable, message_variable the variables for code and text
     interrupting, resume           as of `Catch`
     """
 
@@ -158,7 +158,7 @@ class FaultCatch:
 
 @dataclass(slots=True)
 class Boundary:
-    """The boundary events of an activity. `armed`: those that wait for a stimulus; `compensation`: undoes it."""
+    """The boundary events of an activity. `armed`: those with a stimulus; `compensation`: its handler."""
 
     armed: tuple[Node, ...] = ()
     errors: tuple[Node, ...] = ()
@@ -169,12 +169,12 @@ class Boundary:
 
 @dataclass(frozen=True, slots=True)
 class Handler:
-    """Spec of an event sub-process: its scope acts for the scope that it handles."""
+    """Spec of an event sub-process, whose scope is a child of the scope that it handles or replaces it."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoopInstance:
-    """Spec of one instance of an activity that repeats."""
+    """Spec of one instance of a repeated activity."""
 
 
 @dataclass(slots=True)
@@ -182,7 +182,7 @@ class Start:
     """Spec of a trigger that starts the process.
 
     whole  of a parallel multiple start event: the event that it is part of
-    event  of a parallel event-based gateway: its event, which an instance that runs may be waiting for
+    event  of a parallel event-based gateway: its event, which a running instance may be waiting for
     """
 
     whole: Node | None = None
@@ -190,15 +190,15 @@ class Start:
 
 
 class Body:
-    """What a scope runs.
+    """The content of a process or sub-process, which a scope runs.
 
-    entries      where tokens come in, by element
-    opening      the node that arms what listens as long as the scope lives, and leads to its start
-    armed        starts of event sub-processes that wait for a stimulus
+    entries      the first node of each element
+    opening      the first node: it arms event sub-processes and queues, and leads to the start
+    armed        starts of event sub-processes with a stimulus
     errors       starts of error event sub-processes; `escalations` likewise
     queued       catching events that keep messages from the time that the scope is entered
     compensation start of the event sub-process for compensation
-    adhoc        of an ad-hoc sub-process: how it is carried out (`fame.engine.adhoc`)
+    adhoc        the spec of an ad-hoc sub-process (`fame.engine.adhoc.AdHoc`)
     """
 
     __slots__ = (
@@ -228,14 +228,14 @@ class Body:
 
 
 class Program:
-    """A process, compiled, with everything it calls. Immutable; any number of engines may run it.
+    """A compiled process with all processes that it calls. Immutable; any number of engines can run it.
 
     starts     its start events by topic; `timed`: those with a timer; `begin`: the none start, if there is one
     elements   ``elements[slot]`` is the id whose completions are counted there
     nodes      all nodes, in the order of compilation
     sources    the models of the process and of all that it calls
     instances  how many instances may run at a time; None: any number
-    concluded  called with the engine when an instance is over and triggers wait for that
+    concluded  called with the engine when an instance has ended and queued triggers wait for that
     """
 
     process: str
@@ -256,12 +256,12 @@ class Program:
 
     @cached_property
     def hash(self) -> str:
-        """Names what it was compiled from."""
+        """The hash of the models that it was compiled from, or its name."""
         return self.name or sha256(repr(self.sources).encode()).hexdigest()
 
     @cached_property
     def body_keys(self) -> dict[Body, str]:
-        """For each body the key of the first node that opens it; nothing for its own."""
+        """For each body the key of the first node that opens it; "" for the body of the process."""
         homes = {node.body: node.key for node in reversed(self.nodes) if node.body is not None}
         return {**homes, self.body: ""}
 

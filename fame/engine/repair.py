@@ -1,8 +1,8 @@
 """Repair of a running process: incidents, and changes of tokens and variables by people.
 
 An *incident* is a token at an element whose error nothing has caught. If the host wants incidents
-(`EngineState.on_incident`), such an error does not fail its instance: the token stays, as a wait that nothing but a
-person wakes. `retry` executes the element again, `move` takes a token from one element of a scope to another.
+(`EngineState.on_incident`), such an error does not fail its instance: the token waits until a person repairs it.
+`retry` executes the element again; `move` moves a token from one element of a scope to another.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def _forget(engine: EngineState, wait: Wait) -> None:
 
 INCIDENT = Trigger("incident", arm=nothing, disarm=_forget, suspend=nothing, resume=nothing)
 AT_INCIDENT = Catch(INCIDENT, nothing, lambda engine, wait, error: None)
-"""What a token at an incident waits for."""
+"""The trigger of a token at an incident."""
 
 
 def keep_failed(engine: EngineState, scope: Scope, node: Node, text: str, code: str) -> None:
@@ -67,7 +67,7 @@ def set_variables(engine: EngineState, values: Mapping[str, Any], instance: int 
 
 
 def move(engine: EngineState, source: str, target: str) -> None:
-    """Cancel what a token does at an element, and let it begin another of the same scope. Raises MissionError."""
+    """Cancel the work of a token at an element, and start another element of the scope. Raises MissionError."""
     token = _token_at(engine, source)
     scope = token.scope if isinstance(token, Wait) else token.parent
     assert scope is not None
@@ -91,6 +91,6 @@ def _token_at(engine: EngineState, element: str) -> Wait | Scope:
 
 
 def _tokens(instance: Instance) -> list[Wait | Scope]:
-    """Everything in an instance that holds a token of the scope around it."""
+    """The waits and scopes of an instance that hold a token of the scope around them."""
     inside = [child for scope in scopes_of(instance.root) for child in scope.children]
     return [child for child in inside if isinstance(child, Scope) or child.token]

@@ -1,12 +1,12 @@
-"""From a process model to a program: every element a node or a few, linked directly.
+"""Compiles a process model into a program: each element becomes one or a few nodes, linked directly.
 
-Each element has an *entry*, where tokens come in, and *exits*, whose `next` leads on. Around it is what it needs: a
-node that assigns its data objects before it, and one after it; a port for each flow into a join; a fork where several
-flows leave. Sequence flows are nodes only in an observed program.
+Each element has an *entry*, its first node, and *exits*, whose `next` is the target of its sequence flow. Where needed
+it also has nodes that assign its data objects before and after it, a port for each flow into a join, and a fork for
+several outgoing flows. Sequence flows are nodes only in an observed program.
 
-What an element becomes is for its family to say: a function that makes the nodes of one element (`Compiler.make`, a
-table in `fame.engine.compiler`). What a family can only do when all nodes are made, or linked, it leaves in
-`ScopeCompiler.when_made` and `when_linked`. What cannot be executed is refused by name.
+The family of an element makes its nodes (`Compiler.make`, a table in `fame.engine.compiler`). What a family can do only
+when all nodes are made, or linked, is queued in `ScopeCompiler.when_made` and `when_linked`. An element that cannot be
+executed is refused.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ Library = Callable[[str, str, model.CallActivity], tuple[model.Process, str]]
 
 
 class Compiler:
-    """What is shared while one program is compiled.
+    """State of the compilation of one program.
 
     make      makes the nodes of one element
     called    the bodies of called processes, by file and id
-    original  whether the process at hand means suspension by interruption (docs/semantics.md)
-    unfilled  its variables that a caught message may fill by their names alone
+    original  whether interruption means suspension in the current process (docs/semantics.md)
+    unfilled  variables of the current process that a caught message can set by their names
     """
 
     program: Program
@@ -51,7 +51,7 @@ class Compiler:
         self.unfilled: tuple[str, ...] = ()
 
     def admit(self, process: model.Process, file: str) -> None:
-        """Make a process the one at hand. Raises ModelError for one that has faults."""
+        """Make a process the current one. Raises ModelError if it has faults."""
         for fault in process.faults:
             raise ModelError(fault.text, file=file, line=fault.line, element=fault.element, name=fault.name)
         self.program.sources.append(process)
@@ -59,15 +59,15 @@ class Compiler:
 
 
 class ScopeCompiler:
-    """One body, while its nodes are made and linked.
+    """Compiles one body: makes and links its nodes.
 
     entries, exits  by element; `main`: the node that an element is; `ports`: by flow
     triggers        the trigger nodes of each start event
     handlers        the starts of event sub-processes; `compensation`: that of one for compensation
     boundaries      boundary events by activity
     queued          catching events with a queue
-    leads           how an element leads on, for those that do not simply follow their flows
-    compensated     the node that a compensation event undoes, for those that are not the element itself
+    leads           links the outgoing flows of an element, for families that do it themselves
+    compensated     the node that compensation refers to, if it is not the node of the element
     transaction     whether it is inside a transaction
     """
 
@@ -111,7 +111,7 @@ class ScopeCompiler:
     # ---- nodes ---------------------------------------------------------------------------------------
 
     def node(self, element: model.Element, step: Step, part: str = "", spec: Any = None) -> Node:
-        """A node of an element; `part` distinguishes it from the element's other nodes."""
+        """Make a node of an element; `part` distinguishes it from the element's other nodes."""
         node = Node(element.id, f"{element.id}{part}", step, line=element.line, file=self.file, spec=spec)
         self.compiler.program.nodes.append(node)
         if self.compiler.observed:
@@ -119,28 +119,28 @@ class ScopeCompiler:
         return node
 
     def counted(self, node: Node) -> Node:
-        """To pass this node is to complete its element."""
+        """Let this node count as completion of its element."""
         node.index = node.slot = self.slot(node.id)
         return node
 
     def slot(self, element: str) -> int:
-        """A new number under which completions of an element are counted."""
+        """A new index for counting completions of an element."""
         elements = self.compiler.program.elements
         elements.append(element)
         return len(elements) - 1
 
     def watch(self, node: Node, *, ends: bool = False) -> None:
-        """In an observed program, let observers get when a token enters and leaves the element."""
+        """In an observed program, notify observers when a token enters and leaves the element."""
         if self.compiler.observed:
             node.plain_step, node.step = node.step, steps.observed_end if ends else steps.observed
 
     def watch_event(self, node: Node) -> None:
-        """The same for an event to which no token comes."""
+        """The same for an event that no token enters."""
         if self.compiler.observed:
             node.plain_step = steps.pass_on
 
     def passing(self, element: model.FlowNode) -> None:
-        """An element that only passes a token on."""
+        """Make an element that only passes tokens on."""
         node = self.counted(self.node(element, steps.pass_on))
         self.watch(node)
         self.place(element, node)
@@ -148,7 +148,7 @@ class ScopeCompiler:
     # ---- texts ---------------------------------------------------------------------------------------
 
     def expression(self, expression: model.Expression, element: model.Element) -> Compiled:
-        """A condition or value, compiled."""
+        """Compile a condition or value."""
         return self.compiler.host.compile(expression, element=element.id, file=self.file)
 
     def optional(self, expression: model.Expression | None, element: model.Element) -> Compiled | None:
@@ -158,7 +158,7 @@ class ScopeCompiler:
     def assignments(
         self, pairs: Iterable[tuple[str, model.Expression]], element: model.Element
     ) -> tuple[tuple[str, Compiled], ...]:
-        """Assignments, compiled."""
+        """Compile assignments."""
         return tuple((name, self.expression(source, element)) for name, source in pairs)
 
     def refuse(self, text: str, element: model.Element) -> NoReturn:
@@ -192,7 +192,7 @@ class ScopeCompiler:
         return body
 
     def open_with(self, begin: Node, body: Body | None = None, id: str = "") -> None:
-        """Let a body (its own) begin with arming what listens as long as it lives, then with a node."""
+        """Set the first node of a body (by default its own), after a node that arms its event sub-processes."""
         body, id = body or self.body, id or self.owner.id
         body.opening = begin
         if body.armed or body.queued:
@@ -201,7 +201,7 @@ class ScopeCompiler:
             self.compiler.program.nodes.append(body.opening)
 
     def place(self, element: model.FlowNode, node: Node, exits: list[Node] | None = None) -> None:
-        """Say which node is an element, and add the nodes that assign its data objects."""
+        """Register the node of an element, and add the nodes that assign its data objects."""
         self.main[element.id] = self.entries[element.id] = node
         self.exits[element.id] = [node] if exits is None else exits
         before = self._values(element.data_inputs, element.copies_in)
@@ -223,12 +223,12 @@ class ScopeCompiler:
             self.append(element.id, last)
 
     def append(self, element: str, last: Node) -> None:
-        """Let a node be the last one of an element."""
+        """Append a node to an element."""
         self.link(self.exits[element], last)
         self.exits[element] = [last]
 
     def _required(self, element: model.FlowNode) -> tuple[str, ...]:
-        """The variables that an activity has to set: its own outputs, and those of the data objects it writes."""
+        """The variables that an activity must set: its own outputs, and those of the data objects it writes."""
         if not isinstance(element, model.Activity) or not (element.required or element.data_outputs):
             return ()
         objects = (self.objects[id] for id in element.data_outputs if id in self.objects)
@@ -237,7 +237,7 @@ class ScopeCompiler:
     def _values(
         self, objects: tuple[str, ...], copies: tuple[model.Assignment, ...]
     ) -> list[tuple[str, model.Expression]]:
-        """The assignments of data objects, by their ids (inner bodies see those of outer ones), then the copies."""
+        """The assignments of data objects, by their ids (also of outer bodies), then the copies."""
         if not objects and not copies:
             return []
         return [pair for id in objects if id in self.objects for pair in self.objects[id].values] + _pairs(copies)
@@ -245,7 +245,7 @@ class ScopeCompiler:
     # ---- flows ---------------------------------------------------------------------------------------
 
     def _lead_on(self, element: model.FlowNode) -> None:
-        """Link the exits of an element to where its sequence flows lead."""
+        """Link the exits of an element to the targets of its sequence flows."""
         exits = self.exits[element.id]
         flows = [self.flows[id] for id in element.outgoing]
         if element.id in self.leads:
@@ -264,14 +264,14 @@ class ScopeCompiler:
             self.link(exits, split)
 
     def branch(self, spec: Branch, element: model.Element, flows: list[model.SequenceFlow], default: str) -> None:
-        """Conditions and targets, and the default flow apart."""
+        """Set the conditions and targets, and the default flow, of a split."""
         spec.ways = tuple(
             (self.optional(flow.condition, element), self.target(flow)) for flow in flows if flow.id != default
         )
         spec.default = next((self.target(flow) for flow in flows if flow.id == default), None)
 
     def target(self, flow: model.SequenceFlow) -> Node:
-        """Where a sequence flow leads: the port of a join, or the entry of an element."""
+        """The target node of a sequence flow: the port of a join, or the entry of an element."""
         entry = self.ports.get(flow.id) or self.entries.get(flow.target)
         if entry is None:
             self.refuse(f"a sequence flow cannot lead to {flow.target}", flow)
@@ -283,11 +283,11 @@ class ScopeCompiler:
 
     @staticmethod
     def link(exits: list[Node], following: Node) -> None:
-        """Let tokens go from some nodes to another."""
+        """Link some nodes to the next one."""
         for exit in exits:
             exit.next = following
 
-    # ---- where it begins -----------------------------------------------------------------------------
+    # ---- start ---------------------------------------------------------------------------------------
 
     def none_starts(self) -> list[model.Event]:
         """The none start events of the body."""
@@ -295,10 +295,10 @@ class ScopeCompiler:
         return [event for event in events if not event.definitions]
 
     def begin(self) -> Node:
-        """Where the first token of the body goes: its none start event, else all that has no incoming flow."""
+        """The first node of the body: its none start event, else a fork to all elements without incoming flow."""
         starts = self.none_starts()
         if len(starts) > 1:
-            self.refuse(f"{self.owner.id} has {len(starts)} none start events; one can begin it", starts[1])
+            self.refuse(f"{self.owner.id} has {len(starts)} none start events; expected at most one", starts[1])
         if starts:
             return self.entries[starts[0].id]
         first = self.without_start("has no none start event, so it cannot be called or entered")
@@ -310,54 +310,54 @@ class ScopeCompiler:
         return self.node(first[0], steps.fork, "/begin", Branch(targets=targets))
 
     def without_start(self, refusal: str) -> list[model.FlowNode]:
-        """All that begins by itself in a body that must have no start event."""
+        """The elements that start a body, which must have no start event."""
         if any(isinstance(node, model.Event) and node.place == "start" for node in self.content.nodes):
             self.refuse(refusal, self.owner)
         return [node for node in self.content.nodes if begins(node)]
 
     def nothing(self) -> Node:
-        """Where the first token goes if nothing begins: a sub-process with nothing in it ends at once."""
+        """The first node of an empty sub-process, which ends at once."""
         if isinstance(self.owner, model.Process) or any(map(is_reached, self.content.nodes)):
-            self.refuse("has nothing to begin with: add a start event", self.owner)
+            self.refuse("has no element to start with: add a start event", self.owner)
         return self.node(self.owner, steps.end, "/empty")
 
 
 def _pairs(assignments: Iterable[model.Assignment]) -> list[tuple[str, model.Expression]]:
-    """Assignments as pairs."""
+    """Assignments as pairs of target and source."""
     return [(item.target, item.source) for item in assignments]
 
 
 def _attach(activity: Node, nodes: list[Node]) -> None:
-    """Let an activity know its boundary events."""
+    """Set the boundary events of an activity."""
     boundary = boundary_of(activity)
     boundary.armed, boundary.cancels = _armed(nodes), _of("cancel", nodes)
     boundary.errors, boundary.escalations = _of("error", nodes), _of("escalation", nodes)
 
 
 def _armed(nodes: list[Node]) -> tuple[Node, ...]:
-    """Those that wait for a stimulus."""
+    """The nodes with a stimulus."""
     return tuple(node for node in nodes if node.catch is not None)
 
 
 def _of(kind: str, nodes: list[Node]) -> tuple[Node, ...]:
-    """Those that catch errors, or escalations, or a cancellation."""
+    """The nodes that catch faults of a kind: ``error``, ``escalation`` or ``cancel``."""
     return tuple(node for node in nodes if isinstance(node.spec, FaultCatch) and node.spec.kind == kind)
 
 
 def boundary_of(activity: Node) -> Boundary:
-    """The boundary events of an activity, to add to."""
+    """The boundary events of an activity, made if there are none."""
     if activity.boundary is None:
         activity.boundary = Boundary()
     return activity.boundary
 
 
 def instantiates(node: model.FlowNode) -> bool:
-    """Whether it is a gateway or receive task that starts a process."""
+    """Whether an element is a gateway or receive task that starts a process."""
     return isinstance(node, model.Gateway | model.Task) and node.instantiate and not node.incoming
 
 
 def begins(node: model.FlowNode) -> bool:
-    """Whether an element starts by itself in a body without start event (standard 13.2)."""
+    """Whether an element starts a body without start event (standard 13.2)."""
     if node.incoming or (isinstance(node, model.Event) and node.place == "boundary"):
         return False
     if isinstance(node, model.Event) and node.definitions and isinstance(node.definitions[0], model.LinkDefinition):
@@ -366,12 +366,12 @@ def begins(node: model.FlowNode) -> bool:
 
 
 def is_reached(node: model.FlowNode) -> bool:
-    """Whether tokens of the flow around it get to an element."""
+    """Whether sequence flow can reach an element: it is no event sub-process or compensation handler."""
     return not (isinstance(node, model.Activity) and (node.for_compensation or is_handler(node)))
 
 
 def is_handler(node: model.FlowNode) -> bool:
-    """Whether it is an event sub-process."""
+    """Whether an element is an event sub-process."""
     return isinstance(node, model.SubProcess) and node.triggered_by_event
 
 
@@ -381,6 +381,6 @@ def links_of(event: model.Event) -> set[str]:
 
 
 def jumping_to(content: model.Body, event: model.Event) -> list[str]:
-    """The ids of the events that jump to a catching one."""
+    """The ids of the throwing link events that jump to a catching one."""
     others = (other for other in content.nodes if isinstance(other, model.Event) and other.place == "throw")
     return [other.id for other in others if links_of(event) & links_of(other)]

@@ -1,7 +1,7 @@
-"""Scopes: how they open, end, are cancelled and replaced, and what waits for cancelled scripts.
+"""Open, end, cancel and replace scopes, and wait for cancelled scripts.
 
-Whatever cancels (`kill`, `replace`, `cancel_wait`) gives the keys of the scripts that are still in their ``finally``;
-`proceed` takes them, and lets a token go on at once or when the last of them has ended.
+Functions that cancel (`kill`, `replace`, `cancel_wait`) return the keys of the scripts that are still in ``finally``;
+`proceed` takes them, and continues a token when the last of them has ended.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Cancelling = tuple[int, ...]
 
 
 def open_child(engine: EngineState, parent: Scope, node: Node, body: Body | None, variables: dict[str, Any]) -> Scope:
-    """A new scope inside another."""
+    """Open a scope inside another."""
     scope = Scope(engine.new_key(), parent, node, body, variables)
     parent.children[scope] = None
     parent.instance.scopes += 1
@@ -26,12 +26,12 @@ def open_child(engine: EngineState, parent: Scope, node: Node, body: Body | None
 
 
 def too_many() -> RecursionError:
-    """The error of an instance that would have more than `state.SCOPES` scopes."""
+    """The error of an instance that exceeds `state.SCOPES` scopes."""
     return RecursionError(f"more than {state.SCOPES} calls, sub-processes and handlers at a time")
 
 
 def arm_scope(engine: EngineState, scope: Scope) -> None:
-    """Arm what listens as long as the scope lives: event sub-processes, and queues of catching events."""
+    """Arm the event sub-processes of a scope, and open the queues of its catching events."""
     body = scope.body
     if body is None:
         return
@@ -44,7 +44,7 @@ def arm_scope(engine: EngineState, scope: Scope) -> None:
             scope.children[wait] = None
             waits.append(wait)
         for wait in waits:
-            if wait.alive and not wait.paused:  # a condition that is true already ends or suspends the scope
+            if wait.alive and not wait.paused:  # a condition that is already true ends or suspends the scope
                 waiting.arm(engine, wait)
 
 
@@ -71,14 +71,14 @@ def close_scope(engine: EngineState, scope: Scope) -> None:
 
 
 def end_token(engine: EngineState, scope: Scope) -> None:
-    """A token ends; with the last one, the scope."""
+    """End a token, and with the last token its scope."""
     scope.tokens -= 1
     if not scope.tokens:
         finish(engine, scope)
 
 
 def finish(engine: EngineState, scope: Scope) -> None:
-    """The last token of a scope is gone: the scope ends, and so may those around it."""
+    """End a scope without tokens, and the scopes around it that end with it."""
     following: Scope | None = scope
     while following is not None:
         scope = following
@@ -95,7 +95,7 @@ def finish(engine: EngineState, scope: Scope) -> None:
 
 
 def conclude(engine: EngineState, instance: Instance, status: Status) -> None:
-    """Note that an instance has ended."""
+    """Set the status of an instance that has ended."""
     instance.status = status
     engine.instances.pop(instance.key, None)
     if engine.program.observed:
@@ -106,14 +106,14 @@ def conclude(engine: EngineState, instance: Instance, status: Status) -> None:
 
 
 def count(engine: EngineState, scope: Scope, node: Node) -> None:
-    """An element has completed."""
+    """Count the completion of an element."""
     scope.counts[node.slot] += 1
     if node.plain_step is not None:
         engine.notify(scope, node.left)
 
 
 def count_event(engine: EngineState, scope: Scope, node: Node) -> None:
-    """An event to which no token came has occurred: it is entered and left in one."""
+    """Count an event that no token entered: observers see it entered and left."""
     scope.counts[node.slot] += 1
     if node.plain_step is not None:
         engine.notify(scope, node.entered)
@@ -132,50 +132,50 @@ def complete(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def replace(engine: EngineState, scope: Scope, handles: tuple[Node, ...]) -> tuple[Scope, Cancelling]:
-    """Cancel a scope; a new one takes its place, with one token and the same boundary events."""
+    """Cancel a scope, and replace it by a new one with one token and the same boundary events."""
     parent = scope.parent
-    heir = Scope(engine.new_key(), parent, scope.node, None, scope.variables)
-    heir.handles, heir.items, heir.done = handles, scope.items, scope.done
+    replacement = Scope(engine.new_key(), parent, scope.node, None, scope.variables)
+    replacement.handles, replacement.items, replacement.done = handles, scope.items, scope.done
     if scope.arms:
-        heir.arms, scope.arms = scope.arms, ()
-        for arm in heir.arms:
-            arm.owner = heir
+        replacement.arms, scope.arms = scope.arms, ()
+        for arm in replacement.arms:
+            arm.owner = replacement
     scope.instance.scopes += 1
     cancelling = kill(engine, scope, notified=False)
     if parent is None:
-        heir.instance, heir.counts, scope.instance.root = scope.instance, scope.counts, heir
+        replacement.instance, replacement.counts, scope.instance.root = scope.instance, scope.counts, replacement
     else:
-        parent.children[heir] = None
+        parent.children[replacement] = None
         if parent.suspender is scope:
-            parent.suspender = heir
-    return heir, cancelling
+            parent.suspender = replacement
+    return replacement, cancelling
 
 
 def kill(engine: EngineState, scope: Scope, *, notified: bool = True) -> Cancelling:
-    """Mark a subtree dead at once; `notified`: observers get the cancellation of its own element, too."""
+    """End a scope and all scopes in it at once. `notified`: observers see its own element cancelled, too."""
     if scope.parent is not None:
         scope.parent.children.pop(scope, None)
     if notified:
         notify_cancelled(engine, scope)
     cancelling: Cancelling = ()
-    doomed = [scope]
-    for victim in doomed:  # which grows
-        cancelling += victim.cancelling
-        for inner in victim.children:
+    ended = [scope]
+    for each in ended:  # which grows
+        cancelling += each.cancelling
+        for inner in each.children:
             if inner.__class__ is Wait:
                 cancelling += cancel_wait(engine, inner)
             else:
                 assert isinstance(inner, Scope)
                 notify_cancelled(engine, inner)
-                doomed.append(inner)
-        victim.children = {}
-    for victim in doomed:
-        close_scope(engine, victim)
+                ended.append(inner)
+        each.children = {}
+    for each in ended:
+        close_scope(engine, each)
     return cancelling
 
 
 def notify_cancelled(engine: EngineState, scope: Scope) -> None:
-    """Observers get the cancellation of a scope's element, and of the event sub-processes that took its place."""
+    """Notify observers that a scope's element, and the event sub-processes that replaced it, are cancelled."""
     if scope.node is not None and scope.node.plain_step is not None and scope.parent is not None:
         engine.notify(scope.parent, (scope.node.id, "cancel", None))
     for handler in scope.handles:
@@ -184,7 +184,7 @@ def notify_cancelled(engine: EngineState, scope: Scope) -> None:
 
 
 def cancel_wait(engine: EngineState, wait: Wait) -> Cancelling:
-    """A waiting token is cancelled."""
+    """Cancel a waiting token."""
     cancelling = cancel_script(engine, wait) if wait.started and not wait.paused else ()
     if wait.token and wait.node.plain_step is not None:
         engine.notify(wait.scope, (wait.node.id, "cancel", None))
@@ -193,14 +193,14 @@ def cancel_wait(engine: EngineState, wait: Wait) -> Cancelling:
 
 
 def cancel_script(engine: EngineState, wait: Wait) -> Cancelling:
-    """Cancel the script of a wait. What it publishes while it ends is not from the token at work."""
+    """Cancel the script of a wait. What the script publishes while it ends does not delay the current token."""
     ended = engine.host.cancel(wait.key)
     engine.unsettled = bool(engine.conditions)
     return () if ended else (wait.key,)
 
 
 def proceed(engine: EngineState, node: Node, scope: Scope, cancelling: Cancelling) -> None:
-    """A token goes to `node` when the scripts that were just cancelled have ended."""
+    """Continue a token at `node` when the scripts that were just cancelled have ended."""
     if cancelling:
         continuation = Continuation(len(cancelling), node, scope)
         for key in cancelling:

@@ -1,9 +1,9 @@
-"""An engine's state as data, and the engine again (docs/semantics.md).
+"""The state of an engine as data, and back (docs/semantics.md).
 
-Scopes, waits and mailboxes are named by their integer keys, nodes by their keys in the program, which is itself named
-by its hash: a state is of use with that program alone. What is no data stays behind: functions, classes and modules
-among the variables. Scripts that wait start again (`Engine.restart`); those that were being cancelled count as ended.
-Timers are the host's: it keeps when the waits that it knows by key are due.
+Scopes, waits and mailboxes are identified by their integer keys, nodes by their keys in the program, which is
+identified by its hash: a state fits only that program. Functions, classes and modules among the variables are left out.
+Waiting scripts start again (`Engine.restart`); scripts that were being cancelled count as ended. Timers belong to the
+host, which keeps their due times by the keys of the waits.
 
 Invariant: ``snapshot(restore(program, snapshot(engine), ...)) == snapshot(engine)``.
 """
@@ -31,7 +31,7 @@ from fame.errors import MissionError
 Data = dict[str, Any]
 Convert = Callable[[Any], Any]
 OF_NO_PROGRAM: tuple[Node, ...] = (FINISH, ABANDONED, FAILED, UNDO, ROLL_BACK, CANCELLED, NEXT, SWEEP)
-"""Nodes that every engine knows."""
+"""Nodes that belong to every engine, not to a program."""
 _ERROR = ("text", "element", "file", "line", "code")
 
 
@@ -44,7 +44,7 @@ def no_data(value: Any) -> Any:
 
 
 def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | None = None) -> Data:
-    """The state of an engine between two stimuli, as JSON-able data.
+    """The state of an engine between two stimuli, as data for JSON.
 
     `dump` makes plain data of other values (messages, arrays). Raises MissionError for values that it cannot. `dicts`
     numbers and writes the dicts of variables, by default anew for each snapshot.
@@ -97,20 +97,20 @@ class VariableTable(Protocol):
     """The dicts of variables in a snapshot."""
 
     def number(self, variables: dict[str, Any]) -> int:
-        """The number of a dict: greater than those of the dicts outside it."""
+        """The number of a dict, greater than those of its outer dicts."""
 
     def written(self, dump: Convert) -> list[Data]:
-        """All of them, as `restore` reads them; in another form for whoever gave another table."""
+        """All dicts, as `restore` reads them (a table of the host can have another form)."""
 
 
 class _Dicts:
-    """The dicts of variables, by number: scopes share them, and inner ones refer to outer ones."""
+    """The dicts of variables, by number: scopes share dicts, and inner dicts refer to outer ones."""
 
     def __init__(self) -> None:
         self.found: list[dict[str, Any]] = []
 
     def number(self, variables: dict[str, Any]) -> int:
-        """The number of a dict, those outside it first."""
+        """The number of a dict; its outer dicts are numbered first."""
         if isinstance(variables, Variables):
             self.number(variables.outer)
         for number, known in enumerate(self.found):
@@ -120,7 +120,7 @@ class _Dicts:
         return len(self.found) - 1
 
     def written(self, dump: Convert) -> list[Data]:
-        """All that are known."""
+        """All numbered dicts."""
         return [
             {
                 "outer": self.number(item.outer) if isinstance(item, Variables) else None,
@@ -131,7 +131,7 @@ class _Dicts:
 
 
 def is_data(name: str, value: Any) -> bool:
-    """Whether a variable is data, as `fame.engine.data.plain` has it."""
+    """Whether a variable is data, by the rule of `fame.engine.data.plain`."""
     return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
 
 
@@ -141,7 +141,7 @@ def all_scopes(engine: Engine) -> list[Scope]:
 
 
 def all_waits(scopes: list[Scope]) -> list[Wait]:
-    """Every wait in some scopes, owners before what is armed because of them."""
+    """Every wait in some scopes, owners before the waits that are armed for them."""
     found = [child for scope in scopes for child in scope.children if isinstance(child, Wait)]
     found += [arm for scope in scopes for arm in scope.arms]
     for wait in found:  # which grows
@@ -222,7 +222,7 @@ _KNOWN = frozenset({bool, int, str, type(None)})
 
 
 def encode(value: Any, dump: Convert = no_data) -> Any:
-    """A value as JSON-able data. What JSON does not know is an object with one key that begins with ``$``."""
+    """A value as data for JSON. Types that JSON lacks become an object with one key that begins with ``$``."""
     if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
         return value
     if isinstance(value, float):
@@ -242,7 +242,7 @@ def encode(value: Any, dump: Convert = no_data) -> Any:
 
 
 def _is_plain(items: list[Any]) -> bool:
-    """Whether JSON knows all items. A map has many thousands of them: a call for each would take most of the time."""
+    """Whether JSON has the types of all items. Maps have many thousands of items: a call for each is too slow."""
     kinds = set(map(type, items))
     return kinds <= _KNOWN or (kinds == {float} and all(map(math.isfinite, items)))
 
@@ -258,11 +258,11 @@ def restore(
     *,
     load: Convert = no_data,
 ) -> Engine:
-    """The engine of a snapshot. Nothing moves, and the host is not asked for anything, until `Engine.restart`.
+    """The engine of a snapshot. No token moves, and the host is not called, until `Engine.restart`.
 
-    `data` stays as it is, whatever the engine does: any number of engines may be restored from it.
+    The engine never changes `data`: any number of engines can be restored from it.
 
-    `load` makes values of what `dump` made. Raises MissionError for the state of another program.
+    `load` is the inverse of `dump`. Raises MissionError for the state of another program.
     """
     if (data["program"], data["observed"]) != (program.hash, program.observed):
         raise MissionError(f"the state is one of program {data['program']}, not of {program.hash}")
@@ -270,7 +270,7 @@ def restore(
 
 
 class _Restoring:
-    """An engine while it is made: first everything by key, then what refers to what."""
+    """Restores an engine: first all objects by key, then their references."""
 
     def __init__(
         self, program: Program, data: Data, host: Host, new_variables: Callable[[], dict[str, Any]], load: Convert
@@ -306,8 +306,8 @@ class _Restoring:
         instance = Instance(item["key"], self.engine.program, self.dicts[item["variables"]])
         instance.counts = list(item["counts"])
         if item["error"] is not None:
-            said = dict(item["error"])
-            instance.error = MissionError(said.pop("text"), **said)
+            fields = dict(item["error"])
+            instance.error = MissionError(fields.pop("text"), **fields)
         return instance
 
     def _scope(self, item: Data) -> Scope:
@@ -392,7 +392,7 @@ class _Restoring:
 
 
 def decode(data: Any, load: Convert = no_data) -> Any:
-    """The opposite of `encode`."""
+    """The inverse of `encode`."""
     if isinstance(data, list):
         return [decode(item, load) for item in data]
     if not isinstance(data, dict):

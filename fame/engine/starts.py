@@ -1,9 +1,9 @@
-"""Starts of a process: what triggers an instance, alone or together with others (standard 13.2, 13.5.1).
+"""Triggers that start instances of a process, alone or several together (standard 13.2, 13.5.1).
 
-A trigger begins an instance, unless as many run as may. A *parallel multiple* start event begins one when all of its
-triggers have come; until then they are gathered, in sets of what correlates, where the first of each trigger counts. A
-*parallel* event-based gateway begins one with the first of its events; that instance then waits for the others, and
-what it waits for begins no other one.
+A trigger starts an instance unless the maximum number is running. A *parallel multiple* start event starts one when all
+of its triggers have occurred; until then they are gathered in sets of correlated triggers, with the first message of
+each trigger. A *parallel* event-based gateway starts an instance with the first of its events; that instance then waits
+for the others, and an event that it waits for starts no other instance.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from fame.engine.state import Arrived, Gathered, Instance, Listener, Scope
 
 
 def open_instance(engine: EngineState, entry: Node, values: dict[str, Any] | None) -> Instance:
-    """Make an instance and put its first token at `entry`."""
+    """Make an instance with its first token at `entry`."""
     variables = engine.new_variables()
     if engine.parameters:
         variables.update(engine.parameters)
@@ -43,9 +43,9 @@ def open_instance(engine: EngineState, entry: Node, values: dict[str, Any] | Non
 
 
 def trigger(engine: EngineState, node: Node, message: Any) -> None:
-    """A start event of the process was triggered."""
+    """Handle a trigger of a start event: start an instance, keep the trigger, or drop it."""
     if engine.held is not None:
-        engine.host.report(node.id, "trigger dropped: the robot holds")
+        engine.host.report(node.id, "trigger dropped: the robot is on hold")
         return
     arrived: Arrived | None = [(node, message)]
     spec: Start = node.spec
@@ -60,12 +60,12 @@ def trigger(engine: EngineState, node: Node, message: Any) -> None:
         kept = engine.waiting_starts.setdefault(node, deque(maxlen=queue))
         kept.append((engine.new_key(), message))
     else:
-        text = f"trigger dropped: {limit} instance(s) of {engine.program.process} run already"
+        text = f"trigger dropped: {limit} instance(s) of {engine.program.process} are already running"
         engine.host.report(node.id, text)
 
 
 def begin_waiting(engine: EngineState) -> None:
-    """An instance has ended: the trigger that waited longest begins the next."""
+    """Start the next instance with the trigger that has waited longest, after one has ended."""
     waiting_starts = engine.waiting_starts
     node = min(waiting_starts, key=lambda start: waiting_starts[start][0][0])
     _, message = waiting_starts[node].popleft()
@@ -75,7 +75,7 @@ def begin_waiting(engine: EngineState) -> None:
 
 
 def _begin(engine: EngineState, node: Node, arrived: Arrived) -> None:
-    """An instance that takes what has arrived."""
+    """Start an instance and give it the messages that have arrived."""
     instance = open_instance(engine, node, None)
     for event, message in arrived:
         catch = _catch(event)
@@ -91,7 +91,7 @@ def _begin(engine: EngineState, node: Node, arrived: Arrived) -> None:
 
 
 def _gather(engine: EngineState, whole: Node, part: Node, message: Any) -> Arrived | None:
-    """Keep one trigger of a parallel multiple event; all of them, if it was the last."""
+    """Keep one trigger of a parallel multiple event. Returns all of them if it was the last, else None."""
     sets = engine.gathered.setdefault(whole, [])
     fitting: Gathered | None = next((each for each in sets if correlates(_catch(part).keys, each[0], message)), None)
     if fitting is None:
@@ -108,13 +108,13 @@ def _gather(engine: EngineState, whole: Node, part: Node, message: Any) -> Arriv
 
 
 def _catch(node: Node) -> Catch:
-    """What a start event waits for."""
+    """The `Catch` of a start event."""
     assert node.catch is not None
     return node.catch
 
 
 def is_awaited(node: Node, listeners: Sequence[Listener]) -> bool:
-    """Whether what would start a process by a parallel gateway is for an instance that waits for it."""
+    """Whether a running instance waits for an event of a parallel gateway, which then starts no other instance."""
     event = node.spec.event
     return event is not None and any(listener.node.part_of is event for listener in listeners)
 
@@ -123,7 +123,7 @@ def is_awaited(node: Node, listeners: Sequence[Listener]) -> bool:
 
 
 def make(context: ScopeCompiler) -> None:
-    """What starts the process itself: start events, gateways and receive tasks."""
+    """Make the starts of the process: start events, gateways and receive tasks."""
     program = context.compiler.program
     for element in context.content.nodes:
         for whole in _ways_in(context, element):
@@ -152,11 +152,11 @@ def _ways_in(context: ScopeCompiler, element: model.FlowNode) -> list[Node]:
 
 
 def _add(context: ScopeCompiler, node: Node, element: model.FlowNode) -> None:
-    """One trigger that starts the process."""
+    """Add one trigger that starts the process."""
     program, catch = context.compiler.program, _catch(node)
     if catch.topic:
         program.starts[catch.topic] = (*program.starts.get(catch.topic, ()), node)
     elif catch.trigger is waiting.TIMER:
         program.timed = (*program.timed, node)
     else:
-        context.refuse("conditional events cannot start a process: there are no variables yet to be true of", element)
+        context.refuse("conditional events cannot start a process: it has no variables before it starts", element)

@@ -1,6 +1,6 @@
 """The state of a run, as data: instances, scopes, waits and mailboxes.
 
-They are named by integers of one counter and refer to nodes of the program, and to nothing of the host.
+They are identified by integers of one counter and refer to nodes of the program, but to no object of the host.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ RUNNING, DEAD = 0, -1
 """States of a scope. A positive state counts the suspensions that hold it."""
 
 DEPTH = 1000
-"""How deep calls and sub-processes may nest."""
+"""Maximum nesting of calls and sub-processes."""
 SCOPES = 200_000
-"""How many scopes an instance may have at a time: what calls itself twice would fill any memory."""
+"""Maximum number of scopes of an instance: a process that calls itself twice would fill any memory."""
 
 
 class Scope:
     """An activation of a body: of a process, sub-process, called process or handler.
 
-    tokens     those in `ready`, waiting, in child scopes and at joins, together
-    children   waits and scopes in it, in the order of entry: what cancellation walks
+    tokens     number of its tokens: in `ready`, waiting, in child scopes and at joins
+    children   waits and scopes in it, in the order of entry
     arms       waits of the boundary events of its activity
-    handles    event sub-processes that took its place by interrupting it, the first one first
-    suspender  the handler that holds everything in it that is older than key `mark`
+    handles    event sub-processes that replaced its content by interrupting it, in order
+    suspender  the handler that suspends everything in it with a key below `mark`
     cancelling keys of cancelled scripts that the token here waits for
-    done       what has completed in it and can be compensated, in order; of a compensation: what is still to undo
+    done       records for compensation, in order; in a compensation: the records still to compensate
     held       nodes of tokens that wait for the end of a suspension
     items      progress of a loop, or of an ad-hoc sub-process
     """
@@ -79,11 +79,11 @@ class Scope:
 
 
 Trail = list[tuple[Scope, list[Mark]]]
-"""What happened, in order: each scope with the marks of what happened in it until something happened elsewhere."""
+"""Marks in order: each scope with its marks until the next mark of another scope."""
 
 
 class Record:
-    """An activity that has completed, and what had completed in it (see `fame.engine.compensation`)."""
+    """A completed activity, with the records inside it (see `fame.engine.compensation`)."""
 
     __slots__ = ("inner", "node", "variables")
 
@@ -98,14 +98,14 @@ class Record:
 class Wait:
     """A token that waits, or something armed that holds no token (boundary event, start of an event sub-process).
 
-    catch   what it waits for: that of its node
-    owner   what it is armed for: an activity's scope or wait, the wait of a gateway
-    arms    what is armed because of it: boundary events, alternatives
+    catch   the `Catch` of its node
+    owner   the scope or wait that it is armed for: of an activity, or of a gateway
+    arms    the waits that are armed for it: boundary events, alternatives
     paused  suspensions that hold it
     due     sequence number at which it came due while it was paused, 0 if it did not
     started whether a script of it was started
     true    of a conditional event: the value at the last evaluation
-    box     messages that it keeps while it is paused, if it has a queue of its own
+    box     its own queue of messages, if it has one
     """
 
     __slots__ = (
@@ -168,13 +168,13 @@ Listener = Wait | Mailbox
 Arrived = list[tuple[Node, Any]]
 """Triggers of a start and their messages, in the order of arrival."""
 Gathered = tuple[dict[str, Any], dict[Node, Any]]
-"""Some of the triggers of a parallel multiple start event: what correlates them, and messages by trigger."""
+"""Some of the triggers of a parallel multiple start event: values of the correlation keys, and messages by trigger."""
 
 
 class Instance:
-    """One run of the process. After its end it keeps what it ended with.
+    """One run of the process. It keeps its final variables and counts after its end.
 
-    key, program  its number, and what it runs
+    key, program  its number, and its program
     status        ``running``, ``completed``, ``failed`` or ``cancelled``
     error         of a failed one: what went wrong
     """
@@ -189,7 +189,7 @@ class Instance:
         self.error: MissionError | None = None
         self.counts: list[int] = [0] * len(program.elements)
         self.scopes = 0
-        """How many of its scopes live."""
+        """Number of its open scopes."""
         self.root: Scope
 
     @property
@@ -222,13 +222,13 @@ class Instance:
 
     @property
     def waiting(self) -> Sequence[str]:
-        """Ids of the elements that hold a token: those at which one waits, then joins that wait for others."""
+        """Ids of the elements that hold a token: where a token waits, then joins that wait for further tokens."""
         joins = joins_reached(self.root) if self.status == "running" else ()
         return [*(wait.node.id for wait in self.waits()), *(join.id for _, join, _ in joins)]
 
 
 class Continuation:
-    """A token at `node` that continues when cancelled scripts have ended. `pending`: how many have not."""
+    """A token at `node` that continues when cancelled scripts have ended. `pending`: the number still running."""
 
     __slots__ = ("node", "pending", "scope")
 
@@ -241,7 +241,7 @@ class Continuation:
 
 
 def scopes_of(root: Scope) -> Iterator[Scope]:
-    """A scope and all in it, outer before inner, in the order of entry; without recursion."""
+    """A scope and all scopes in it, outer before inner, in the order of entry; without recursion."""
     stack = [root]
     while stack:
         scope = stack.pop()
@@ -250,7 +250,7 @@ def scopes_of(root: Scope) -> Iterator[Scope]:
 
 
 def joins_reached(root: Scope) -> Iterator[tuple[Scope, Node, list[int]]]:
-    """Joins that some flows have reached and others not, with how many tokens each flow has brought."""
+    """Joins that wait for further tokens, with the number of tokens of each incoming flow."""
     for scope in scopes_of(root):
         for join, counts in (scope.joins or {}).items():
             if any(held := counts[: join.spec.need]):

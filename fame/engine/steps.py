@@ -1,7 +1,7 @@
 """Steps that all families share: passing on, splitting, assigning, ending, and observation.
 
-A *step* gets a token in motion and gives the node that it moves to at once, or None: it waits, is in the ready queue,
-or is gone.
+A *step* takes a token and returns the node that it moves to at once, or None if it waits, is in the ready queue, or has
+ended.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from fame.engine.state import Scope
 
 
 def pass_on(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """None events, plain tasks, merges."""
+    """Pass a token on: none events, plain tasks, merges."""
     return node.next
 
 
 def flow(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """A sequence flow; these are nodes in observed programs alone."""
+    """Take a sequence flow, which is a node only in observed programs."""
     if engine.place is not scope:
         engine.set_place(scope)
     emit = engine.emit
@@ -35,7 +35,7 @@ def flow(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def observed(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """The step of an element in an observed program, around its own; a sequence flow behind it is taken at once."""
+    """Call the step of an element and notify observers; take a following sequence flow at once."""
     step = node.plain_step
     assert step is not None
     if engine.place is not scope:
@@ -55,7 +55,7 @@ def observed(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def observed_end(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """The same, of an element at which the token ends: it has completed before what it ends."""
+    """The same for an element that ends the token: it completes before the scope that it ends."""
     engine.notify(scope, node.entered)
     engine.notify(scope, node.left)
     step = node.plain_step
@@ -64,7 +64,7 @@ def observed_end(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def fail_step(engine: EngineState, scope: Scope, node: Node, error: BaseException) -> Node | None:
-    """A step that counts as it is entered has not completed after all."""
+    """Fail an element that was counted when the token entered it."""
     engine.unsettled = bool(engine.conditions)
     scope.counts[node.index] -= 1
     faults.fail(engine, scope, node, error)
@@ -72,10 +72,10 @@ def fail_step(engine: EngineState, scope: Scope, node: Node, error: BaseExceptio
 
 
 def settle(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """Variables may have changed while conditional events are armed, or the script has published.
+    """Continue a token after a script that has published, or changed variables while conditional events are armed.
 
-    Behind its own message the token goes to the back of the queue, like that of a throwing event; else it stays first,
-    and the conditions are evaluated before it goes on.
+    After a message the token goes to the back of the queue, like that of a throw event; else it stays first, and the
+    conditions are evaluated before it continues.
     """
     if node.plain_step is not None:
         engine.notify(scope, node.left)
@@ -92,19 +92,19 @@ def settle(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 # ---- splitting -----------------------------------------------------------------------------------
 
 Way = tuple[Compiled | None, Node]
-"""A sequence flow: its condition (None: always), and where it leads."""
+"""A sequence flow: its condition (None: always) and its target."""
 
 
 @dataclass(slots=True)
 class Branch:
-    """Spec of a gateway, or of the fork behind an element with several outgoing flows.
+    """Spec of a gateway, or of the fork after an element with several outgoing flows.
 
     ways        conditional flows; `targets`: flows without conditions
-    default     where the default flow leads
-    need        of a join: how many flows come in
+    default     target of the default flow
+    need        of a join: the number of incoming flows
     masks       of an inclusive or complex join: by element or flow, the incoming flows that a token there can reach
     activation  of a complex gateway: its activation condition
-    resets      of a complex gateway: flows that are asked again at its reset
+    resets      of a complex gateway: flows whose conditions are evaluated again at its reset
     """
 
     ways: tuple[Way, ...] = ()
@@ -117,7 +117,7 @@ class Branch:
 
 
 def exclusive(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """The first flow whose condition is true, else the default flow, else an error."""
+    """Take the first flow whose condition is true, else the default flow, else fail."""
     variables = scope.variables
     spec: Branch = node.spec
     try:
@@ -130,7 +130,7 @@ def exclusive(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def fork(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """A token for each way out: of a parallel gateway, or of any element with several flows."""
+    """Split into one token for each outgoing flow of a parallel gateway, or of another element."""
     targets: tuple[Node, ...] = node.spec.targets
     scope.tokens += len(targets) - 1
     push = engine.ready.append
@@ -140,12 +140,12 @@ def fork(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def inclusive(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """A token for each flow whose condition is true, else the default flow, else an error."""
+    """Split into one token for each flow whose condition is true, else take the default flow, else fail."""
     return take_all(engine, scope, node, scope.variables)
 
 
 def take_all(engine: EngineState, scope: Scope, node: Node, variables: dict[str, Any]) -> Node | None:
-    """The same, with conditions over some variables."""
+    """The same, with conditions over these variables."""
     spec: Branch = node.spec
     try:
         chosen = [target for condition, target in spec.ways if condition is None or condition(variables)]
@@ -160,7 +160,7 @@ def take_all(engine: EngineState, scope: Scope, node: Node, variables: dict[str,
 
 
 def _no_flow() -> BpmnError:
-    """What a gateway without a way out throws."""
+    """The error of a gateway without a flow to take."""
     return BpmnError("no_flow", "no condition is true and there is no default flow")
 
 
@@ -169,7 +169,7 @@ def _no_flow() -> BpmnError:
 
 @dataclass(slots=True)
 class Assignments:
-    """Spec of data objects at an association of an activity or event.
+    """Spec of the data associations of an activity or event.
 
     values    (variable, expression)
     required  variables that must be set when an activity has ended
@@ -180,7 +180,7 @@ class Assignments:
 
 
 def assign(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """Before an activity or throwing event starts, or after it has ended."""
+    """Assign data objects before an activity or throw event starts, or after it has ended."""
     variables = scope.variables
     spec: Assignments = node.spec
     try:
@@ -190,7 +190,7 @@ def assign(engine: EngineState, scope: Scope, node: Node) -> Node | None:
                 variables[name] = value
         for name in spec.required:
             if name not in variables:
-                engine.host.lacks(node.id, name)
+                engine.host.output_missing(node.id, name)
     except BaseException as error:
         faults.fail(engine, scope, node, error)
         return None
@@ -201,7 +201,7 @@ def assign(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def arm_first(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """First node of a body in which something listens as long as it lives."""
+    """Arm the event sub-processes and queues of a scope before its first element."""
     scopes.arm_scope(engine, scope)
     if scope.state:  # a condition was true already
         engine.ready.appendleft((node.next, scope))
@@ -210,20 +210,20 @@ def arm_first(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def end(engine: EngineState, scope: Scope, node: Node) -> None:
-    """A none end event, or an element without a way out."""
+    """End a token at a none end event, or at an element without outgoing flow."""
     scope.tokens -= 1
     if not scope.tokens:
         scopes.finish(engine, scope)
 
 
 def terminate(engine: EngineState, scope: Scope, node: Node) -> None:
-    """Ends the innermost body; of a handler that suspends its scope, that scope with it."""
+    """End the innermost scope; in a handler that suspends its scope, that scope as well."""
     if scope.parent is not None and scope.parent.suspender is scope:
         scope = scope.parent
-    heir, cancelling = scopes.replace(engine, scope, scope.handles)
+    replacement, cancelling = scopes.replace(engine, scope, scope.handles)
     if scope.parent is None:
         engine.host.make_safe("terminated")
-    scopes.proceed(engine, FINISH, heir, cancelling)
+    scopes.proceed(engine, FINISH, replacement, cancelling)
 
 
 def finish(engine: EngineState, scope: Scope, node: Node) -> None:
@@ -232,5 +232,5 @@ def finish(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 ABANDONED = Node("", "(abandoned)", end)
-"""Where a token goes that somebody has given up: it ends."""
+"""The target of a token that a person drops at a migration: it ends."""
 FINISH = Node("", "(finish)", finish)

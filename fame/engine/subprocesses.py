@@ -1,4 +1,4 @@
-"""Sub-processes, event sub-processes, call activities, and tasks with variables of their own: what opens a scope."""
+"""Elements that open a scope: sub-processes, event sub-processes, call activities, tasks with own variables."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fame.engine.state import DEPTH, Record, Scope, Wait
 class Activity:
     """Spec of an activity that opens a scope.
 
-    own              whether it has variables of its own; `shares`: chained to those outside
+    own              whether it has variables of its own; `shares`: chained to the outer ones
     inputs, outputs  its mapping: (variable, expression)
     all_in, all_out  whether all variables go into, or out of, a called process
     """
@@ -36,7 +36,7 @@ class Activity:
 
 
 def enter(engine: EngineState, scope: Scope, node: Node) -> None:
-    """A token comes to such an activity."""
+    """Open the scope of an activity."""
     variables, spec = scope.variables, node.spec
     try:
         if scope.depth >= DEPTH:
@@ -56,7 +56,7 @@ def enter(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def _own_variables(engine: EngineState, spec: Activity, outer: dict[str, Any]) -> dict[str, Any]:
-    """The variables of an activity with a mapping: chained to those outside, or (of a call) apart from them."""
+    """The variables of an activity with a mapping: chained to the outer ones, or (of a call) separate."""
     inner = {name: source(outer) for name, source in spec.inputs}
     inner = {name: value for name, value in inner.items() if value is not UNDEFINED}
     if spec.shares:
@@ -67,7 +67,7 @@ def _own_variables(engine: EngineState, spec: Activity, outer: dict[str, Any]) -
 
 
 def leave(engine: EngineState, scope: Scope, inner: Scope) -> None:
-    """Leave an activity whose scope has ended: pass on its results, and continue the token."""
+    """Complete an activity whose scope has ended: pass on its results, and continue the token."""
     node = inner.node
     assert node is not None
     spec: Activity = node.spec
@@ -84,7 +84,7 @@ def leave(engine: EngineState, scope: Scope, inner: Scope) -> None:
 
 
 def leave_with(engine: EngineState, scope: Scope, inner: Scope, results: Sequence[tuple[str, Any]]) -> None:
-    """Set variables outside, and continue the token."""
+    """Set outer variables, and continue the token."""
     node = inner.node
     assert node is not None
     if inner.done or compensation.handler_of(node) is not None:
@@ -98,7 +98,7 @@ def leave_with(engine: EngineState, scope: Scope, inner: Scope, results: Sequenc
 
 
 def fire_handler(engine: EngineState, wait: Wait) -> None:
-    """The start of an event sub-process was triggered."""
+    """Start an event sub-process whose start event has occurred."""
     try:
         handlers.begin_handler(engine, wait.scope, wait.node, wait.catch)
     except RecursionError as error:
@@ -106,7 +106,7 @@ def fire_handler(engine: EngineState, wait: Wait) -> None:
 
 
 def end_handler(engine: EngineState, scope: Scope, handler: Scope) -> Scope | None:
-    """End a handler without tokens: resume what it suspended; if that has no token left, it ends too."""
+    """End a handler, and resume the scope that it suspended. Returns that scope if it ends, too."""
     node = handler.node
     assert node is not None
     scopes.count(engine, handler, node)
@@ -122,14 +122,14 @@ def end_handler(engine: EngineState, scope: Scope, handler: Scope) -> Scope | No
 
 
 def opening(context: ScopeCompiler, element: model.Activity, part: str = "") -> Node:
-    """A node that opens a scope; its body is still missing."""
+    """Make a node that opens a scope, without its body."""
     node = context.node(element, enter, part, Activity())
     node.ended = leave
     return node
 
 
 def make(context: ScopeCompiler, element: model.SubProcess) -> Node:
-    """An embedded sub-process or a transaction."""
+    """Make an embedded sub-process or a transaction."""
     node = opening(context, element)
     inner = ScopeCompiler(context.compiler, element, context.file, context)
     node.body = inner.compile()
@@ -138,7 +138,7 @@ def make(context: ScopeCompiler, element: model.SubProcess) -> Node:
 
 
 def make_handler(context: ScopeCompiler, element: model.SubProcess) -> None:
-    """An event sub-process."""
+    """Make an event sub-process."""
     handler = context.node(element, steps.pass_on, spec=Handler())
     handler.slot, handler.ended = context.slot(element.id), end_handler
     context.watch_event(handler)
@@ -154,15 +154,15 @@ def make_handler(context: ScopeCompiler, element: model.SubProcess) -> None:
             context.compensation = node
             continue
         node.index, node.step = UNCOUNTED, steps.pass_on
-        how = node.catch or node.spec
-        how.resume = (element.resume or context.compiler.original) and event.interrupting
+        catch = node.catch or node.spec
+        catch.resume = (element.resume or context.compiler.original) and event.interrupting
         if node.catch is not None:
             node.catch.fire = fire_handler
         context.handlers.append(node)
 
 
 def make_call(context: ScopeCompiler, element: model.CallActivity) -> Node:
-    """A call activity. A called process is compiled once, so that a process may call itself."""
+    """Make a call activity. A called process is compiled once, so that a process can call itself."""
     node = opening(context, element)
     compiler = context.compiler
     process, home = compiler.library(element.called, context.file, element)
@@ -180,7 +180,7 @@ def make_call(context: ScopeCompiler, element: model.CallActivity) -> Node:
 
 
 def wrapped(context: ScopeCompiler, element: model.Activity, task: Node) -> Node:
-    """A task that has variables of its own runs in a scope of its own."""
+    """Wrap a task that has its own variables in a scope."""
     node = opening(context, element, "/own")
     node.body = Body(element.id)
     task.key += "/inner"
@@ -190,7 +190,7 @@ def wrapped(context: ScopeCompiler, element: model.Activity, task: Node) -> Node
 
 
 def map_variables(context: ScopeCompiler, element: model.Activity, node: Node, io: model.IoMapping) -> None:
-    """What goes into and out of an activity with a mapping. A call's variables are its own; a task's see through."""
+    """Set the mapping of an activity. The variables of a call are separate; those of a task are chained."""
     spec: Activity = node.spec
     spec.own, spec.shares = True, not isinstance(element, model.CallActivity)
     spec.all_in, spec.all_out = io.all_in, io.all_out

@@ -16,10 +16,10 @@ from fame.errors import ModelError
 
 @dataclass(slots=True)
 class Script:
-    """Spec of a task that runs something: a script, an expression or a service.
+    """Spec of a task that runs a script, an expression or a service.
 
     run       the compiled text, or the service
-    variable  where the value of an expression or service goes
+    variable  the variable for the value of an expression or service
     """
 
     run: Compiled
@@ -30,7 +30,7 @@ class Script:
 
 
 def script(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """A script task: it has ended at once, or is suspended."""
+    """Run the script of a task, which ends at once or is suspended."""
     run = node.spec.run
     try:
         suspended = run(scope.variables)
@@ -42,7 +42,7 @@ def script(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def evaluate(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """A task that evaluates an expression, or calls a service that is a function, and may keep the result."""
+    """Evaluate an expression or call a service function, and store the result if wanted."""
     spec: Script = node.spec
     run = spec.run
     try:
@@ -56,13 +56,13 @@ def evaluate(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     return steps.settle(engine, scope, node) if engine.unsettled else node.next
 
 
-def wait_for_somebody(engine: EngineState, scope: Scope, node: Node) -> None:
-    """A user or manual task: the token waits until a person completes it."""
+def wait_for_person(engine: EngineState, scope: Scope, node: Node) -> None:
+    """Wait until a person completes a user or manual task."""
     waiting.wait_at(engine, node, scope)
 
 
 def _suspend(engine: EngineState, scope: Scope, node: Node, suspended: Any) -> Node | None:
-    """A script waits: so does its token, and the host drives it on."""
+    """Let the token of a suspended script wait, and hand the script to the host."""
     scope.counts[node.index] -= 1
     engine.unsettled = bool(engine.conditions)
     _drive(engine, waiting.wait_at(engine, node, scope), suspended)
@@ -83,7 +83,7 @@ def _drive(engine: EngineState, wait: Wait, suspended: Any) -> None:
 
 
 def script_ended(engine: EngineState, wait: Wait, error: BaseException | None) -> None:
-    """A suspended script has ended, or failed."""
+    """Continue the token of a script that has ended or failed."""
     waiting.withdraw(engine, wait)
     if error is None:
         scopes.complete(engine, wait.scope, wait.node)
@@ -94,7 +94,7 @@ def script_ended(engine: EngineState, wait: Wait, error: BaseException | None) -
 
 
 def restart(engine: EngineState, wait: Wait) -> None:
-    """After a suspension, or from a snapshot, a script starts again, under a new key: the old one may still end."""
+    """Start a script again after a suspension or from a snapshot, with a new key: the old script may still end."""
     if not wait.started:
         return
     node, scope = wait.node, wait.scope
@@ -116,7 +116,7 @@ def restart(engine: EngineState, wait: Wait) -> None:
 
 
 def _forget_script(engine: EngineState, wait: Wait) -> None:
-    """The host's report of its end has no effect."""
+    """Ignore a later report of the host that the script has ended."""
     engine.waits.pop(wait.key, None)
 
 
@@ -126,19 +126,19 @@ SCRIPT = Trigger("script", arm=nothing, disarm=_forget_script, suspend=nothing, 
 
 
 def make(context: ScopeCompiler, task: model.Task) -> Node:
-    """The node that does what a task is for, by its kind."""
+    """Make the node of a task, by its kind."""
     if task.script is not None:
         return _script(context, task, task.script)
     match task.kind:
         case "user" | "manual":
-            node = context.node(task, wait_for_somebody)
+            node = context.node(task, wait_for_person)
             node.catch = triggers.catching(trigger=USER)
             return node
         case "receive":
             return _receive(context, task)
         case "send" if task.topic is not None or not task.operation:
             return _send(context, task)
-        case "service" | "send":  # of Camunda, which lets a send task call what a service task calls
+        case "service" | "send":  # in Camunda a send task can call a service
             return _service(context, task)
         case "business_rule":
             context.refuse("business rule tasks are not executed: DMN is not supported", task)
@@ -146,11 +146,11 @@ def make(context: ScopeCompiler, task: model.Task) -> Node:
 
 
 _SCRIPT_CATCH = triggers.catching(trigger=SCRIPT)
-"""That of all scripts: nothing in it depends on the task."""
+"""Shared by all scripts: it does not depend on the task."""
 
 
 def _running(context: ScopeCompiler, task: model.Task, step: Step, spec: Script) -> Node:
-    """A node at which a token waits if what it runs does."""
+    """Make a node at which a token waits while its script or service does."""
     node = context.node(task, step, spec=spec)
     node.catch = _SCRIPT_CATCH
     return node
@@ -184,7 +184,7 @@ def _send(context: ScopeCompiler, task: model.Task) -> Node:
 
 def _service(context: ScopeCompiler, task: model.Task) -> Node:
     if not task.operation:
-        context.refuse("a service task needs the name of what it calls", task)
+        context.refuse("a service task needs the name of a service", task)
     try:
         run = context.compiler.host.service(task.operation, element=task.id, file=context.file)
     except ModelError as error:  # the host knows no lines
@@ -197,10 +197,10 @@ COUNTED_STEPS = (steps.pass_on, script, evaluate, events.send)
 
 
 def instantiating(context: ScopeCompiler, task: model.Task) -> list[Node]:
-    """A receive task that starts the process."""
+    """Make a receive task that starts the process."""
     main = context.main[task.id]
     if main.catch is None or task.topic is None:
-        context.refuse("what starts a process does not repeat, and has no variables of its own", task)
+        context.refuse("a receive task that starts a process must not repeat or have variables of its own", task)
     begin = context.node(task, steps.pass_on, "/start", Start())
     begin.catch = main.catch
     begin.index = begin.slot = main.slot

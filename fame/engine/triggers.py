@@ -1,4 +1,4 @@
-"""The triggers of catching events of any kind (start, intermediate, boundary), as nodes."""
+"""Makes the nodes for triggers of catching events: start, intermediate and boundary."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from fame.engine.state import Scope, Wait
 
 
 def wait(engine: EngineState, scope: Scope, node: Node) -> None:
-    """A user, manual or receive task, or a catching event: the token waits for its stimulus."""
+    """Let a token wait at a receive task or catching event."""
     wait = waiting.wait_at(engine, node, scope)
     if wait.alive:
         waiting.arm(engine, wait)
 
 
 def fire_catch(engine: EngineState, wait: Wait) -> None:
-    """What a waiting token waits for is there."""
+    """Continue a waiting token whose trigger has occurred."""
     waiting.withdraw(engine, wait)
     scopes.complete(engine, wait.scope, wait.node)
 
 
 def fire_part(engine: EngineState, wait: Wait) -> None:
-    """One of the triggers of a parallel multiple event has come; with the last of them, the event."""
+    """Handle one trigger of a parallel multiple event; the last one fires the event."""
     event = wait.owner
     assert isinstance(event, Wait)
     event.arms = tuple(other for other in event.arms if other is not wait)
     waiting.disarm(engine, wait)
     if not event.arms:
         waiting.fire(engine, event)
-        if event.alive and not event.paused:  # it does not interrupt: it waits for all of them again
+        if event.alive and not event.paused:  # a non-interrupting event waits for all of them again
             waiting.arm(engine, event)
 
 
@@ -44,21 +44,21 @@ def fire_part(engine: EngineState, wait: Wait) -> None:
 
 
 def catching(fire: Callable[[EngineState, Wait], object] = fire_catch, trigger: Trigger = NO_TRIGGER) -> Catch:
-    """What is waited for by itself."""
+    """The `Catch` of an event or task."""
     return Catch(trigger, fire, faults.give_up)
 
 
 def part_of_event(fire: Callable[[EngineState, Wait], object], trigger: Trigger = NO_TRIGGER) -> Catch:
-    """What is waited for in place of an event or gateway that it is part of."""
+    """The `Catch` of one part of a multiple event or event-based gateway."""
     return Catch(trigger, fire, faults.give_up_part)
 
 
 def trigger(
     context: ScopeCompiler, event: model.Event, definition: model.EventDefinition, catch: Catch, part: str = ""
 ) -> Node:
-    """A node for what an event definition waits for. Raises ModelError for what is not executed.
+    """Make the node for an event definition. Raises ModelError for a kind that is not executed.
 
-    `catch` says how the event reacts, and is filled; what catches errors and the like gets a `FaultCatch` instead.
+    `catch` contains the reaction of the event, and is completed here; events that catch faults get a `FaultCatch`.
     """
     match definition:
         case model.ErrorDefinition() | model.EscalationDefinition():
@@ -82,7 +82,7 @@ def trigger(
             listen(context, event, catch, topic)
         case model.TimerDefinition(kind=timer, expression=expression):
             if expression is None:
-                context.refuse("the timer has no time: expected a duration, date or cycle of ISO 8601", event)
+                context.refuse("the timer has no time: expected an ISO 8601 duration, date or cycle", event)
             catch.trigger, catch.timer, catch.value = waiting.TIMER, timer, context.expression(expression, event)
         case model.ConditionalDefinition(condition=condition):
             if condition is None:
@@ -97,7 +97,7 @@ def trigger(
 def triggers_of(
     context: ScopeCompiler, event: model.Event, fire: Callable[[EngineState, Wait], object] = fire_catch
 ) -> list[Node]:
-    """A node for each trigger of an event; one for all of them if it is a parallel multiple event."""
+    """Make a node for each trigger of an event, or one for all if it is a parallel multiple event."""
     definitions = event.definitions
     if len(definitions) == 1:
         return [trigger(context, event, definitions[0], catching(fire))]
@@ -116,7 +116,7 @@ def triggers_of(
 
 
 def listen(context: ScopeCompiler, element: model.FlowNode, catch: Catch, topic: model.Topic) -> None:
-    """Wait for a topic, and take what the message brings."""
+    """Set the topic of a `Catch`, and how it stores the message."""
     catch.topic, catch.queue = topic.qualified, topic.queue
     objects = [context.objects[id] for id in element.data_outputs if id in context.objects]
     takes: list[tuple[str, Callable[[dict[str, Any]], Any]]] = [
@@ -128,6 +128,6 @@ def listen(context: ScopeCompiler, element: model.FlowNode, catch: Catch, topic:
 
 
 def keep_queue(context: ScopeCompiler, node: Node) -> None:
-    """A catching event with a queue keeps messages from the time that its scope is entered; so do its parts."""
+    """Register an event with a queue, or its parts: it keeps messages from the start of its scope."""
     if node.catch is not None:
         context.queued += [each for each in (node, *node.catch.parts) if each.catch is not None and each.catch.queue]

@@ -1,8 +1,7 @@
-"""Waits of tokens, boundary events and start events of event sub-processes, and what ends them.
+"""Waits of tokens, boundary events and start events of event sub-processes: arming, disarming and firing.
 
-A wait is armed by its trigger: in the table of listeners (signal, message), at a timer of the host, in the list of
-conditions. What is disarmed is in none of them. How each trigger arms, disarms, is suspended and resumed is in the
-table at the end.
+The trigger of a wait arms it: in the table of listeners (signal, message), as a timer of the host, or in the list of
+conditions. A disarmed wait is in none of them. The table at the end has the functions of each trigger.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from fame.engine.state import Listener, Mailbox, Scope, Wait
 
 
 def wait_at(engine: EngineState, node: Node, scope: Scope) -> Wait:
-    """A token begins to wait, and the boundary events of its activity are armed."""
+    """Let a token wait, and arm the boundary events of its activity."""
     wait = Wait(engine.new_key(), node, scope, True)
     scope.children[wait] = None
     if node.boundary is not None:
@@ -27,7 +26,7 @@ def wait_at(engine: EngineState, node: Node, scope: Scope) -> Wait:
 
 
 def arm_all(engine: EngineState, nodes: tuple[Node, ...], scope: Scope, owner: Scope | Wait) -> None:
-    """Arm boundary events or alternatives, as long as what they are armed for is alive."""
+    """Arm boundary events or alternatives, while their owner is alive."""
     for node in nodes:
         if owner.alive:
             armed = Wait(engine.new_key(), node, scope, False, owner)
@@ -36,12 +35,12 @@ def arm_all(engine: EngineState, nodes: tuple[Node, ...], scope: Scope, owner: S
 
 
 def arm(engine: EngineState, wait: Wait) -> None:
-    """Let its trigger wake it."""
+    """Arm a wait by its trigger."""
     wait.catch.trigger.arm(engine, wait)
 
 
 def disarm(engine: EngineState, wait: Wait) -> None:
-    """Disarm everything that could wake it, and everything that is armed because of it."""
+    """Disarm a wait, and the waits that are armed for it."""
     wait.alive = False
     disarm_trigger = wait.catch.trigger.disarm
     disarm_trigger(engine, wait)
@@ -54,7 +53,7 @@ def disarm(engine: EngineState, wait: Wait) -> None:
 
 
 def withdraw(engine: EngineState, wait: Wait) -> None:
-    """A token waits no more, or what was armed fires for the last time."""
+    """Remove a wait from its scope, and disarm it."""
     wait.scope.children.pop(wait, None)
     disarm(engine, wait)
 
@@ -63,7 +62,7 @@ def withdraw(engine: EngineState, wait: Wait) -> None:
 
 
 def catch(engine: EngineState, wait: Wait, message: Any) -> None:
-    """A message has come to one that waits for it."""
+    """Store a message in the variables, and fire the wait."""
     take = wait.catch.take
     if take is not None:
         try:
@@ -78,7 +77,7 @@ def catch(engine: EngineState, wait: Wait, message: Any) -> None:
 
 
 def fire(engine: EngineState, wait: Wait) -> None:
-    """What it waits for is there; one that is suspended remembers it."""
+    """Fire a wait; a suspended wait becomes due instead."""
     if not wait.alive:
         return
     if wait.paused:
@@ -92,7 +91,7 @@ def fire(engine: EngineState, wait: Wait) -> None:
 
 
 def listen(engine: EngineState, wait: Wait) -> None:
-    """Add it to the listeners of its topic; a message that its queue kept is there at once."""
+    """Add a wait to the listeners of its topic, or take the first message of its queue."""
     topic = wait.catch.topic
     if not wait.catch.queue:
         listeners = engine.listeners.get(topic)
@@ -102,7 +101,7 @@ def listen(engine: EngineState, wait: Wait) -> None:
             listeners[wait] = None
         return
     box = _mailbox_of(wait)
-    if box is None:  # of a boundary event or event sub-process: it lives as long as this wait
+    if box is None:  # a boundary event or event sub-process: its queue belongs to this wait
         box = wait.box = wait.box or open_mailbox(engine, wait.node, wait.scope)
     box.waits[wait] = None
     while box.messages and wait in box.waits:
@@ -110,7 +109,7 @@ def listen(engine: EngineState, wait: Wait) -> None:
 
 
 def stop_listening(engine: EngineState, wait: Wait) -> None:
-    """Messages reach it no more, though its queue still keeps them."""
+    """Remove a wait from the listeners of its topic; its queue still keeps messages."""
     if wait.catch.queue:
         box = wait.box or _mailbox_of(wait)
         if box is not None:
@@ -120,7 +119,7 @@ def stop_listening(engine: EngineState, wait: Wait) -> None:
 
 
 def _mailbox_of(wait: Wait) -> Mailbox | None:
-    """The queue of the event that it waits at: that of its scope, or of the one around an activity that repeats."""
+    """The queue of a wait's event: that of its scope, or of an outer scope if the activity is repeated."""
     scope: Scope | None = wait.scope
     while scope is not None:
         if scope.mail is not None and wait.node in scope.mail:
@@ -130,20 +129,20 @@ def _mailbox_of(wait: Wait) -> Mailbox | None:
 
 
 def open_mailbox(engine: EngineState, node: Node, scope: Scope) -> Mailbox:
-    """Keep messages for an event."""
+    """Open the queue of an event."""
     box = Mailbox(engine.new_key(), node, scope)
     engine.listeners.setdefault(box.catch.topic, {})[box] = None
     return box
 
 
 def close_mailbox(engine: EngineState, box: Mailbox) -> None:
-    """Keep no more messages."""
+    """Close a queue."""
     box.alive = False
     _remove_listener(engine, box.catch.topic, box)
 
 
 def _remove_listener(engine: EngineState, topic: str, listener: Listener) -> None:
-    """The opposite of listening; a topic without listeners is forgotten."""
+    """Remove a listener, and its topic with the last one."""
     listeners = engine.listeners.get(topic)
     if listeners is not None:
         listeners.pop(listener, None)
@@ -155,7 +154,7 @@ def _remove_listener(engine: EngineState, topic: str, listener: Listener) -> Non
 
 
 def set_timer(engine: EngineState, wait: Wait) -> None:
-    """Ask the host for a timer."""
+    """Set a timer of the host."""
     catch = wait.catch
     engine.waits[wait.key] = wait
     try:
@@ -165,13 +164,13 @@ def set_timer(engine: EngineState, wait: Wait) -> None:
 
 
 def cancel_timer(engine: EngineState, wait: Wait) -> None:
-    """The host need not fire it."""
+    """Cancel a timer of the host."""
     if engine.waits.pop(wait.key, None) is not None:
         engine.host.cancel_timer(wait.key)
 
 
 def set_timer_again(engine: EngineState, wait: Wait) -> None:
-    """A timer runs on while it is suspended; that of the handler itself, which has fired, is set anew."""
+    """Set the timer of a handler that has fired again. Other timers run on while they are suspended."""
     if wait.catch.resume and wait.key not in engine.waits:
         set_timer(engine, wait)
 
@@ -180,7 +179,7 @@ def set_timer_again(engine: EngineState, wait: Wait) -> None:
 
 
 def watch_condition(engine: EngineState, wait: Wait) -> None:
-    """Evaluate its condition now, and whenever variables may have changed; what it was before counts as false."""
+    """Evaluate a condition now and whenever variables may have changed; its previous value counts as false."""
     wait.true = False
     engine.conditions[wait] = None
     engine.unsettled = True
@@ -188,19 +187,19 @@ def watch_condition(engine: EngineState, wait: Wait) -> None:
 
 
 def ignore_condition(engine: EngineState, wait: Wait) -> None:
-    """Evaluate its condition no more."""
+    """Stop evaluating a condition."""
     engine.conditions.pop(wait, None)
 
 
 def check_conditions(engine: EngineState) -> None:
-    """Variables changed: evaluate armed conditional events, in the order of arming."""
+    """Evaluate the armed conditional events, in the order of arming, after variables have changed."""
     for wait in tuple(engine.conditions):
         if wait.alive and not wait.paused:
             check_condition(engine, wait)
 
 
 def check_condition(engine: EngineState, wait: Wait) -> None:
-    """A conditional event fires when its condition becomes true; a name that is not set yet is not true."""
+    """Fire a conditional event if its condition becomes true; with a name that is not set it is false."""
     try:
         value = bool(wait.catch.value(wait.scope.variables))
     except (NameError, LookupError, AttributeError):
@@ -225,7 +224,7 @@ def arm_parts(engine: EngineState, wait: Wait) -> None:
 
 
 def arm_missing_parts(engine: EngineState, wait: Wait) -> None:
-    """The same after a suspension, if they have all come before it."""
+    """Arm all the triggers again after a suspension, if none is armed."""
     if not wait.arms:
         arm_parts(engine, wait)
 

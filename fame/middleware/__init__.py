@@ -2,7 +2,7 @@
 
 ::
 
-    interface         what every backend has: nodes, publishers, subscriptions, services, clients; quality of service
+    interface         protocols of all backends: nodes, publishers, subscriptions, services, clients; quality of service
     qos               policies as models write them; which endpoints match
     errors            errors and warnings of all backends
     actions           goals of actions, on services and topics
@@ -12,11 +12,11 @@
 
     local             the backend within one process: deterministic, on the engine's clock
     dds               the backend between processes and machines: Cyclone DDS, on the wire of ROS 2
-    zenoh             the backend between processes and machines: Eclipse Zenoh, in the words of rmw_zenoh
+    zenoh             the backend between processes and machines: Eclipse Zenoh, on the wire of rmw_zenoh
     ros               the backend inside a ROS 2 system: rclpy
-    data_scheduler    the wall clock that waits for data itself
+    data_scheduler    a wall-clock scheduler that waits for data itself
     wire_base         base classes of the backends between processes; wire_endpoints: of their endpoints
-    self_echo_filter  drops the messages that come back to the node that sent them
+    self_echo_filter  drops messages that come back to the node that sent them
 
     messages          the class of each message type; messages from mappings and values, and plain data from messages
     codec             messages as CDR, and type hashes

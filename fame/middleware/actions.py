@@ -29,7 +29,7 @@ _EXECUTING = 2
 _UNKNOWN_GOAL = 2
 """The return code of action_msgs/srv/CancelGoal for goals that do not exist."""
 _KEPT = 100
-"""Results of goals that ended are kept for this many goals, for clients that ask late."""
+"""Number of ended goals whose results are kept for late requests."""
 
 
 class ActionClient:
@@ -78,9 +78,9 @@ class ActionClient:
     def attach(
         self, id: bytes, on_end: OnEnd, feedback: Callable[[Message], object], unknown: Callable[[], object]
     ) -> Goal:
-        """Take up a goal that was sent before, perhaps by a process that has ended, as `send` does.
+        """Follow a goal that was sent before, perhaps by a process that has ended. Callbacks as of `send`.
 
-        Calls `unknown` if the server does not know the goal (any more). Raises MessageError if no node offers the
+        Calls `unknown` if the server does not (or no longer) know the goal. Raises MessageError if no node offers the
         action.
         """
         known = Goal(self, on_end, feedback, id, unknown)
@@ -155,7 +155,7 @@ class Goal:
 class ActionServer:
     """A server of the action `name`, of type ``pkg/action/Name``. Raises MessageError for an unknown type.
 
-    `accept` decides on each goal message; `on_goal` is called with each accepted goal and must end it some time.
+    `accept` decides on each goal message; `on_goal` is called with each accepted goal and must end it later.
     `on_cancel` is called when a client asks to cancel a goal, and should end it as ``canceled``.
     """
 

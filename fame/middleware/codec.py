@@ -38,7 +38,7 @@ def serialize(message: Message) -> bytes:
         if name == STRING:
             return pack_text(message.data)
         return bytes(typestore(name).serialize_cdr(message, name, little_endian=True))
-    except Exception as error:  # the generated code raises what the field's value makes it raise
+    except Exception as error:  # the generated code can raise anything for a wrong value
         raise MessageError(f"cannot be written: {error}", type=name) from None
 
 

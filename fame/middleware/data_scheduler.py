@@ -1,8 +1,8 @@
-"""The wall clock that waits for the data of a middleware itself.
+"""A wall-clock scheduler that waits for the data of a middleware itself.
 
 With a plain `WallScheduler` a thread of the middleware waits for data and wakes the scheduler up, which costs 30 to 100
-microseconds per message. A `DataScheduler` waits in the way of its middleware while nothing is due, and polls for data
-while there is much to do.
+microseconds per message. A `DataScheduler` waits for data itself while nothing is due, and polls for data while it is
+busy.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from fame.clock import SECOND, Action, Entry, Kind, WallScheduler
 _MAX_WAIT = SECOND // 10
 """Longest single wait (ns): Python handles signals only between waits."""
 _POLL = SECOND // 1000
-"""How long work that is due keeps data waiting (ns)."""
+"""Interval of polling for data while work is due (ns)."""
 
 
 class Waiter(Protocol):
     """Waits for the data of a middleware."""
 
     def wait(self, timeout: int) -> None:
-        """Wait for data or `wake`, at most `timeout` ns, and take in what has come. One thread at a time."""
+        """Wait for data or `wake`, at most `timeout` ns, and handle received data. One thread at a time."""
 
     def wake(self) -> None:
         """Wake up the thread that waits, from any thread."""

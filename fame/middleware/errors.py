@@ -1,4 +1,4 @@
-"""Errors and warnings of all backends, in the same words."""
+"""Errors and warnings of all backends."""
 
 from __future__ import annotations
 

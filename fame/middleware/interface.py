@@ -1,4 +1,4 @@
-"""What FAME asks of a middleware: nodes with publishers, subscriptions, services and clients.
+"""The interface of a middleware: nodes with publishers, subscriptions, services and clients.
 
 Names follow ROS 2: a topic is absolute (``/weed_found``), relative to the namespace of the node (``odom``), or private
 to the robot (``~/odom``: here the same as relative, since a robot is a namespace). A node never receives what it
@@ -37,10 +37,10 @@ LATCHED = QoS(durability="transient_local", depth=1)
 ENGINE = "fame_engine"
 """The name of the node of every robot's engine, in the namespace of the robot."""
 MISSION = "mission"
-"""The part of it that runs a process."""
+"""The part of that node that runs a process."""
 
 UNKNOWN_NODE = "/_NODE_NAME_UNKNOWN_"
-"""The node of an endpoint that no node has announced (yet); what ROS tools show there too, without the slash."""
+"""The node of an endpoint that no node has announced (yet). ROS tools show the same name, without the slash."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class Publisher(Protocol):
         """
 
     def subscriber_count(self) -> int:
-        """How many subscriptions it is connected to now."""
+        """The number of subscriptions that it is connected to now."""
 
     def close(self) -> None: ...
 
@@ -79,7 +79,7 @@ class Subscription(Protocol):
     """A subscription. `topic` is the full name.
 
     max_size    on the wire a message of more bytes is dropped
-    on_dropped  called with a warning for each message that cannot be read; by default the first one is told
+    on_dropped  called with a warning for each message that cannot be read; by default only the first is reported
     """
 
     topic: str
@@ -91,7 +91,7 @@ class Subscription(Protocol):
 
 
 class DeferredResponse:
-    """A response that is not known yet: a handler returns it, and calls `respond` once when it is."""
+    """A response that is not known yet: a handler returns it, and calls `respond` once later."""
 
     def __init__(self) -> None:
         self._responses: list[Any] = []
@@ -112,7 +112,7 @@ class DeferredResponse:
 
 
 def deliver_response(response: Any, send: Callable[[Any], object]) -> None:
-    """For backends: send what a handler returned, or will respond with."""
+    """For backends: send the response that a handler returned, or a deferred one when it comes."""
     if isinstance(response, DeferredResponse):
         response.send_with(send)
     else:
@@ -180,7 +180,7 @@ class Node(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class EndpointWarning:
-    """What a person should know of an endpoint; `topic` is its full name, or that of its service.
+    """A warning about an endpoint; `topic` is its full name, or that of its service.
 
     kind  ``name`` (ROS 2 would refuse it), ``mismatch`` (two endpoints are not connected), ``unanswered`` (a service
           closed before it answered), ``dropped`` (a message that cannot be read), ``slow`` (a subscriber or client
@@ -200,7 +200,7 @@ class Middleware(Protocol):
 
     confined      whether other machines cannot reach it: sending models without signatures relies on that
     use_sim_time  ROS's parameter of that name: time is that of ``/clock``
-    warnings      what a person should know, such as endpoints that do not match
+    warnings      for the user, such as endpoints that do not match
     """
 
     warnings: list[EndpointWarning]
@@ -215,7 +215,7 @@ class Middleware(Protocol):
         """Add to `warnings`, once."""
 
     def losses(self) -> list[str]:
-        """Which of its endpoints have lost messages, and how many each, in words."""
+        """Its endpoints that have lost messages, and how many each, as text."""
 
     def node(self, name: str, namespace: str = "", part: str = "") -> Node:
         """Make a node. Several may have the same name, as in ROS; those that are a `part` are one node to others."""

@@ -1,14 +1,14 @@
-"""The backend within one process: deterministic, and so fast that a topic without subscribers costs next to nothing.
+"""The backend within one process: deterministic, and fast: a topic without subscribers costs next to nothing.
 
 A message travels as the same object, which is why it must not be changed. `publish` hands it to every subscription of
 another node that it matches: there it waits for an entry of the scheduler at the present time. So messages arrive in
-the order in which they were published and, of one message, in the order of subscription. The history of a subscription
-bounds its queue: with keep last, a message too many pushes out the oldest.
+the order of publication and, of one message, in the order of subscription. The history of a subscription bounds its
+queue: with keep last, a new message replaces the oldest one of a full queue.
 
-Quality of service counts as on the wire: endpoints that do not match are not connected, and `warnings` says so; a
-transient local subscription that comes late gets the last messages of the transient local publishers that are still
-there. Deadline and liveliness are compared, not monitored. A request and its response are two entries of the scheduler,
-one after the other. Everything happens in the thread of the scheduler; others use `scheduler.soon`.
+Quality of service has the same effect as on the wire: endpoints that do not match are not connected, with an entry in
+`warnings`; a late transient local subscription gets the last messages of the transient local publishers that still
+exist. Deadline and liveliness are compared, not monitored. A request and its response are two entries of the scheduler,
+one after the other. Everything happens in the thread of the scheduler; other threads use `scheduler.soon`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from fame.text import NAMES, is_ros_name
 
 
 class LocalMiddleware:
-    """The nodes of one process. `warnings` has what a person should know; `on_warning` is called with each at once."""
+    """The nodes of one process. `warnings` are for the user; `on_warning` is called with each of them at once."""
 
     scheduler: Scheduler
     network: Network | None
@@ -107,7 +107,7 @@ class LocalMiddleware:
         return topic
 
     def tap(self, tap: Callable[[LocalPublisher], Callable[[Message], object] | None]) -> None:
-        """Listen in on topics without an endpoint: what `tap` returns for a publisher gets each of its messages.
+        """Observe topics without an endpoint: the function that `tap` returns for a publisher gets its messages.
 
         `tap` is called with every publisher that exists or is made later.
         """
@@ -193,7 +193,7 @@ class LocalNode:
             self.middleware.nodes.remove(self)
 
     def remove(self, end: LocalPublisher | LocalSubscription, topic: Topic) -> None:
-        """Forget a closed endpoint. A topic without endpoints is gone, and with it its type."""
+        """Remove a closed endpoint. A topic without endpoints is removed, and with it its type."""
         self.endpoints.remove(end)
         if not topic.publishers and not topic.subscriptions:
             del self.middleware.topics[topic.name]
@@ -241,13 +241,13 @@ class LocalPublisher:
         return sum(not isinstance(end, _Tap) for end in self.matched)
 
     def add_tap(self, tap: Callable[[LocalPublisher], Callable[[Message], object] | None]) -> None:
-        """Let a function get every message from now on, at once, if `tap` returns one."""
+        """Pass every message from now on, at once, to the function that `tap` returns, if any."""
         on_message = tap(self)
         if on_message is not None:
             self.matched.append(_Tap(on_message))
 
     def send_history(self, subscription: LocalSubscription) -> None:
-        """Send the messages kept for late subscriptions whose lifespan is not over."""
+        """Send the messages kept for late subscriptions whose lifespan has not ended."""
         lifespan, now = self.qos.lifespan, self.node.middleware.scheduler.now
         for time, message in self._kept or ():
             if lifespan is None or now - time <= lifespan * SECOND:
@@ -369,7 +369,7 @@ class LocalClient:
 
     @property
     def available(self) -> bool:
-        """Whether a node offers the service now, and is not cut off."""
+        """Whether a node offers the service now, and can be reached."""
         service, network = self.node.middleware.services.get(self.name), self.node.middleware.network
         if service is None or network is None:
             return service is not None
@@ -398,7 +398,7 @@ class LocalClient:
             middleware.warn(unanswered_warning(self.name, self.node.full_name))
 
     def _way(self, sender: LocalNode, receiver: LocalNode, action: Callable[[], object]) -> None:
-        """Let a request or response travel."""
+        """Send a request or response through the modelled network."""
         network = self.node.middleware.network
         key = sender.namespace, receiver.namespace
         if network is not None and key not in self._channels:

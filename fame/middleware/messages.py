@@ -52,7 +52,7 @@ _lock = threading.RLock()
 
 
 class Message:
-    """What all messages have in common. ``__msgtype__`` is the full name of the type."""
+    """Base class of all messages. ``__msgtype__`` is the full name of the type."""
 
     __slots__: tuple[str, ...] = ()
     __msgtype__: ClassVar[str]
@@ -106,7 +106,7 @@ def default_payload(type: str) -> Any:
 
 @cache
 def message_type(name: str) -> type[Message]:
-    """The class of a type. Raises MessageError for a type that is not known (with similar names), or holds one."""
+    """The class of a type. Raises MessageError for a type that is unknown (with similar names) or contains one."""
     content = typesystem.definition(name)
     typesystem.check_references(content)
     with _lock:  # one class per type, whichever thread asks first
@@ -304,7 +304,7 @@ def _time(cls: type[Message], convert: Mapping[str, Converter], value: Any) -> M
 
 @cache
 def _reader(name: str) -> tuple[tuple[str, str, Callable[[Any], Any]], ...]:
-    """(name, attribute, function that makes it plain) of each field."""
+    """(name, attribute, function to plain data) of each field."""
     return tuple((field.name, field.attribute, _to_plain(field)) for field in typesystem.definition(name).fields)
 
 

@@ -1,13 +1,13 @@
 """A model of the network between robots, for the local backend: delay, loss, reordering, partitions; seeded.
 
-Messages, requests and responses between nodes of two robots (namespaces) pass it. What a robot's own nodes exchange
-does not, and neither do nodes without a namespace, such as the world. Each direction of two endpoints has its own
-generator, so that a further robot changes no other.
+It applies to messages, requests and responses between nodes of two robots (namespaces), not to those between nodes of
+one robot, or of nodes without a namespace, such as the world. Each direction of two endpoints has its own random
+generator, so that adding a robot changes nothing for the others.
 
-Quality of service counts as on the wire. Best effort loses a message; reliable sends it again `RETRANSMIT` s later,
-until it arrives, in order. A partition of at most the lease (10 s, as of DDS) holds reliable messages back until it is
-over: the newest `depth` of them. A longer one ends the match: what volatile publishers publish meanwhile is lost, and
-transient local ones send their last messages again when it is over.
+Quality of service has the same effect as on the wire. Best effort loses a message; reliable sends it again `RETRANSMIT`
+s later, until it arrives, in order. A partition of at most the lease (10 s, as in DDS) delays reliable messages until
+its end: the newest `depth` of them. A longer one ends the match: messages of volatile publishers are lost meanwhile,
+and transient local publishers send their last messages again at its end.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from fame.middleware.local import LocalPublisher, LocalSubscription
 
 LEASE = 10.0
-"""How long two participants stay matched without a word of each other (s): the default of DDS."""
+"""Time that two participants stay matched without receiving anything from each other (s): the default of DDS."""
 RETRANSMIT = 0.1
-"""How long it takes to notice a lost message and to send it again (s)."""
+"""Time until a lost message is noticed and sent again (s)."""
 _DEPTH = 1_000_000
 _Pair = tuple[str, str]
 
@@ -59,7 +59,7 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """How messages fare between two robots (`between`, both ways; empty: all) on a topic (full name; empty: all).
+    """The link between two robots (`between`, both ways; empty: all) on a topic (full name; empty: all).
 
     delay    of each message
     loss     probability that a message is lost on its way
@@ -73,7 +73,7 @@ class Link:
     topic: str = ""
 
     def concerns(self, pair: _Pair, topic: str) -> bool:
-        """Whether it is about a topic between two robots."""
+        """Whether it applies to a topic between two robots."""
         return (not self.between or set(self.between) == set(pair)) and self.topic in ("", topic)
 
 
@@ -88,7 +88,7 @@ class Partition:
 
 @dataclass(frozen=True, slots=True)
 class NetworkConfig:
-    """The network of a scenario. Of the links that concern a message the last one counts."""
+    """The network of a scenario. The last link that applies to a message counts."""
 
     links: tuple[Link, ...] = ()
     partitions: tuple[Partition, ...] = ()
@@ -113,12 +113,12 @@ class Network:
         return next(found, None)
 
     def is_matched(self, pair: _Pair) -> bool:
-        """Whether the endpoints of two robots are matched now: not in the later part of a long partition."""
+        """Whether the endpoints of two robots are matched now: not in a partition after the lease."""
         cut = self.partition(pair, self.scheduler.now)
         return cut is None or self.scheduler.now / SECOND < cut.start + self.config.lease
 
     def channel(self, sender: str, receiver: str, topic: str, qos: QoS) -> Channel | None:
-        """One way from a robot to another for a topic or service; None if the network is not between them."""
+        """The channel from one robot to another for a topic or service; None if the network does not apply."""
         if not sender or not receiver or sender == receiver:
             return None
         rules = [link for link in self.config.links if link.concerns((sender, receiver), topic)]
@@ -126,7 +126,7 @@ class Network:
         return Channel(self, (sender, receiver), topic, rules[-1] if rules else Link(), qos, generator)
 
     def losses(self) -> list[str]:
-        """What was lost, a line for each topic and direction."""
+        """Lost messages, a line for each topic and direction."""
         return [
             f"the network lost {count} message{'s' if count > 1 else ''} on {topic} from {sender} to {receiver}"
             for (sender, receiver, topic), count in sorted(self.lost.items())
@@ -134,7 +134,7 @@ class Network:
 
 
 class Channel:
-    """One way from a robot to another for one topic or service."""
+    """The channel from one robot to another for one topic or service."""
 
     def __init__(
         self, network: Network, pair: _Pair, topic: str, link: Link, qos: QoS, generator: random.Random
@@ -165,12 +165,12 @@ class Channel:
         self._scheduler.at(arrival, partial(self._arrive, deliver), Kind.MESSAGE)
 
     def _arrive(self, deliver: Callable[[], object]) -> None:
-        """A message is there, unless a partition began while it was on its way."""
+        """Deliver a message, unless a partition began while it was on its way."""
         if not self._cut(self._scheduler.now, deliver):
             deliver()
 
     def _cut(self, now: int, deliver: Callable[[], object]) -> bool:
-        """Whether a partition cuts the way: then hold the message back, or lose it."""
+        """Whether a partition blocks the channel: then the message is delayed or lost."""
         cut = self._network.partition(self._pair, now)
         if cut is None:
             return False
@@ -186,7 +186,7 @@ class Channel:
         return True
 
     def _release(self) -> None:
-        """The partition is over: send what was held back."""
+        """Send the delayed messages at the end of the partition."""
         held, self._held = list(self._held), deque(maxlen=self._held.maxlen)
         for deliver in held:
             self.send(deliver)
@@ -196,7 +196,7 @@ class Channel:
 
 
 class NetworkedSubscription:
-    """A subscription at the other end of the network, in the place of one that is matched directly."""
+    """Replaces a matched subscription at the other end of the network."""
 
     subscription: LocalSubscription
 
@@ -215,7 +215,7 @@ class NetworkedSubscription:
 def matched_end(
     network: Network | None, publisher: LocalPublisher, subscription: LocalSubscription
 ) -> LocalSubscription | NetworkedSubscription:
-    """What a publisher is to send to for a subscription that it matches."""
+    """The end that a publisher sends to for a matched subscription: itself, or one behind the network."""
     if network is None:
         return subscription
     sender, receiver = publisher.node.namespace, subscription.node.namespace
@@ -224,6 +224,6 @@ def matched_end(
 
 
 def names(config: NetworkConfig) -> Sequence[str]:
-    """The robots that a network names, each once."""
+    """The robots that a network configuration names, each once."""
     pairs = (*(link.between for link in config.links), *(cut.between for cut in config.partitions))
     return list(dict.fromkeys(name for pair in pairs for name in pair))

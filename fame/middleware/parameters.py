@@ -64,7 +64,7 @@ class NodeParameter:
         return {"type": number, name: plain(self.get())}
 
     def descriptor(self, name: str) -> dict[str, Any]:
-        """Return what rcl_interfaces/msg/ParameterDescriptor says of it."""
+        """Return the rcl_interfaces/msg/ParameterDescriptor."""
         return {
             "name": name,
             "type": FIELDS[self.type][0],
@@ -168,13 +168,13 @@ def _with_package(line: str) -> str:
 
 
 def from_value(value: Any) -> Any:
-    """Return what a ParameterValue holds; None if it is not set."""
+    """Return the value in a ParameterValue; None if it is not set."""
     field = _BY_NUMBER.get(value.type)
     return plain(getattr(value, field)) if field else None
 
 
 def plain(value: Any) -> Any:
-    """Return a list for what holds several values: a tuple, an array."""
+    """Return a list for a tuple or an array."""
     if isinstance(value, tuple):
         return list(value)
     return value.tolist() if hasattr(value, "tolist") else value

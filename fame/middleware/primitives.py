@@ -41,12 +41,12 @@ class Misfit(Exception):
 
 
 def expected(wanted: str, found: Any) -> Misfit:
-    """The Misfit that says what was wanted, and what was given."""
+    """The Misfit with the expected and the given value."""
     return Misfit(f"expected {wanted}, got {describe(found)}")
 
 
 def describe(value: Any) -> str:
-    """A value in a few words, for messages."""
+    """A short description of a value, for messages."""
     if value is None:
         return "nothing (null)"
     if isinstance(value, bool):

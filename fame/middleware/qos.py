@@ -52,7 +52,7 @@ def compatible(offered: QoS, requested: QoS) -> str | None:
 
 
 class Discovered(Protocol):
-    """What is known of an endpoint of any process: its type in ROS, the hash of it (or nothing), and its policies."""
+    """A discovered endpoint of any process: its type in ROS, the hash of the type (or ""), and its policies."""
 
     @property
     def type(self) -> str: ...
@@ -72,12 +72,12 @@ def mismatch(writer: Discovered, reader: Discovered) -> str | None:
 
 
 def one_deeper(qos: QoS) -> QoS:
-    """The policies with room for one message more, where a loss is noticed by a message too many."""
+    """The policies with a queue of one message more, so that an overflow can be noticed."""
     return replace(qos, depth=min(qos.depth + 1, _DEEPEST))
 
 
 def counts_losses(requested: QoS) -> bool:
-    """Whether a subscription asks for every message, so that one that does not come is a loss."""
+    """Whether a subscription requests every message, so that a missing one is a loss."""
     return requested.reliability == "reliable" and requested.depth > 1
 
 

@@ -1,9 +1,9 @@
 """Drops the messages that come back to the node that sent them; they are recognised by their bytes.
 
-Needed where a middleware does not say who sent a message (rclpy; it needs no ROS itself, so that it is tested
-everywhere). A subscription records what publishers of its own node have sent to it, and drops the next sample with the
-same bytes. Echoes of one publisher come in its order, so those before a recognised one were lost; one that does not
-come within a second was lost too.
+Needed for a middleware that does not report the sender of a message (rclpy). This module needs no ROS itself, so that
+it can be tested everywhere. A subscription records the messages of publishers of its own node, and drops the next
+sample with the same bytes. Echoes of one publisher arrive in order, so earlier ones than a recognised echo were lost;
+so was one that does not arrive within a second.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Hashable, Iterable
 from fame.clock import SECOND
 
 _TIMEOUT = SECOND
-"""How long an echo may take (ns)."""
+"""Time limit of an echo (ns)."""
 _HEADER = 4
 """Length of the encapsulation header of CDR (bytes): its last two may come back changed."""
 
@@ -26,11 +26,11 @@ class EchoFilter:
         self._sent: dict[Hashable, deque[tuple[int, bytes]]] = {}
 
     def expect(self, publisher: Hashable, messages: Iterable[bytes], now: int) -> None:
-        """Record what a publisher has sent (CDR) at `now` (ns)."""
+        """Record the messages (CDR) that a publisher has sent at `now` (ns)."""
         self._sent.setdefault(publisher, deque()).extend((now, _content(data)) for data in messages)
 
     def take(self, data: bytes, now: int) -> bool:
-        """Whether a sample that has come is an echo. An echo is recognised once."""
+        """Whether a received sample is an echo. Each echo is recognised once."""
         content = _content(data)
         for sent in self._sent.values():
             while sent and now - sent[0][0] > _TIMEOUT:

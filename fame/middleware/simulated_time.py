@@ -1,13 +1,13 @@
-"""Simulated time between processes: the world publishes the time on `/clock`, and everybody else follows.
+"""Simulated time between processes: the world publishes the time on `/clock`, and all other processes follow it.
 
-`ClockFollower` is the scheduler of a follower. It has a queue of its own, worked off by entries of the wall clock's
-scheduler: up to the time of the clock whenever a message of it comes, and at once for what is due already. So messages
-and people are served while time stands still, and nothing else moves. What must go on by the wall clock (middleware,
-deployment, status) stays with that scheduler, and gets its turn after each second of simulated time with work in it.
+`ClockFollower` is the scheduler of a follower. Entries of the wall-clock scheduler process its queue: up to the time of
+the clock whenever a clock message comes, and at once for entries that are due already. So messages and requests are
+handled while time stands still, and nothing else moves. Work in wall-clock time (middleware, deployment, status) stays
+in the wall-clock scheduler, and runs after each second of simulated time that had work.
 
-A clock jumps when its world is killed and started again, or when there is a second one: it goes back, or further ahead
-than any world is fast. The time of the follower then goes on from where it was, so that each timer waits as long as it
-still had to.
+A clock jumps when its world is killed and started again, or when there is a second world: it goes back, or further
+ahead than any world can run. The follower's time then continues from its last value, so that each timer keeps its
+remaining duration.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 CLOCK_QOS = QoS(depth=10)
 """The quality of service of the clock's publisher."""
 _FOLLOWER_QOS = QoS(reliability="best_effort", depth=1)
-"""The quality of service of its subscriptions, as in ROS: only the latest time counts."""
+"""The quality of service of its subscriptions, as in ROS: keep only the latest time."""
 
 STEP_DONE, STEP_DONE_TYPE = "/clock_done", "std_msgs/msg/Header"
 """Topic on which each robot (`frame_id`) reports that it has done a step (`stamp`), in lockstep."""
 
 
 _SLICE = SECOND
-"""How much simulated time is worked off before others get their turn (ns)."""
+"""Simulated time that is processed before wall-clock work gets its turn (ns)."""
 _FASTEST = 1000
-"""How many times as fast as the wall clock a world may go."""
+"""Maximum speed of a world, as a multiple of wall-clock time."""
 _SLACK = 10 * SECOND
-"""How far a clock may go ahead at once beyond that (ns): only the last of several messages may come."""
+"""Tolerated additional advance of the clock (ns): only the last of several messages may arrive."""
 _REPORT_PERIOD = SECOND
 """Jumps within this time (ns of the wall clock) after a reported one are not reported."""
 
 
 class Lockstep:
-    """Holds the nodes of a middleware that `holds` accepts: those that exist, and those to come.
+    """Holds the nodes of a middleware that `holds` accepts, existing and new ones.
 
-    It makes a run between processes repeatable. A held node gets no message as it comes in: `release` delivers all that
-    wait, sorted by topic, sender and receiver, those of one sender in its order. `flush` ensures that what held nodes
-    have sent is there when the next step begins. Services and actions are not held.
+    It makes a run between processes repeatable. A held node queues incoming messages: `release` delivers them sorted by
+    topic, sender and receiver, those of one sender in its order. `flush` ensures that the messages of held nodes have
+    arrived when the next step begins. Services and actions are not held.
     """
 
     def __init__(self, middleware: WireMiddleware, holds: Callable[[WireNode], bool]) -> None:
@@ -53,7 +53,7 @@ class Lockstep:
         middleware.hold(holds)
 
     def release(self, enter: Callable[[Callable[[], object]], object]) -> None:
-        """Take all messages that wait; `enter` gets an action that delivers each, in order."""
+        """Take all queued messages; `enter` gets an action that delivers each, in order."""
         found = [
             (subscription.topic, sender, node.full_name, number, partial(subscription.deliver, data))
             for node in list(self._middleware.nodes)
@@ -66,7 +66,7 @@ class Lockstep:
             enter(deliver)
 
     def flush(self) -> None:
-        """Wait until others have what was sent."""
+        """Wait until the other processes have received all sent messages."""
         self._middleware.flush()
 
 
@@ -89,7 +89,7 @@ class ClockFollower(Scheduler):
 
     @property
     def known(self) -> bool:
-        """Whether a time of the clock has come."""
+        """Whether a clock message has arrived."""
         return self._last is not None
 
     def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
@@ -117,7 +117,7 @@ class ClockFollower(Scheduler):
     def subscribe_in_lockstep(self, node: Node, lockstep: Lockstep) -> None:
         """Follow the clock step by step, and report each step as done. The first only waits for earlier messages.
 
-        A world repeats a step for an engine that has come back: who has done it reports that again.
+        A world repeats a step for an engine that has come back: engines that have done it report it again.
         """
         done = node.publisher(STEP_DONE, STEP_DONE_TYPE)
         last, begun = -1, False
@@ -139,7 +139,7 @@ class ClockFollower(Scheduler):
         node.subscription(CLOCK, CLOCK_TYPE, step)
 
     def _catch_up(self) -> None:
-        """Do what is due, a slice at a time."""
+        """Run due entries, a slice at a time."""
         self._scheduled = False
         due = self.next_time()
         self.run(self._goal if due is None else min(self._goal, due + _SLICE))

@@ -1,14 +1,14 @@
-"""The table of message types: ROS 2 Jazzy's common interfaces, the types of a sourced ROS, registered ones, and Nav2's.
+"""The table of message types: ROS 2 Jazzy's common interfaces, a sourced ROS, registered types, and Nav2's interfaces.
 
 The interfaces of Nav2 that missions use come with FAME (folder ``interfaces``, those of Jazzy). A sourced workspace
 that has the package wins, because interfaces differ between the releases of Nav2.
 
-Types belong to the process, as they do in ROS: one table, which only grows; a type in it never changes. The
-table is filled from the type store of rosbags, which is imported when the first type is asked for.
+There is one table for the process, as in ROS: it only grows, and a type in it never changes. It is filled from the type
+store of rosbags, which is imported when the first type is requested.
 
-To import rosbags and numpy and to read that table takes a third of the start of an engine, which needs them only for
-the first process that it gets. So the few types that every process needs from its start are defined here: that of
-texts, in which processes and statuses are sent, and the one that announces nodes (`fame.middleware.dds.discovery`).
+Importing rosbags and numpy and reading that table takes a third of the start-up of an engine, which needs them only for
+its first process. So the few types that every engine needs at once are defined here: that of texts, in which processes
+and statuses are sent, and the one that announces nodes (`fame.middleware.dds.discovery`).
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def names() -> list[str]:
 def service(name: str) -> tuple[str, str]:
     """The types of request and response of the service type ``pkg/srv/Name``; ``srv/`` may be left out.
 
-    Raises MessageError for a service type that is not known, or holds a type that is not.
+    Raises MessageError for a service type that is unknown or contains an unknown type.
     """
     full = name.strip()
     if full.count("/") == 1:
@@ -214,7 +214,7 @@ def _sourced(full: str) -> bool:
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:
-    """``; did you mean ...?`` with names that look or end like it, if there are any."""
+    """``; did you mean ...?`` with similar names, or names with the same ending, if there are any."""
     ending = name.strip().rpartition("/")[2].lower()
     known = sorted(known)
     similar = [full for full in known if full.rpartition("/")[2].lower() == ending]

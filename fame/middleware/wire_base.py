@@ -1,12 +1,12 @@
 """Base classes of a middleware between processes and its nodes.
 
-A backend derives its classes from these and implements their abstract methods: how an endpoint is made, and who else is
-there. Everything else is here: names, parts of nodes, parameter services, losses, warnings, closing. The endpoints are
+A backend derives its classes from these and implements their abstract methods: making endpoints, and the graph of other
+nodes. Everything else is here: names, parts of nodes, parameter services, losses, warnings, closing. The endpoints are
 in `fame.middleware.wire_endpoints`.
 
-Parts. An engine is one node to others, with one set of parameter services, though its deployment, its mission and its
-clock open and close their endpoints each by itself. So nodes of one process that say which `part` of it they are, and
-have the same name, are announced as one. Nodes without a part are on their own, also those of the same name.
+Parts. An engine appears as one node, with one set of parameter services, though its deployment, its mission and its
+clock open and close their endpoints independently. So nodes of one process with the same name and a `part` are
+announced as one node. Nodes without a part are separate, also those of the same name.
 
 Threads: `Warnings` may be called from any thread. All else happens in the thread of the scheduler.
 """
@@ -38,13 +38,13 @@ from fame.middleware.wire_endpoints import (
 )
 
 NAMING_DELAY = SECOND // 5
-"""How long after an endpoint the name of its node may come (ns)."""
+"""Time after an endpoint in which the name of its node may arrive (ns)."""
 _LAST_DOMAIN = 232
 """The last one whose ports are below 65536 (DDSI-RTPS 2.5, section 9.6.2)."""
 _MAX_WARNINGS = 1000
-"""How many warnings are kept: those of a flood differ in their numbers."""
+"""Maximum number of stored warnings: a flood of warnings can differ only in numbers."""
 _POLL = 0.002
-"""How often `wait_matched` checks (s)."""
+"""Interval of the checks of `wait_matched` (s)."""
 
 _PARAMETERS_DELAY, _LATEST_PARAMETERS = SECOND // 4, 15 * SECOND
 """How long the domain has no new node before a node offers its parameters, and when it does so at the latest (ns): many
@@ -115,7 +115,7 @@ class WireMiddleware(ABC):
 
     @abstractmethod
     def release(self) -> None:
-        """Free what the backend is made of, when all nodes are closed."""
+        """Release the resources of the backend, when all nodes are closed."""
 
     def refresh(self) -> None:  # noqa: B027 (not every backend needs it)
         """Update the graph, if the backend does not do so by itself."""
@@ -130,10 +130,10 @@ class WireMiddleware(ABC):
             node.hold(holds(node))
 
     def flush(self) -> None:  # noqa: B027 (only where nodes can be held)
-        """Wait until others have what held nodes have sent."""
+        """Wait until other processes have received the messages of held nodes."""
 
     def follows_clock(self) -> bool:
-        """Whether one of its nodes listens to `/clock`."""
+        """Whether one of its nodes subscribes to `/clock`."""
         return any(end.topic == "/clock" for node in self.nodes for end in node.subscriptions)
 
     def connecting(self, node: Any) -> list[str]:
@@ -142,7 +142,7 @@ class WireMiddleware(ABC):
         return [end.topic for end in node.publishers if end.subscriber_count() < self.matching_subscriptions(end)]
 
     def losses(self) -> list[str]:
-        """Which of its endpoints have lost messages, and how many, in words: on each topic of a node the worst one."""
+        """Its endpoints that have lost messages, and how many, as text: on each topic of a node the worst one."""
         most: dict[tuple[str, str, type], tuple[int, str]] = {}
         for node in list(self.nodes):
             for end in (*node.subscriptions, *node.publishers):
@@ -211,7 +211,7 @@ class WireNode(ABC):
         """Make a client of a service (full name)."""
 
     def hold(self, held: bool) -> None:
-        """Let its messages wait to be drained, or not, from now on."""
+        """Hold its messages until they are drained, or stop holding them."""
         self.held = held
         for subscription in self.subscriptions:
             subscription.held = held

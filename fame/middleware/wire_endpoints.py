@@ -1,8 +1,8 @@
 """Endpoints of the backends between processes: publishers, subscriptions, services and clients.
 
-A backend derives its classes from these and implements their abstract methods: how an endpoint sends and is released,
-and whether it is `matched`. Everything else is here: one type per topic, packing and unpacking, the queue of a
-subscription, losses, requests and their responses.
+A backend derives its classes from these and implements their abstract methods: sending, releasing, and whether an
+endpoint is `matched`. Everything else is here: one type per topic, packing and unpacking, the queue of a subscription,
+losses, requests and their responses.
 
 Threads: `WireSubscription.enqueue` may be called from any thread, all else in that of the scheduler.
 """
@@ -54,7 +54,7 @@ class Endpoint(ABC):
 
     @abstractmethod
     def release(self) -> None:
-        """Free what the backend has made for it."""
+        """Release the backend's objects for it."""
 
 
 class TopicEndpoint(Endpoint):
@@ -83,7 +83,7 @@ class TopicEndpoint(Endpoint):
 
     @abstractmethod
     def losses(self) -> str:
-        """How many messages it has lost, in words; empty if it does not know of any."""
+        """The number of messages that it has lost, as text; empty if it knows of none."""
 
 
 class WirePublisher(TopicEndpoint):
@@ -110,10 +110,10 @@ class WirePublisher(TopicEndpoint):
 
 
 class WireSubscription(TopicEndpoint):
-    """A subscription, and the queue of what came in: at most `qos.depth` messages, as CDR.
+    """A subscription, and the queue of received messages: at most `qos.depth`, as CDR.
 
     The scheduler takes them from the queue, one per entry. There is at most one such entry at a time, so that a
-    subscription with a full queue does not keep others waiting. A reliable subscription counts what is pushed out.
+    subscription with a full queue does not keep others waiting. A reliable subscription counts dropped messages.
     """
 
     def __init__(self, node: WireNode, topic: str, type: str, callback: Callback, qos: QoS) -> None:
@@ -129,7 +129,7 @@ class WireSubscription(TopicEndpoint):
         self._soon = node.middleware.scheduler.soon
 
     def drain(self) -> list[tuple[str, bytes]]:
-        """Take all messages that were held, each with the full name of the node that sent it."""
+        """Take all held messages, each with the full name of the node that sent it."""
         return []
 
     def enqueue(self, data: bytes) -> None:
@@ -139,7 +139,7 @@ class WireSubscription(TopicEndpoint):
         self._queue.append(data)
 
     def schedule(self) -> None:
-        """Let the scheduler take what is in the queue."""
+        """Let the scheduler take messages from the queue."""
         if self._queue and not self._scheduled:
             self._scheduled = True
             self._soon(self._take)
@@ -233,7 +233,7 @@ class WireClient(ServiceEndpoint):
         self._waiting[self.send(messages.create(self.request_type, request))] = callback
 
     def on_response(self, key: Hashable, response: Message) -> None:
-        """Pass on a response. One that was given up is dropped."""
+        """Pass on a response, unless its request was dropped."""
         callback = self._waiting.pop(key, None)
         if callback is not None:
             callback(response)

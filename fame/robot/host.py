@@ -216,7 +216,7 @@ class EngineHost:
     def _event(self, element: str, what: str, text: str) -> Event:
         return Event(self._scheduler.now, self._robot, 0, 0, element, what, text)
 
-    def lacks(self, element: str, output: str) -> None:
+    def output_missing(self, element: str, output: str) -> None:
         text = f"has ended, and nothing has set its output {output}"
         if self._options.strict:
             raise NameError(text)

@@ -210,7 +210,7 @@ def test_the_interrupt_of_a_person_is_no_error_of_the_script(play: Play) -> None
 def test_out_of_memory_is_told_in_words(play: Play) -> None:
     run = play(start() + script("a", "x = [0] * (1 << 60)") + path("s a")).run()
     assert run.status == "failed"
-    assert "MemoryError: there is no memory for what it wants to keep" in str(run.instance.error)
+    assert "MemoryError: the script needs more memory than there is" in str(run.instance.error)
 
 
 def test_an_error_in_a_handler_of_a_handler_starts_outside_all_that_they_handle(play: Play) -> None:

@@ -110,7 +110,7 @@ def test_a_receive_task_may_start_a_process(play: Play) -> None:
 
 def test_it_does_not_repeat_then() -> None:
     loop = '<standardLoopCharacteristics loopMaximum="2"/>'
-    with pytest.raises(ModelError, match=r"test.bpmn:1: r: what starts a process does not repeat"):
+    with pytest.raises(ModelError, match=r"test.bpmn:1: r: a receive task that starts a process must not repeat"):
         Run(element("receiveTask", "r", loop, messageRef="message_M", instantiate="true"))
 
 
@@ -120,5 +120,5 @@ def test_with_an_incoming_flow_it_waits_like_any_other(play: Play) -> None:
 
 
 def test_a_condition_cannot_start_a_process() -> None:
-    with pytest.raises(ModelError, match=r"test.bpmn:1: s: conditional events cannot start a process: there are no"):
+    with pytest.raises(ModelError, match=r"test.bpmn:1: s: conditional events cannot start a process: it has no"):
         Run(start("s", condition("x > 0")) + user("u") + path("s u"))

@@ -38,7 +38,7 @@ _NO_RULES = "business rules are not executed: decide with a gateway or a script 
 
 
 def read_activity(node: NodeReader) -> dict[str, Any]:
-    """What all activities have in common, as arguments for their dataclasses."""
+    """Read the common parts of activities, as arguments for their dataclasses."""
     for name in ("startQuantity", "completionQuantity"):
         if node.get(name).strip() not in ("", "1"):
             text = f"{name}={node.get(name)!r} has no effect: each token starts it once and leaves as one token"

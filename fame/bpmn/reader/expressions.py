@@ -48,7 +48,7 @@ def language_of(context: Context, element: Node, language: str) -> Language | Li
 def is_single_expression(text: str) -> bool:
     """Whether a text is a single ``${...}`` or ``#{...}``.
 
-    >>> is_whole("${a + 1}"), is_whole("${a}-${b}"), is_whole("${ {'}': 1} }")
+    >>> is_single_expression("${a + 1}"), is_single_expression("${a}-${b}"), is_single_expression("${ {'}': 1} }")
     (True, False, True)
     """
     if text[:2] not in ("${", "#{") or text[-1] != "}":

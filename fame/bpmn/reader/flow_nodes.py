@@ -1,4 +1,4 @@
-"""Reads what all flow nodes have in common, for the readers of events, gateways and activities."""
+"""Reads the common parts of flow nodes, for the readers of events, gateways and activities."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Connections = Mapping[str, tuple[list[str], list[str]]]
 
 @dataclass(frozen=True, slots=True)
 class ProcessContext:
-    """What the flow nodes of one process share.
+    """Shared context of the flow nodes of one process.
 
     `data`, `variables`: see `data_ids` and `data_variables`. `labels`: labels of events name their topics.
     """
@@ -66,7 +66,7 @@ class NodeReader:
 
 
 def read_node(process: ProcessContext, element: Node, wiring: Connections) -> NodeReader:
-    """Read what all flow nodes have in common. Raises ModelError for an id that another element has."""
+    """Read the common parts of a flow node. Raises ModelError for an id that another element has."""
     context, parts = process.context, parts_of(element)
     moves = read_data_associations(context, process.data, process.variables, parts)
     id = context.register(element)

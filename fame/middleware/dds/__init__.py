@@ -1,6 +1,6 @@
 """Topics and services between processes and machines: Eclipse Cyclone DDS on the wire of ROS 2.
 
-Any ROS 2 node (Jazzy, on any DDS) sees the nodes of this backend as nodes of its own kind, and they see it. Importing
+ROS 2 nodes (Jazzy, on any DDS) see the nodes of this backend as ROS 2 nodes, and the other way round. Importing
 the package raises UnavailableError where Cyclone is not installed.
 
 ::
@@ -8,10 +8,10 @@ the package raises UnavailableError where Cyclone is not installed.
     middleware   the backend: nodes, the graph
     endpoints    publishers, subscriptions, services and clients
     participant  the participant: discovery, warnings, waiting for data
-    discovery    who is there: endpoints, and the nodes that they belong to
+    discovery    endpoints of the domain, and the nodes that they belong to
     waitset      waiting for data
-    wire         writers and readers: names, types and quality of service as ROS 2 writes them in DDS
-    domain       which domain and network interface; sockets bound to loopback
+    wire         writers and readers: names, types and quality of service as ROS 2 maps them to DDS
+    domain       domain and network interface; sockets bound to loopback
 """
 
 from __future__ import annotations

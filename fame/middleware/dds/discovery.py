@@ -5,10 +5,10 @@ DDS itself knows endpoints and participants (its built-in topics), not nodes: ea
 ParticipantEntitiesInfo``). The two are joined by gid, the 16 bytes of a GUID, on demand. Endpoints of this participant
 are found in the same way as all others.
 
-`refresh` takes what has come in since the last time. Any thread may call it; one lock guards the tables.
+`refresh` takes the samples that arrived since the last call. Any thread may call it; one lock guards the tables.
 
-The message is packed by hand, not by the codec: everybody sends it anew whenever a node changes and gets that of
-everybody, and it is all that an engine without a process would need the codec for.
+The message is packed by hand, not by the codec: every participant sends it whenever a node changes and receives those
+of all others, and it is the only message for which an engine without a process would need the codec.
 """
 
 from __future__ import annotations

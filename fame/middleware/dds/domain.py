@@ -1,13 +1,13 @@
-"""Which DDS domain to join, over which network interface.
+"""The DDS domain to join, and its network interface.
 
-A domain is ROS's: `ROS_DOMAIN_ID`, 0 if it is not set. Without an interface everything stays on loopback, where there
-is no multicast: participants look for each other at 127.0.0.1, up to 121 of them per domain. Only the argument opens
+The domain is that of ROS: `ROS_DOMAIN_ID`, 0 if it is not set. Without an interface everything stays on loopback,
+without multicast: participants discover each other at 127.0.0.1, up to 121 of them per domain. Only the argument opens
 the network. Then, and only then, CYCLONEDDS_URI is read too (peers where multicast is switched off, buffers).
 
 Cyclone sends over the interface that it is given, but listens on all of them (eclipse-cyclonedds/cyclonedds, issue
-1923): whoever reaches the machine could put samples on our topics, models to be run among them. So the sockets of a
-loopback domain are bound to the loopback device, from outside; that needs no privilege on Linux from 5.7 on, and none
-on macOS.
+1923): every host that reaches the machine could publish on our topics, including models to be executed. So the sockets
+of a loopback domain are bound to the loopback device afterwards, which needs no privilege on Linux from 5.7 on, nor on
+macOS.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ _SHARED = f"""
   <HeartbeatInterval minsched="5ms">10ms</HeartbeatInterval>
 </Internal>
 """
-"""A participant that was killed is taken for dead after the lease (ROS 2 leaves it at 10 s). A publisher that closes
-waits so long for those who have not got all it sent: Cyclone's 1 s would add up if there are many, and one is dead.
-Whoever has got all says so when a heartbeat asks. At Cyclone's 100 ms that took those 200 ms for each end of a process
-that had just brought its robot to a stop, and the next process waited.
-What is larger than a message may be is not put together from its fragments."""
+"""A killed participant counts as gone after the lease (ROS 2 leaves it at 10 s). A closing publisher lingers for
+readers that have not acknowledged everything: Cyclone's 1 s would add up over many publishers if one reader is dead.
+Readers acknowledge when a heartbeat asks: at Cyclone's interval of 100 ms each process that had just stopped its robot
+lingered for the full 200 ms, and the next process waited. Fragments of a message above the maximum size are not
+assembled."""
 
 _LOOPBACK = """
 <General>
@@ -58,11 +58,11 @@ _NETWORK = """
 <General><Interfaces><NetworkInterface {}/></Interfaces></General>
 """
 _open: WeakValueDictionary[int, Domain] = WeakValueDictionary()
-"""The domains of this process. One stays as long as somebody holds it."""
+"""The domains of this process. Each stays open while it is referenced."""
 _configurations: dict[int, str] = {}
-"""What each of them was made with."""
+"""The configuration of each of them."""
 _confined: dict[int, bool] = {}
-"""Whether each of them takes nothing from other machines."""
+"""Whether each of them receives nothing from other machines."""
 
 
 def configuration(network: str | None) -> str:
@@ -74,7 +74,7 @@ def configuration(network: str | None) -> str:
 
 
 def open_domain(number: int, network: str | None) -> Domain:
-    """The domain, made with the configuration of `network` if this process has it not yet.
+    """The domain, opened with the configuration of `network` if this process has not opened it yet.
 
     It closes with its last user. Raises ConfigError if it is open on another network, or does not exist.
     """
@@ -93,7 +93,7 @@ def open_domain(number: int, network: str | None) -> Domain:
 
 
 def confined(number: int) -> bool:
-    """Whether an open domain takes nothing from other machines: on loopback, where the platform allows it."""
+    """Whether an open domain receives nothing from other machines: on loopback, where the platform allows it."""
     return _confined[number]
 
 

@@ -56,7 +56,7 @@ class DdsPublisher(WirePublisher):
             self.count_lost(1)
 
     def flush(self, patience: int) -> None:
-        """Block until all subscriptions have what was sent, at most `patience` ns."""
+        """Block until all subscriptions have received the sent messages, at most `patience` ns."""
         if self._unflushed:
             self._unflushed = False
             if not self._writer.wait_for_acks(patience):
@@ -105,7 +105,7 @@ class DdsSubscription(WireSubscription):
         self._participant.data.add(self._reader, self._on_data)
 
     def ignore(self, publisher: DdsPublisher) -> None:
-        """Drop the messages of a publisher of the same node, those too that still wait when it has closed."""
+        """Drop the messages of a publisher of the same node, also those that are still queued when it closes."""
         if publisher.topic == self.topic:
             self._own.add(publisher.handle)
 
@@ -207,7 +207,7 @@ class _Exchange:
         self.writer.write(self.writer.data_type(data[: wire.HEADER] + _NUMBERS.pack(*numbers) + data[wire.HEADER :]))
 
     def take(self) -> None:
-        """Enter what has come in the scheduler, each message by itself."""
+        """Enter received messages in the scheduler, each as one entry."""
         for sample in () if self.closed else self.reader.take(_QOS.depth):
             if sample.sample_info.valid_data:
                 action = partial(self._read, sample.data, sample.sample_info.publication_handle)
@@ -301,7 +301,7 @@ class DdsClient(WireClient):
         self.node.middleware.on_endpoints_changed()
 
     def on_service_gone(self) -> None:
-        """Some service has left. If it was the one of this client, give up what waits for it."""
+        """Drop the pending requests if the service of this client has left the domain."""
         self.exchange.take()  # its last responses
         self.node.middleware.scheduler.soon(self.give_up)
 
@@ -312,7 +312,7 @@ class DdsClient(WireClient):
 
 
 def _identity(endpoint: Any) -> str:
-    """What the endpoints of one client have in common: its id or, without one, the participant."""
+    """The identity shared by the endpoints of one client: its id or, without one, the participant."""
     if endpoint is None:
         return ""  # it has left
     policy = endpoint.qos[Policy.Userdata]

@@ -18,15 +18,15 @@ from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, Message, Qo
 from fame.middleware.wire_base import WireMiddleware, WireNode, domain_id
 
 _FLUSH_PATIENCE = 4 * SECOND
-"""How long a subscription may take; one whose process died is gone before (ns)."""
+"""Time limit for a subscription to receive all messages; one whose process died is removed earlier (ns)."""
 
 
 class DdsMiddleware(WireMiddleware):
-    """Nodes on DDS. `warnings` has what a person should know; `on_warning` is called with each in the scheduler.
+    """Nodes on DDS. `warnings` are for the user; `on_warning` is called with each of them in the scheduler.
 
     `domain` None is ROS_DOMAIN_ID. `network` None keeps everything on loopback; the name or address of an interface
-    opens that one. `confined` says whether other machines really cannot reach us: do not rely on `network` alone before
-    sending models without signatures. Raises ConfigError if the domain cannot be joined.
+    opens that one. `confined` says whether other machines really cannot reach this process: do not rely on `network`
+    alone before sending models without signatures. Raises ConfigError if the domain cannot be joined.
     """
 
     use_sim_time: bool = False
@@ -51,7 +51,7 @@ class DdsMiddleware(WireMiddleware):
         return DdsNode(self, name, namespace.strip("/"), part)
 
     def graph(self) -> list[TopicInfo]:
-        """Every ROS topic of the domain that has an endpoint, in the order of names. Services are not among them."""
+        """Every ROS topic of the domain that has an endpoint, in the order of names, without services."""
         self.refresh()
         discovery = self.participant.discovery
         owners, topics = discovery.owners(), dict[str, list[Endpoint]]()
@@ -81,9 +81,10 @@ class DdsMiddleware(WireMiddleware):
         self.participant.announce(node.entry() for node in self.nodes if node.is_first_part())
 
     def flush(self) -> None:
-        """On loopback there is nothing to wait for: when `publish` returns, a message is in the socket of its receiver,
-        ahead of the message that begins the next step. On a network it takes acknowledgements, which come late at times
-        (200 ms).
+        """Wait on a network for acknowledgements, which sometimes come late (200 ms).
+
+        On loopback nothing is needed: when `publish` returns, the message is in the socket of its receiver, ahead of
+        the message that begins the next step.
         """
         for node in self.nodes if self.network is not None else ():
             for publisher in node.publishers if node.held else ():

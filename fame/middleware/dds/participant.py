@@ -1,8 +1,8 @@
 """The participant of a DDS domain: its entities, its discovery, and how it waits for data.
 
-Threads. A thread of the participant updates the tables of discovery, and announces its nodes. Data are waited for by
-the scheduler, if it is a `DataScheduler` that has no participant yet, else by that thread too, which only enters
-callbacks in the scheduler. Cyclone's own threads never run Python.
+Threads. A thread of the participant updates the tables of discovery, and announces its nodes. The scheduler waits for
+data if it is a `DataScheduler` without another participant; else that thread does, which only enters callbacks in the
+scheduler. Cyclone's own threads never run Python.
 
 Endpoints that do not match, because of quality of service or type, are found by comparing endpoints as they are
 discovered. The warning follows a moment later, when their nodes are known by name.
@@ -38,8 +38,8 @@ class Participant:
     """A participant. Raises ConfigError if the domain cannot be joined.
 
     entities    makes its writers and readers
-    discovery   who is there
-    warn        called with what a person should know
+    discovery   endpoints and nodes of the domain
+    warn        called with each warning
     on_service_gone  called in the scheduler when a service has left the domain
     """
 

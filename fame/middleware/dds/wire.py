@@ -1,17 +1,17 @@
-"""What Cyclone DDS gets: names and types as ROS 2 mangles them, quality of service, writers and readers.
+"""The mapping to Cyclone DDS: names and types as ROS 2 mangles them, quality of service, writers and readers.
 
-Cyclone takes and gives CDR as it is; `fame.middleware.codec` packs and unpacks. It needs the fields of a type
-nevertheless, to check what comes in, so each type is declared with its true fields (keyless, final).
+Cyclone transports CDR, which `fame.middleware.codec` packs and unpacks. To check received data it also needs the fields
+of a type, so each type is declared with its true fields (keyless, final).
 
 Each endpoint carries a descriptor of its type (DDS XTypes 1.3, section 7.3.4: TypeInformation and TypeMapping). To
-compute it, cyclonedds needs 30 ms for the first type, a fifth of the start of an engine; so those of the types that
-every engine needs (`fame.middleware.typesystem.HASHES`) are stored here.
+compute it, cyclonedds needs 30 ms for the first type, a fifth of the start-up of an engine; so the descriptors of the
+types that every engine needs (`fame.middleware.typesystem.HASHES`) are stored here.
 
 Topics are made once and stay until the participant is deleted. A topic without endpoints is invisible to others, but
 each one that is made costs memory that cyclonedds does not give back, and Cyclone 11.0.1 crashes now and then when a
-type is declared after others of this process were forgotten: its tree of what types consist of has entries that were
-freed (`gv->typedeps`; eclipse-cyclonedds/cyclonedds, issue 2426). Types that other processes forget do no harm. So a
-participant that closes while others of this process stay in the domain leaves them its types.
+type is declared after others of this process were deleted: its tree of type dependencies has entries that were freed
+(`gv->typedeps`; eclipse-cyclonedds/cyclonedds, issue 2426). Types that other processes delete do no harm. So a
+participant that closes while others of this process stay in the domain hands its types over to them.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def handle(value: int) -> int:
 
 @cache
 def declared(name: str, header: bool) -> Any:
-    """The class that Cyclone gets for a type: ``declared(...)(data)`` holds CDR, `data` is what it holds.
+    """The class that declares a type to Cyclone: ``declared(...)(data)`` holds CDR, which is its attribute `data`.
 
     `header` puts the two numbers of a service's request or response before the fields.
     """
@@ -145,7 +145,7 @@ def _set_descriptor(name: str, declared: Any) -> None:
 _RELIABLE: Any = Policy.Reliability.Reliable
 _FOREVER = duration(infinite=True)
 _PATIENCE = SECOND // 10
-"""How long a write waits for subscriptions that do not keep up (ns)."""
+"""Time that a write waits for subscriptions that do not keep up (ns)."""
 _KEPT = "kept"
 """Topics with this prefix exist for their types alone."""
 _of_process: dict[int, list[Entities]] = {}
@@ -163,7 +163,7 @@ class Entities:
 
     @property
     def types(self) -> set[str]:
-        """The types that Cyclone knows at least as long as the participant exists."""
+        """The types that Cyclone keeps as long as the participant exists."""
         return {type for _, type, _ in self._topics}
 
     def close(self) -> None:
@@ -203,7 +203,7 @@ class Entities:
 def matched(end: DataWriter[Any] | DataReader[Any]) -> list[int]:
     """The instance handles of all endpoints that one is connected to now.
 
-    cyclonedds asks how many there are, and then for that many: if one comes in between, it reads beyond its array.
+    cyclonedds asks for their number, and then for that many: if one is added in between, it reads beyond its array.
     """
     find = end.get_matched_subscriptions if isinstance(end, DataWriter) else end.get_matched_publications
     while True:
@@ -214,7 +214,7 @@ def matched(end: DataWriter[Any] | DataReader[Any]) -> list[int]:
 
 
 def samples_lost(reader: DataReader[Any]) -> int:
-    """How many messages of its publishers a reader has missed since this was asked last, as far as Cyclone knows.
+    """The number of messages that a reader has missed since the last call, as far as Cyclone knows.
 
     cyclonedds reports that to listeners only, which Cyclone calls in threads of its own.
     """

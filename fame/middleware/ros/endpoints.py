@@ -1,4 +1,4 @@
-"""Publishers, subscriptions, services and clients of rclpy; types, messages and quality of service in its words.
+"""Publishers, subscriptions, services and clients of rclpy, with its types, messages and quality of service.
 
 Messages cross as CDR: topics hand over the bytes as they are, services go through rclpy's own (de)serialization. So
 there is one way to write a field, that of `fame.middleware.codec`.
@@ -115,7 +115,7 @@ def _seconds(time: Duration) -> float | None:
 # ---- endpoints -------------------------------------------------------------------------------------------------------
 
 _MAX_BATCH = 100
-"""How many messages are taken behind another if the history is not bounded."""
+"""Number of messages that are taken in a row if the history is not bounded."""
 _POLL = SECOND // 10
 """How often a client that waits for a response checks whether its service is still there (ns)."""
 
@@ -222,8 +222,9 @@ class RosPublisher(WirePublisher):
 class RosSubscription(WireSubscription):
     """A subscription.
 
-    ROS does not report what is pushed out of the queue below rclpy. So that queue holds one message more, and is
-    emptied when the first has come: what is pushed out of our queue is counted, with what rclpy reports.
+    ROS does not report messages that are dropped from the queue below rclpy. So that queue holds one message more and
+    is emptied when the first has come: drops from the queue of this class are counted, with the losses that rclpy
+    reports.
     """
 
     def __init__(

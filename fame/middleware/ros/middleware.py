@@ -42,14 +42,14 @@ _OF_EVERY_NODE = ("/rosout", "/parameter_events")
 
 
 class RosMiddleware(WireMiddleware):
-    """Nodes of rclpy. `warnings` has what a person should know; `on_warning` is called with each in the scheduler.
+    """Nodes of rclpy. `warnings` are for the user; `on_warning` is called with each of them in the scheduler.
 
     `domain` None is ROS_DOMAIN_ID. `network` None confines discovery to this machine; anything else opens it, on the
     interfaces that the configuration of ROS's own middleware names. Raises ConfigError if ROS refuses.
     """
 
     confined: bool = False
-    """Discovery is confined, not the sockets: other machines can reach us."""
+    """False even without a network: only discovery is confined, not the sockets."""
     nodes: list[RosNode]
     offers_parameters: bool = False
 
@@ -226,7 +226,7 @@ def _names(node: Node) -> tuple[str, str]:
 
 
 def ros_arguments(words: list[str]) -> list[str]:
-    """The part of a command line that is for ROS: from ``--ros-args`` on.
+    """The ROS arguments of a command line: from ``--ros-args`` on.
 
     >>> ros_arguments(["fame", "engine", "REX", "--ros-args", "-p", "use_sim_time:=true"])
     ['--ros-args', '-p', 'use_sim_time:=true']
@@ -235,7 +235,7 @@ def ros_arguments(words: list[str]) -> list[str]:
 
 
 def confine(network: str | None) -> None:
-    """Let ROS discover others on this machine only, or on the network. It reads that from the environment."""
+    """Confine the discovery of ROS to this machine, or open it to the network, by environment variables."""
     if network is None:
         os.environ[_RANGE] = "LOCALHOST"
     elif os.environ.get(_RANGE, "LOCALHOST") in ("LOCALHOST", "OFF"):

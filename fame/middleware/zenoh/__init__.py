@@ -1,6 +1,6 @@
-"""Topics and services between processes and machines: Eclipse Zenoh, in the words of rmw_zenoh.
+"""Topics and services between processes and machines: Eclipse Zenoh, on the wire of rmw_zenoh.
 
-ROS 2 nodes on rmw_zenoh see the nodes of this backend as nodes of their own kind, and the other way round. Importing
+ROS 2 nodes on rmw_zenoh see the nodes of this backend as ROS 2 nodes, and the other way round. Importing
 the package raises UnavailableError where Zenoh is not installed.
 
 ::

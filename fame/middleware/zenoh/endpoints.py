@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 _SERVICE_QOS = QoS(depth=10)
 """The quality of service of services in ROS: reliable, volatile, keep last 10."""
 _FOREVER = 10.0 * 365 * 86400
-"""How long a request waits for its response (s); that its service is gone is noticed sooner."""
+"""Time that a request waits for its response (s); the loss of its service is noticed sooner."""
 _MANY = 100_000
 """How many messages of a history that is not bounded are kept."""
 _HEARTBEAT = 0.5
-"""How often a publisher with a history says what its last message was, if that is new (s)."""
+"""Interval in which a publisher with a history reports the number of its last message, if that is new (s)."""
 _DROP, _BLOCK = zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK
 
 
@@ -69,7 +69,7 @@ class _Declared:
         self._token: Any = None
 
     def announce(self, end: Any) -> None:
-        """Announce it, when it is there: whoever sees the token may send at once."""
+        """Announce it, after it has been declared: peers that see the token may send at once."""
         self.end, self._token = end, self._middleware.declare(self.entity)
         if self.entity.kind in (tokens.PUBLISHER, tokens.SUBSCRIPTION):
             self._middleware.report_mismatches(self.entity)
@@ -195,7 +195,7 @@ class ZenohSubscription(WireSubscription):
             self._here.add(gid)
 
     def ignore(self, publisher: ZenohPublisher) -> None:
-        """Drop the messages of a publisher of the same node, those too that still wait when it has closed."""
+        """Drop the messages of a publisher of the same node, also those that are still queued when it closes."""
         if publisher.topic == self.topic:
             self._own.add(publisher.gid)
 

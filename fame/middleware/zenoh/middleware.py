@@ -85,7 +85,7 @@ class Graph:
 
 
 class Wakeups:
-    """What a `DataScheduler` waits for: subscriptions that have samples, which it takes in its own thread.
+    """The waiter of a `DataScheduler`: subscriptions with samples, which it takes in its own thread.
 
     A lock that is released by who wakes up is far faster than a condition. (`SimpleQueue.get` of CPython 3.11 is as
     fast, but can forget its timeout on a busy machine, and wait forever.)
@@ -117,7 +117,7 @@ class Wakeups:
 
 
 class ZenohMiddleware(WireMiddleware):
-    """Nodes on Zenoh. `warnings` has what a person should know; `on_warning` is called with each in the scheduler.
+    """Nodes on Zenoh. `warnings` are for the user; `on_warning` is called with each of them in the scheduler.
 
     `domain` None is ROS_DOMAIN_ID. `network` None keeps everything on loopback, without a router; else it names routers
     or a configuration file (`fame.middleware.zenoh.session`). Raises ConfigError.
@@ -187,7 +187,7 @@ class ZenohMiddleware(WireMiddleware):
         return self.session.liveliness().declare_token(entity.token)
 
     def withdraw(self, entity: Entity, token: Any) -> None:
-        """The opposite of `declare`."""
+        """Undo `declare`."""
         self.entities.remove(entity.token)
         token.undeclare()
 
@@ -200,7 +200,7 @@ class ZenohMiddleware(WireMiddleware):
             self._barrier = self.session.declare_queryable(key, answer, complete=True)
 
     def flush(self) -> None:
-        """Wait until all sessions that confirm have what this one has sent. Messages of one link arrive in order."""
+        """Wait until all confirming sessions have received what this one sent. Messages of a link arrive in order."""
         for _ in self.session.get(
             self._barrier_key("*"),
             target=zenoh.QueryTarget.ALL,

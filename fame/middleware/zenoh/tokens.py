@@ -1,4 +1,4 @@
-"""What rmw_zenoh writes: key expressions of topics, liveliness tokens of nodes and endpoints, attachments of samples.
+"""The wire format of rmw_zenoh: key expressions of topics, liveliness tokens, attachments of samples.
 
 A message on ``/REX/odom`` of domain 0 has the key ``0/REX/odom/nav_msgs::msg::dds_::Odometry_/RIHS01_...``. Each node
 and each endpoint has a liveliness token, which is there as long as its session lives::
@@ -41,7 +41,7 @@ _MAX_TOKEN = 2000
 
 
 class Attachment(NamedTuple):
-    """What comes with a message: its number (from 1 on), when it was sent (ns since 1970), and by which endpoint."""
+    """The attachment of a message: its number (from 1 on), time of sending (ns since 1970), and endpoint."""
 
     number: int
     time: int
@@ -82,7 +82,7 @@ class Entity:
 
     @property
     def owner(self) -> tuple[str, str]:
-        """What the endpoints of one node have in common."""
+        """The identity shared by the endpoints of one node."""
         return self.session, self.node_id
 
 
@@ -149,7 +149,7 @@ def gid_of(token: str) -> bytes:
 
 
 def qos_text(qos: QoS) -> str:
-    """What a token says of the quality of service: ROS's numbers of the policies, where they differ from its defaults.
+    """The quality of service in a token: ROS's numbers of the policies, where they differ from its defaults.
 
     >>> qos_text(QoS(depth=7)), qos_text(QoS(reliability="best_effort", depth=5, deadline=0.5))
     ('::,7:,:,:,,', '2::,5:0,500000000:,:,,')
