@@ -1,7 +1,7 @@
 """Finds called processes: in the file of the caller, then in files of the library path.
 
 `calledElement` is the id of a process of the same file, or the name of a file ``<name>.bpmn`` in a folder of the
-library path, which has a process of that id or only one process. Each file is read once.
+library path, which has a process of that id or only one process. Each file is looked for and read once.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ class Library:
             if not folder.is_dir():
                 raise ConfigError("is not a folder; the library path has folders of .bpmn files", file=str(folder))
         self._files: dict[Path, Definitions] = {}
+        self._found: dict[tuple[str, str], tuple[Definitions, Process]] = {}  # (file of the caller, called element)
 
     @property
     def declared(self) -> Library:
@@ -69,7 +70,12 @@ class Library:
         if problem:
             raise ModelError.at(call, problem, file=caller.file)
         process = caller.process(call.called)
-        return (caller, process) if process is not None else self._find_file(caller, call)
+        if process is not None:
+            return caller, process
+        key = (caller.file, call.called)
+        if key not in self._found:
+            self._found[key] = self._find_file(caller, call)
+        return self._found[key]
 
     def _find_file(self, caller: Definitions, call: CallActivity) -> tuple[Definitions, Process]:
         searched = []

@@ -18,7 +18,6 @@ from fame.bpmn.model import Definitions
 from fame.clock import SECOND, Kind, Scheduler
 from fame.engine.state import Trail
 from fame.log.recording_file import RunWriter
-from fame.middleware import codec
 from fame.middleware.interface import ENGINE
 from fame.robot.changes import ChangeTracker
 from fame.robot.events import Event
@@ -40,7 +39,7 @@ LogTopics = Literal["signals", "all"]
 
 
 class TopicRecorder:
-    """Records messages as CDR as they are published. `begin` gives the file."""
+    """Records messages as they are published. `begin` gives the file."""
 
     def __init__(self, begin: Callable[[], RunWriter], *, every: bool) -> None:
         self._begin, self._every = begin, every
@@ -71,7 +70,7 @@ class TopicRecorder:
                     chosen.append(None)
             if chosen[0] is not None:
                 file, channel = chosen[0]
-                file.write(channel, self._middleware.scheduler.now, codec.serialize(message))
+                file.message(channel, self._middleware.scheduler.now, message)
 
         return on_message
 

@@ -17,11 +17,14 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from io import BufferedWriter, FileIO
 from subprocess import PIPE, Popen
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from fame.errors import ConfigError, FameError
 from fame.log.recording_file import FileWriter, RecordingFile, definition_of
 from fame.robot.change_text import Changes, value_text
+
+if TYPE_CHECKING:
+    from fame.middleware.messages import Message
 
 _BATCH = 256
 """Calls that are sent together, at most."""
@@ -82,9 +85,11 @@ class RecorderProcess:
         self._channels += 1
         return self._channels - 1
 
-    def write(self, channel: int, time: int, data: bytes) -> None:
-        """A message at a time (ns), as CDR."""
-        self._calls.append(("write", channel, time, bytes(data)))
+    def message(self, channel: int, time: int, message: Message) -> None:
+        """A message at a time (ns)."""
+        from fame.middleware import codec
+
+        self._calls.append(("write", channel, time, codec.serialize(message)))
         if len(self._calls) >= _BATCH:
             self._send()
 

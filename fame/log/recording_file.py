@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, BinaryIO, Protocol
 
@@ -13,6 +14,8 @@ from fame.robot.change_text import Changes, ChangeText, name_text
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
+
+    from fame.middleware.messages import Message
 
 CHUNK = 1 << 18
 """Bytes of a chunk before it is compressed: what a crash may lose, and what a seek has to read."""
@@ -73,6 +76,7 @@ class RecordingFile:
         self._writer.finish()  # type: ignore[no-untyped-call]
 
 
+@cache
 def _version() -> str:
     """The version of FAME; empty where it is not installed."""
     try:
@@ -113,8 +117,8 @@ class RunWriter(Protocol):
     def message_channel(self, topic: str, type: str, node: str) -> int:
         """The number of a new channel for messages of a ROS 2 type that `node` (full name) publishes."""
 
-    def write(self, channel: int, time: int, data: bytes) -> None:
-        """A message at a time (ns), as CDR."""
+    def message(self, channel: int, time: int, message: Message) -> None:
+        """A message at a time (ns)."""
 
     def finish(self) -> None:
         """There is nothing more."""
@@ -156,6 +160,12 @@ class FileWriter:
         self._channels.append(self._file.message_channel(topic, type, node, definition))
         return len(self._channels) - 1
 
-    def write(self, channel: int, time: int, data: bytes) -> None:
+    def message(self, channel: int, time: int, message: Message) -> None:
         """Write a message."""
+        from fame.middleware import codec
+
+        self.write(channel, time, codec.serialize(message))
+
+    def write(self, channel: int, time: int, data: bytes) -> None:
+        """Write a message that is CDR already."""
         self._file.write(self._channels[channel], time, data)

@@ -36,15 +36,21 @@ _PAST_METHODS = frozenset((dis.opmap["STORE_GLOBAL"], dis.opmap["DELETE_GLOBAL"]
 
 def compile_python(expression: Expression, mode: Literal["exec", "eval"], file: str = "", element: str = "") -> Code:
     """Compile to a function of the variables. Raises ModelError with the line of the file."""
+    code = _code(expression, mode, file, element)
+    run: Code = partial(eval, code)
+    return partial(_run_and_settle, run) if _writes_past_methods(code) else run
+
+
+@lru_cache(maxsize=1024)
+def _code(expression: Expression, mode: Literal["exec", "eval"], file: str, element: str) -> CodeType:
+    """The code of a text: each robot of a fleet compiles the same ones, and so does each of many runs."""
     flags = ast.PyCF_ALLOW_TOP_LEVEL_AWAIT if mode == "exec" else 0
     if _LOOKED_INTO.search(expression.text):
         tree = _compiled(expression, mode, file, element, ast.PyCF_ONLY_AST)
-        code = _compile_tree(tree, expression, mode, file, element, flags)
+        code: CodeType = _compile_tree(tree, expression, mode, file, element, flags)
     else:
         code = _compiled(expression, mode, file, element, flags)
-    code = _moved(code, max(0, expression.line - 1))
-    run: Code = partial(eval, code)
-    return partial(_run_and_settle, run) if _writes_past_methods(code) else run
+    return _moved(code, max(0, expression.line - 1))
 
 
 def parse_python(

@@ -11,11 +11,13 @@ The fixture ``mission`` loads a model or a scenario::
 ::
 
     plugin        options and fixture of pytest, the report of a failed test
+    preload        what is imported before the first test
     mission        a mission under test: driving it
     by_hand        a mission that runs step by step
     manual_robots  the robots of such a mission
     expectations   expectations of a robot
     failure        the text and the files of a failed expectation
+    late_recording  the recording of a mission, written when it is wanted
     trace          the events of a mission by element
     elements       elements of a model by label or id
     fakes          fake topics, services, actions and people

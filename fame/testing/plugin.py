@@ -42,21 +42,38 @@ def pytest_configure(config: pytest.Config) -> None:
             raise pytest.UsageError(str(error)) from None
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Load what missions need, if a test that is going to run has one."""
+    if not session.config.option.collectonly and any(map(_has_mission, session.items)):
+        from fame.testing.preload import preload
+
+        preload()
+
+
+def _has_mission(item: pytest.Item) -> bool:
+    """Whether a test has the fixture, or its module has a strategy or other part of `fame.testing`."""
+    module = getattr(item, "module", None)
+    homes = (getattr(value, "__module__", None) or "" for value in vars(module).values()) if module is not None else ()
+    return "mission" in getattr(item, "fixturenames", ()) or any(str(home).startswith("fame.testing") for home in homes)
+
+
 @pytest.fixture
 def mission(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MissionLoader]:
     """Load missions and drive them in simulated time: ``m = mission.load("patrol.yaml")``."""
-    from fame.testing.mission import MissionLoader
+    from fame.testing.mission import MissionLoader, collected_at_end
 
     search = (request.path.parent, request.config.rootpath)
     loader = MissionLoader(_folder(tmp_path_factory, request.node.name), search)
     request.node.stash[_LOADER] = loader
-    yield loader
-    coverage = request.config.stash.get(_COVERAGE, None)
-    if coverage is not None:
-        for loaded in loader.loaded:
-            coverage.add(loaded, request.node.nodeid)
-    del request.node.stash[_LOADER]
-    loader.close()
+    with collected_at_end():
+        yield loader
+        coverage = request.config.stash.get(_COVERAGE, None)
+        if coverage is not None:
+            for loaded in loader.loaded:
+                coverage.add(loaded, request.node.nodeid)
+        del request.node.stash[_LOADER]
+        loader.close()
 
 
 def _folder(factory: pytest.TempPathFactory, name: str) -> Callable[[], Path]:

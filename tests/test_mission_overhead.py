@@ -1,0 +1,82 @@
+"""Tests of missions do once, or not at all, what would make each of them slow: imports, recordings, collections."""
+
+from __future__ import annotations
+
+import gc
+import os
+from pathlib import Path
+
+import pytest
+
+from fame.bpmn.library import Library
+from fame.bpmn.reader import read
+from fame.robot import RobotNode
+from fame.testing import MissionLoader, late_recording
+from fame.testing.mission import collected_at_end
+
+pytest_plugins = ["pytester"]
+VEHICLES = Path(__file__).parent.parent / "models" / "ground_vehicles.bpmn"
+
+
+def played(mission: MissionLoader) -> bytes:
+    """The recording of two cars without a world."""
+    m = mission.load(VEHICLES)
+    m.stub("Explore", after=2, signals={"target_found": {"x": 1.0, "y": 2.0}})
+    m.stub("GoTo", after=3)
+    m.advance(10)
+    return m.recorded()
+
+
+def test_a_recording_is_written_only_if_it_is_wanted(mission: MissionLoader, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(late_recording, "RecordingFile")
+    m = mission.load(VEHICLES)
+    m.stub("Explore", after=2, signals={"target_found": {"x": 1.0, "y": 2.0}})
+    m.advance(3)
+    m.expect("REX").waits_at("done")
+    with pytest.raises(NameError, match="RecordingFile"):
+        m.recorded()
+
+
+def test_a_recording_is_the_same_in_one_piece_and_in_many(
+    mission: MissionLoader, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = played(mission)
+    monkeypatch.setattr(late_recording, "MOST", 3)
+    assert played(mission) == whole
+    assert len(whole) > 1000
+
+
+def test_garbage_is_collected_when_the_mission_ends_and_then_as_before(mission: MissionLoader) -> None:
+    gc.set_threshold(500, 10, 10)
+    with collected_at_end():
+        mission.load(VEHICLES).advance(1)
+        assert gc.get_threshold()[0] == 100_000
+        mission.close()
+        mission.loaded.clear()
+    assert gc.get_threshold() == (500, 10, 10)
+    assert not any(isinstance(one, RobotNode) for one in gc.get_objects(generation=1))
+
+
+@pytest.mark.parametrize(("fixture", "loaded"), [("mission", True), ("tmp_path", False)])
+def test_what_missions_need_is_imported_before_the_first_of_them(
+    pytester: pytest.Pytester, fixture: str, loaded: bool
+) -> None:
+    pytester.makepyfile(f"""
+        import sys
+
+        def test_imports({fixture}):
+            assert ("fame.testing.mission" in sys.modules) is {loaded}
+            assert ("numpy" in sys.modules) is {loaded}
+    """)
+    pytester.runpytest_subprocess("-p", "no:hypothesispytest").assert_outcomes(passed=1)
+
+
+def test_a_called_process_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    searched: list[object] = []
+    is_file = os.path.isfile
+    monkeypatch.setattr(os.path, "isfile", lambda path: searched.append(path) or is_file(path))
+    library, definitions = Library(), read(VEHICLES)
+    found = [library.closure(definitions, process) for process in definitions.processes]
+    first = len(searched)
+    assert found == [library.closure(definitions, process) for process in definitions.processes]
+    assert len(searched) == first > 0
