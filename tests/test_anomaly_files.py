@@ -125,3 +125,47 @@ def test_what_would_be_guessed_from_a_table_is_refused_with_its_line(text: str, 
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(ConfigError, match=why):
         read_csv(tmp_path / "a.csv")
+
+
+def steady(rows: int, *, head: str = "", label: str = "") -> str:
+    """A table of a time and two joints that move to and fro; stamps with jitter."""
+    jitter = 0.002 * np.random.default_rng(1).standard_normal(rows)
+    lines = [f"{0.025 * n + jitter[n]:.6f},{np.sin(n):.6f},{np.cos(n):.6f}{label}" for n in range(rows)]
+    return "\n".join([head, *lines] if head else lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "inputs", "why"),
+    [
+        (
+            steady(40),
+            [0, 1, 2],
+            r"column 0 \(counted from 0\) grows steadily from row to row, as times do, not a joint",
+        ),
+        (steady(40, label=",1"), None, "column 0 .* grows steadily"),
+        (
+            steady(40, head="Time,a,b"),
+            None,
+            r"'Time', holds times, not a joint: call it 'stamp' \(s\), or leave it out",
+        ),
+        (
+            steady(40, head="stamp,a,b"),
+            [0, 1],
+            r"column 0 .* is 'stamp', not a joint; the joints are the columns \[1, 2\]",
+        ),
+        ("stamp,run,a\n0,0,1\n1,0,2\n", [1, 2], r"column 1 .* is 'run', not a joint; the joints are the columns \[2\]"),
+    ],
+)
+def test_a_column_of_times_is_not_a_joint(tmp_path: Path, text: str, inputs: list[int] | None, why: str):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(ConfigError, match=why):
+        read_csv(tmp_path / "a.csv", inputs)
+
+
+def test_stamps_are_recognised_without_labels_and_a_named_axis_may_turn_steadily(tmp_path: Path):
+    (tmp_path / "a.csv").write_text(steady(40, head="stamp,a,b"))
+    found = read_csv(tmp_path / "a.csv")
+    assert (found.joints, found.stamps is not None, set(found.labels.tolist())) == (("a", "b"), True, {1})
+    (tmp_path / "a.csv").write_text(steady(40, head="turntable,a,b"))
+    assert read_csv(tmp_path / "a.csv").joints == ("turntable", "a", "b")
+    assert read_csv(tmp_path / "a.csv", [1, 2]).joints == ("a", "b")

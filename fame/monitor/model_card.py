@@ -23,6 +23,9 @@ Card: TypeAlias = dict[str, Any]
 """Sections by title, each a mapping or a list of sentences; plain data."""
 
 
+_EXCHANGEABLE = ("The promise holds for runs like those of the training: same task, speed, load, rate and sensors.",)
+
+
 def load_any(path: str | Path) -> TrainedModel | Model:
     """Read a model of ``fame train`` or of ``fame adm learn``. Raises ConfigError for any other file."""
     from fame.monitor.anomaly import model as anomaly
@@ -73,7 +76,7 @@ def _trained_card(model: TrainedModel) -> Card:
         },
         "Limits": [
             *warnings_of(model),
-            "The promise holds for runs like those of the training: same task, speed, load, rate and sensors.",
+            *(_EXCHANGEABLE if calibration is not None and calibration.promised is not None else ()),
             f"An anomaly shorter than a window ({model.window / model.rate:.3g} s) is averaged over it.",
         ],
         "Settings": dict(conditions.get("settings", {})),
@@ -141,12 +144,11 @@ def to_markdown(card: Card, title: str = "Model card") -> str:
     """Give a card as Markdown."""
     lines = [f"# {title}", ""]
     for name, section in card.items():
-        lines += [f"## {name}", ""]
         if isinstance(section, Mapping):
-            lines += [f"- {key}: {_shown(value)}" for key, value in section.items() if value not in (None, "", [])]
+            told = [f"- {key}: {_shown(value)}" for key, value in section.items() if value not in (None, "", [])]
         else:
-            lines += [f"- {sentence}" for sentence in section]
-        lines.append("")
+            told = [f"- {sentence}" for sentence in section]
+        lines += [f"## {name}", "", *told, ""] if told else []
     return "\n".join(lines)
 
 

@@ -218,7 +218,8 @@ def load_model(path: str | Path) -> Model:
     made = stated.get("scikit-learn", "unknown") if isinstance(stated, dict) else "unknown"
     ours = version("scikit-learn")
     if made.split(".")[:2] != ours.split(".")[:2]:
-        text = f"was made with scikit-learn {made}, here is {ours}: learn it again, or install scikit-learn {made}"
+        text = f"was made with scikit-learn {made}, here is {ours}: fame adm learn makes it anew"
+        text += f", or install scikit-learn {made}"
         raise ConfigError(text, file=str(path))
     try:
         model = _model(content)

@@ -242,6 +242,8 @@ def of_runs(runs: Sequence[Floats], label: int, joints: Sequence[str], source: s
 
 
 _FORMAT = "%.10g"
+_STEADY = 0.2
+"""How much steps between stamps usually differ, relative."""
 
 
 def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int | None = None) -> Recording:
@@ -254,6 +256,7 @@ def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int 
     path = Path(path)
     table = read_table(path)
     inputs, output = _columns(table, path, inputs, output)
+    _reject_times(table, inputs, path)
     values, labels = table.cells[:, inputs], _labels(table, output, path)
     _reject_gaps(table, [*inputs, *(table.names.index(name) for name in (STAMP, RUN) if name in table.names)], path)
     stamps = table.cells[:, table.names.index(STAMP)] if STAMP in table.names else None
@@ -335,6 +338,39 @@ def _columns(
         text = f"has {width} columns; column {wrong[0]} (counted from 0) is not there" if wrong else "has no joints"
         raise ConfigError(text, file=str(path))
     return list(inputs), output
+
+
+_TIMES = ("time", "times", "timestamp", "timestamps", "t", "sec", "secs", "seconds", "nanosec", "nsec")
+"""Names of columns that hold times, in lower case."""
+
+
+def _reject_times(table: Table, inputs: Sequence[int], path: Path) -> None:
+    """Raise ConfigError for a column of times, numbers of runs or labels among the joints. A column without a name is
+    one if it grows steadily from row to row, which no joint of a repeated task does."""
+    special = (STAMP, RUN, LABEL)
+    for column in inputs:
+        name = table.names[column] if table.names else ""
+        if name in special:
+            joints = [index for index, other in enumerate(table.names) if other not in special]
+            text = f"column {column} (counted from 0) is {name!r}, not a joint; the joints are the columns {joints}"
+        elif name.lower() in _TIMES:
+            text = f"column {column} (counted from 0), {name!r}, holds times, not a joint: "
+            text += "call it 'stamp' (s), or leave it out"
+        elif not name and _grows_steadily(table.cells[:, column]):
+            text = f"column {column} (counted from 0) grows steadily from row to row, as times do, not a joint: "
+            text += "leave it out, or add a line of names, such as stamp,joint_1,label"
+        else:
+            continue
+        raise ConfigError(text, file=str(path))
+
+
+def _grows_steadily(values: Floats) -> bool:
+    """Whether values grow from each row to the next, most of the steps by about the same."""
+    steps = np.diff(values)
+    if len(steps) < 2 or not (steps > 0).all():
+        return False
+    usual = float(np.median(steps))
+    return bool(np.median(np.abs(steps - usual)) <= _STEADY * usual)
 
 
 def _labels(table: Table, output: int | None, path: Path) -> Whole:

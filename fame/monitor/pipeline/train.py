@@ -183,7 +183,9 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
 def warnings_of(model: TrainedModel) -> list[str]:
     """Give what a user has to know about the thresholds of a model, a line each."""
     if model.calibration is None:
-        return ["was trained by an earlier version: nothing is known about its false alarms; train again"]
+        return [
+            "was trained by an earlier version: nothing is known about its false alarms; train again with fame train"
+        ]
     told = [] if model.calibration.promised is not None else [model.calibration.text]
     above = [
         name

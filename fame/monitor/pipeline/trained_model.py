@@ -118,7 +118,9 @@ class TrainedModel:
             content = read_artefact(Path(path), "fame train")
             found = content.get("format") if isinstance(content, dict) else None
             if found not in (FORMAT, FIRST_FORMAT):
-                text = f"is not a model of fame train: expected format {FORMAT!r}, got {found!r}"
+                text = (
+                    f"is not a model of fame train: expected format {FORMAT!r}, got {found!r}; fame train makes it anew"
+                )
                 raise ConfigError(text, file=str(path))
         model = _from_plain(content, str(path))
         model.require(path, columns, data)

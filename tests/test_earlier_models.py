@@ -1,0 +1,126 @@
+"""Models and learning files of earlier versions: they load, or are refused with the command that makes them anew."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from arm_data import BENIGN, needs_data, recording
+
+from fame.cli import main
+from fame.errors import ConfigError
+from fame.monitor.anomaly.learning_file import load
+from fame.monitor.anomaly.model import load_model
+from fame.monitor.anomaly.paths import PathDetector
+from fame.monitor.anomaly.recording import of_runs
+from fame.monitor.drift import Drift
+from fame.monitor.model_card import card_of, load_any, to_markdown
+from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.monitor.storage import versions, write_artefact
+from robots.arm.task import MH5, simulated_runs
+
+
+def first_autoencoders() -> dict[str, Any]:
+    """What the first version of `fame train` stored: autoencoders only, nothing about the rate of false alarms."""
+    random = np.random.default_rng(3)
+    layers = (8, 3, 8)
+    shapes = list(pairwise(layers))
+    figures = {name: [0.1, 0.2] for name in ("training_max", "training_mean", "validation_max", "validation_mean")}
+    return {
+        "format": "fame-autoencoder-1", "versions": versions(), "columns": ["a", "b"], "window": 8, "rate": 100.0,
+        "mean": np.zeros(2), "scale": np.ones(2), "activation": "tanh",
+        "weights": [random.standard_normal((2, *shape)) for shape in shapes],
+        "biases": [np.zeros((2, 1, shape[1])) for shape in shapes],
+        "thresholds": [0.3, 0.4], "cutoff": 5.0, "before": 20.0, "data": "", "metrics": figures,
+    }  # fmt: skip
+
+
+def benign_runs(count: int, seed: int) -> list[np.ndarray]:
+    """Runs (points, joints) of the MH5 along a recorded one."""
+    return simulated_runs(recording(BENIGN).select([0]), count, seed, MH5)
+
+
+def first_paths() -> dict[str, Any]:
+    """What the first version of `fame adm learn` stored of a path detector: no orientations, parameters or noise."""
+    runs = of_runs(benign_runs(4, seed=7), 1, MH5.joints)
+    plain = PathDetector(MH5).fit(runs).to_plain()
+    plain = {name: value for name, value in plain.items() if name not in ("parameters", "turns", "noise")}
+    return {
+        "format": "fame-adm-1", "versions": versions(), "name": "path", "joints": list(MH5.joints),
+        "estimator": {**plain, "limits": plain["limits"][:, :3]}, "process": None, "threshold": 0.002, "nominal": 517,
+        "reference": runs.select([0]).values, "data": "",
+    }  # fmt: skip
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    write_artefact(first_autoencoders(), tmp_path / "old.skops")
+    return tmp_path / "old.skops"
+
+
+def test_the_first_autoencoders_compute_their_losses_and_their_card_promises_nothing(old: Path):
+    model = TrainedModel.load(old)
+    assert np.isfinite(model.loss(np.ones((2, 8, 2)))).all()
+    assert model.thresholds == (0.3, 0.4)
+    text = to_markdown(card_of(load_any(old)))
+    assert "promise: none: trained by an earlier version" in text
+    assert "nothing is known about its false alarms; train again with fame train" in text
+    assert "The promise holds" not in text
+    assert "## Data\n\n##" not in text
+
+
+def test_the_drift_of_the_first_autoencoders_is_refused_with_the_command(old: Path):
+    with pytest.raises(ConfigError, match=r"was trained by an earlier version, .*: fame train makes it anew"):
+        Drift(model=str(old))
+
+
+@needs_data
+def test_the_first_path_detector_scores_as_it_did_and_says_what_it_does_not_see(tmp_path: Path):
+    write_artefact(first_paths(), tmp_path / "path.skops")
+    detector = load_model(tmp_path / "path.skops").estimator
+    benign = of_runs(benign_runs(1, seed=8), 1, MH5.joints)
+    assert sum(reading.anomalous for reading in detector.follow(benign)) == 0
+    moved = of_runs([benign_runs(1, seed=8)[0] + [0, 0.02, 0, 0, 0, 0]], -1, MH5.joints)
+    assert sum(reading.anomalous for reading in detector.follow(moved)) > 100
+    text = to_markdown(card_of(load_any(tmp_path / "path.skops")))
+    assert "does not see the orientation of the tool: fame adm learn makes it anew" in text
+
+
+@pytest.mark.parametrize("format", ["fame-adm-0", "fame-monitor-99", None])
+def test_a_model_of_another_version_is_refused_with_the_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], format: str | None
+):
+    write_artefact({"format": format}, tmp_path / "m.skops")
+    assert main(["model", "show", str(tmp_path / "m.skops")]) == 2
+    assert "fame train or fame adm learn makes it anew" in capsys.readouterr().err
+    with pytest.raises(ConfigError, match=r"expected format 'fame-monitor-2', got .*; fame train makes it anew"):
+        TrainedModel.load(tmp_path / "m.skops")
+    with pytest.raises(ConfigError, match=r"expected format 'fame-adm-1', got .*; fame adm learn makes it anew"):
+        load_model(tmp_path / "m.skops")
+
+
+@needs_data
+def test_a_model_of_another_scikit_learn_is_refused_with_the_command(tmp_path: Path):
+    write_artefact({**first_paths(), "versions": {"scikit-learn": "0.99.1"}}, tmp_path / "m.skops")
+    with pytest.raises(ConfigError, match=r"was made with scikit-learn 0\.99\.1, .*: fame adm learn makes it anew"):
+        load_model(tmp_path / "m.skops")
+
+
+def test_a_learning_file_of_the_first_version_is_read(tmp_path: Path):
+    (tmp_path / "learning.yaml").write_text(
+        "Files:\n"
+        "  fit_file: {name: a.csv, input_col: [0, 1], output_col: [2]}\n"
+        "  unsupervised_train: {name: a.csv, input_col: [0, 1], output_col: [2]}\n"
+        "  supervised_train: {name: Null}\n"
+        "  testing: []\n"
+        "Operations: {reduction: 0, scaling: minmax}\n"
+        "Classifiers:\n"
+        "  - {name: path, class: PathDetector, parameters: {chain: arm.yaml, margin: 1.5}, threshold: 0.002}\n"
+        "Split: {by: run, folds: 5}\n"
+        "Threshold: auto\n"
+    )
+    learning = load(tmp_path / "learning.yaml")
+    assert (learning.false_alarms, learning.folds, learning.supervised) == ("", 5, None)
