@@ -262,7 +262,23 @@ def test_nobody_decides_and_it_ends_after_30_s(tractor: fame.Simulation) -> None
 
 def test_it_is_the_closest_and_asks_its_planner_for_the_way(tractor: fame.Simulation) -> None:
     tractor.signal("closest_tractor", "Tractor_7")
-    assert list(tractor.instances[0].waiting) == ["Event_Plan"]
+    assert list(tractor.instances[0].waiting) == ["Gateway_Answer"]
+
+
+def test_it_asks_again_until_its_planner_answers(tractor: fame.Simulation) -> None:
+    tractor.signal("closest_tractor", "Tractor_7").run(until=12)
+    assert tractor.instances[0].visits["Event_GoalPose"] == 3
+    here = {"pose": {"position": {"x": 3.0, "y": 4.0}}}
+    tractor.signal("~/plan", {"poses": [here, {"pose": {"position": {"x": 1.0, "y": 2.0}}}]})
+    assert list(tractor.instances[0].waiting) == ["Event_GoTo_Odometry"]
+    tractor.signal("~/plan", {})  # an answer to an earlier request is not taken for one to the next
+    assert list(tractor.instances[0].waiting) == ["Event_GoTo_Odometry"]
+
+
+def test_its_planner_never_answers_and_the_weed_is_out_of_reach(tractor: fame.Simulation) -> None:
+    tractor.signal("closest_tractor", "Tractor_7").run(until=31)
+    assert tractor.instances[0].visits["Event_GoalPose"] == 6
+    assert tractor.instances[0].visits["Event_NoPlanner"] == 1
 
 
 def test_while_it_is_busy_it_does_not_answer(tractor: fame.Simulation) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,3 +34,29 @@ def run_with_kills(example: str, folder: Path, seed: int, kills: int, until: flo
 def test_the_ground_vehicles_hit_their_target_although_their_engines_die(seed: int, tmp_path: Path) -> None:
     result, run = run_with_kills("ground_vehicles", tmp_path, seed, kills=5, until=60)
     assert (result.status, run.kills > 0) == ("completed", True)
+
+
+class KilledAsking(DurableRun):
+    """REX is killed when it has asked its planner for the first time, before the answer."""
+
+    def begin(self) -> None:
+        super().begin()
+        journal = self.keepers["REX"][1].journal
+        append = journal.append
+        journal.sync = lambda then: then()  # type: ignore[method-assign]
+        asked = set[str]()
+
+        def appended(record: Mapping[str, Any]) -> None:
+            append(record)
+            effects = record.get("set", {}).get("effects", {})
+            asked.update(batch for batch, sent in effects.items() if sent[0][1] == "/REX/goal_pose")
+            if asked.intersection(record.get("gone", {}).get("effects", ())) and not self.kills:
+                self.scheduler.soon(partial(self.kill, "REX"))
+
+        journal.append = appended  # type: ignore[method-assign]
+
+
+def test_a_vehicle_that_dies_before_its_planner_answers_asks_again(tmp_path: Path) -> None:
+    run = KilledAsking(fame.Scenario.load(ROOT / "examples" / "ground_vehicles.yaml"), False, None, None)
+    run.folder = tmp_path
+    assert (run.result().status, run.kills) == ("completed", 1)

@@ -66,9 +66,9 @@ def test_the_python_of_the_readme_runs_and_gives_what_it_says(monkeypatch: pytes
     names: dict = {}
     exec(compile(code, "README.md", "exec"), names)
     (instance,) = names["sim"].instances
-    assert (instance.status, instance.error, names["sim"].now) == ("running", None, 0.0)
+    assert (instance.status, instance.error, names["sim"].now) == ("running", None, 1.0)
     assert instance.variables["x_target"] == 2.0
-    assert list(instance.waiting) == ["Event_Plan"]
+    assert list(instance.waiting) == ["Gateway_Answer"]
     assert names["result"].status == "completed"
 
 
