@@ -58,14 +58,22 @@ def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | 
     dicts = dicts or _Dicts()
     homes = engine.program.body_keys
     return {
-        "program": engine.program.hash,
-        "observed": engine.program.observed,
-        "counter": engine.counter,
+        **without_instances(engine, dump),
         "instances": [_instance(instance, dicts) for instance in engine.instances.values()],
         "scopes": [_scope(scope, dicts, homes, dump) for scope in scopes],
         "waits": [_wait(wait) for wait in waits],
         "boxes": [_box(box, dump) for box in boxes.values()],
         "listeners": {topic: [item.key for item in found] for topic, found in engine.listeners.items()},
+        "variables": dicts.written(dump),
+    }
+
+
+def without_instances(engine: Engine, dump: Convert = no_data) -> Data:
+    """The part of a snapshot that is there without running instances too."""
+    return {
+        "program": engine.program.hash,
+        "observed": engine.program.observed,
+        "counter": engine.counter,
         "conditions": [wait.key for wait in engine.conditions],
         "named": list(engine.waits),
         "inclusive": [scope.key for scope in engine.inclusive],
@@ -81,7 +89,6 @@ def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | 
             node.key: [[encode(keys, dump), _messages(found, dump)] for keys, found in sets]
             for node, sets in engine.gathered.items()
         },
-        "variables": dicts.written(dump),
     }
 
 

@@ -72,6 +72,7 @@ class Recorder:
         self.node, self.journal, self._on_trouble = node, journal, on_trouble
         journal.failed = self._fail
         self._settings = mission_settings(node)
+        self._epoch = epoch_of(node)
         self._tables = StateTables(node.engine, self._report_unstorable)
         self._outbox: list[_Effect] = []
         self._leaving: dict[str, list[_Effect]] = {}  # by batch: the effects of one stimulus
@@ -139,7 +140,7 @@ class Recorder:
         if self._requests:
             self._requests = {wait: made for wait, made in self._requests.items() if wait.alive}
         more: Tables = {
-            **tables_of(self.node),
+            **tables_of(self.node, self._epoch),
             "effects": self._recorded,
             "requests": {str(wait.key): made for wait, made in self._requests.items()},
             "recorder": {"next": self._next},
@@ -154,7 +155,7 @@ class Recorder:
     @property
     def now(self) -> int:
         """The date (ns since 1970) in the time of the mission."""
-        return epoch_of(self.node) + self.node.scheduler.now
+        return self._epoch + self.node.scheduler.now
 
     def instance_ended(self, instance: Any) -> None:
         """Record the end of an instance."""

@@ -40,9 +40,9 @@ def epoch_of(node: RobotNode) -> int:
     return (node.epoch - _UNIX) // timedelta(microseconds=1) * 1000
 
 
-def tables_of(node: RobotNode) -> Tables:
-    """The tables of a robot's state beside its engine."""
-    host, epoch = node.host, epoch_of(node)
+def tables_of(node: RobotNode, epoch: int) -> Tables:
+    """The tables of a robot's state beside its engine. `epoch` is as of `epoch_of`."""
+    host = node.host
     timers = host.timers.state().items()
     return {
         "timers": {str(key): [kind, text, base + epoch, fired] for key, (kind, text, base, fired) in timers},
@@ -138,7 +138,10 @@ def save(node: RobotNode, path: Path, header: Mapping[str, Any]) -> None:
     lost: list[str] = []
     tables = StateTables(node.engine, lambda name, reason: lost.append(f"variable {name}: {reason}"))
     over = [instance for instance in node.instances if instance.status != "running"]
-    more = {**tables_of(node), "ended": {str(each.key): instance_data(each, each.program) for each in over}}
+    more = {
+        **tables_of(node, epoch_of(node)),
+        "ended": {str(each.key): instance_data(each, each.program) for each in over},
+    }
     state = tables.changes(more, whole=True)
     if lost:
         raise ConfigError(f"the state cannot be stored: {lost[0]}", file=str(path))

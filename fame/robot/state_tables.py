@@ -23,6 +23,7 @@ from __future__ import annotations
 import json
 import marshal
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 import orjson
@@ -30,7 +31,7 @@ import orjson
 from fame.engine import Engine, Instance, Variables, restore, snapshot
 from fame.engine.host import Host
 from fame.engine.program import Program
-from fame.engine.snapshot import decode, encode
+from fame.engine.snapshot import decode, encode, is_data, without_instances
 from fame.errors import MissionError
 from fame.robot.stored_values import dump, message_json
 
@@ -39,9 +40,11 @@ Tables = dict[str, Table]
 Change = dict[str, Any]
 
 _KEYED = ("instances", "scopes", "waits", "boxes")
-_MAPPED = ("listeners", "waiting_starts", "gathered", "starts")
+_OUTSIDE = ("waiting_starts", "gathered", "starts")
+_MAPPED = ("listeners", *_OUTSIDE)
 _ATOMS = frozenset({type(None), bool, int, str})
 _ABSENT = object()
+_EMPTY: Table = {}
 
 
 def fold(tables: Tables, change: Change) -> Tables:
@@ -75,22 +78,42 @@ class StateTables:
         if whole:
             self._last, self._counts = {}, {}
             self._variables.forget()
+        change: Change = {}
+        if self._engine.instances or self._counts or whole:
+            data = self._running(change)
+        else:  # as for most of the time: nothing runs, and nothing did
+            data = without_instances(self._engine, self._dump)
+            self._note_tables(change, {name: data.pop(name) for name in _OUTSIDE})
+        self._note_tables(change, {"engine": data, **more})
+        return change
+
+    def _running(self, change: Change) -> Table:
+        """Note what has changed in instances. Returns what the engine has once."""
         self._variables.begin()
         data = snapshot(self._engine, dump=self._dump, dicts=self._variables)
         del data["variables"]
-        tables: Tables = {name: {str(item["key"]): item for item in data.pop(name)} for name in _KEYED}
-        tables |= {name: data.pop(name) for name in _MAPPED}
-        for item in tables["instances"].values():
+        for name in _KEYED:
+            data[name] = {str(item["key"]): item for item in data[name]}
+        for item in data["instances"].values():
             del item["counts"]
-        change: Change = {"set": {}, "gone": {}}
-        for name, table in {**tables, "engine": data, **more}.items():
-            last = self._last.get(name)
-            if table or last:
-                _compare(change, name, last or {}, table)
-                self._last[name] = dict(table)
+        self._note_tables(change, {name: data.pop(name) for name in (*_KEYED, *_MAPPED)})
         _note(change, "counts", *self._changed_counts())
         self._variables.note(change)
-        return {part: found for part, found in change.items() if found}
+        return data
+
+    def _note_tables(self, change: Change, tables: Mapping[str, Table]) -> None:
+        """Note how tables differ from the last ones."""
+        last = self._last
+        for name, table in tables.items():
+            old = last.get(name, _EMPTY)
+            if old != table:
+                changed = {
+                    key: value
+                    for key, value in table.items()
+                    if (before := old.get(key, _ABSENT)) is not value and before != value
+                }
+                _note(change, name, changed, [key for key in old if key not in table])
+                last[name] = dict(table)
 
     def drop(self, table: str, key: str) -> Change:
         """The change that removes an entry."""
@@ -119,16 +142,11 @@ class StateTables:
         return changed, [f"{key} {slot}" for key, old in known.items() for slot, count in enumerate(old) if count]
 
 
-def _compare(change: Change, name: str, old: Table, new: Table) -> None:
-    changed = {key: value for key, value in new.items() if old.get(key, _ABSENT) != value}
-    _note(change, name, changed, [key for key in old if key not in new])
-
-
 def _note(change: Change, name: str, changed: Table, gone: list[str]) -> None:
     if changed:
-        change["set"][name] = changed
+        change.setdefault("set", {})[name] = changed
     if gone:
-        change["gone"][name] = gone
+        change.setdefault("gone", {})[name] = gone
 
 
 class _VariableTable:
@@ -277,11 +295,12 @@ def instance_data(instance: Instance, program: Program, dump: Callable[[Any], An
     If it was one of another program, its completed elements are counted at those of the same ids.
     """
     values = {}
-    for name, value in instance.variables.items():
-        try:
-            values[name] = encode(value, dump)
-        except (MissionError, RecursionError):
-            continue
+    for name, value in instance.root_variables.items():
+        if value.__class__ in _ATOMS and name[:2] != "__":
+            values[name] = value
+        elif is_data(name, value):
+            with suppress(MissionError, RecursionError):
+                values[name] = encode(value, dump)
     error = instance.error
     return {
         "key": instance.key,

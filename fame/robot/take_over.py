@@ -14,7 +14,7 @@ from fame.engine.migration import Plan, Token, arm_new, gone, migrate, preview
 from fame.engine.snapshot import Convert, Data, encode
 from fame.errors import MissionError
 from fame.robot.node import RobotNode
-from fame.robot.restoring import go_on, mission_settings, set_timers, tables_of
+from fame.robot.restoring import epoch_of, go_on, mission_settings, set_timers, tables_of
 from fame.robot.stored_values import dump
 
 _LONG = 2000
@@ -127,4 +127,4 @@ def go_on_after(new: RobotNode, timers: dict[str, Any]) -> None:
 
 def timers_of(old: RobotNode) -> dict[str, Any]:
     """The timers of a process, as tables of its state have them."""
-    return tables_of(old)["timers"]
+    return tables_of(old, epoch_of(old))["timers"]
