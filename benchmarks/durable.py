@@ -96,7 +96,7 @@ def large() -> str:
 
 
 def resume(rounds: int) -> dict[str, Any]:
-    """Milliseconds until such an engine is back, once the interpreter is loaded."""
+    """Milliseconds of processor time until such an engine is back, once the interpreter is loaded."""
     text, found, reading = large(), [], []
     with tempfile.TemporaryDirectory() as folder:
         directory = StateDirectory(folder)
@@ -108,16 +108,16 @@ def resume(rounds: int) -> dict[str, Any]:
         recorder.journal.close()
         for _ in range(rounds):
             gc.collect()
-            begun = time.perf_counter()
+            begun = time.process_time()
             simulation = fame.Simulation(read_text(text, file="generated.bpmn"), "P", VARIABLES)
-            loaded = time.perf_counter()
+            loaded = time.process_time()
             contents = directory.read()
             assert contents is not None
             tables = restored(simulation.node, contents)
             again = Recorder(simulation.node, Journal.resume(directory, contents))
             again.go_on(tables, 0.0)
-            found.append(time.perf_counter() - begun)
-            reading.append(time.perf_counter() - loaded)
+            found.append(time.process_time() - begun)
+            reading.append(time.process_time() - loaded)
             assert len(simulation.instances[0].waiting) == 100
             again.close()
             again.journal.close()

@@ -324,7 +324,10 @@ class Recorder:
         node.host.make_safe("suspended")
         missed = set_timers(node, tables, self._settings)
         self._quiet = True  # until the new state is written as a whole, a second crash finds the old one
-        engine.deliver(RECOVERED, self._recovered(away))
+        if (
+            RECOVERED in engine.listeners or RECOVERED in engine.program.starts
+        ):  # a message needs its type: slow to load
+            engine.deliver(RECOVERED, self._recovered(away))
         for wait in missed:
             if wait.alive:
                 wait.catch.give_up(engine, wait, BpmnError("missed", "the timer came due while the engine was away"))

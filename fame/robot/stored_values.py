@@ -145,7 +145,7 @@ class Loader:
 def imported(mission: Mission) -> Iterator[str]:
     """The modules that the scripts of a mission import."""
     for script in mission.scripts():
-        if script.language == "python":
+        if script.language == "python" and "import" in script.text:
             for node in ast.walk(parse_python(script)):
                 if isinstance(node, ast.Import):
                     yield from (alias.name for alias in node.names)
