@@ -173,13 +173,27 @@ def _areas(scores: Floats, positive: Any) -> tuple[float, float]:
     return float(roc), float((found * hits / alarms).sum() / hits[-1])
 
 
+def _refuse_contradictions(runs: Sequence[tuple[Floats, Whole, str]]) -> None:
+    """Raise ConfigError if two runs, each values, labels and file, are the same points with other labels."""
+    seen: dict[bytes, tuple[int, Whole]] = {}
+    for number, (values, labels, file) in enumerate(runs):
+        first, known = seen.setdefault(values.tobytes(), (number, labels))
+        if len(labels) and not np.array_equal(known, labels):
+            text = f"runs {first} and {number} are the same points, but their labels differ"
+            raise ConfigError(text, file=file)
+
+
 # ---- models of fame train --------------------------------------------------------------------------------------------
 
 
 def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str, *, labelled: bool) -> Judgement:
-    """Judge runs by a model of ``fame train``. `labelled`: the data say which runs are anomalous."""
+    """Judge runs by a model of ``fame train``. `labelled`: the data say which runs are anomalous.
+
+    Raises ConfigError for labels that contradict each other.
+    """
     from fame.monitor.drift import DriftMonitor
 
+    _refuse_contradictions([(run.samples.values, run.labels, run.file) for run in runs])
     monitor = DriftMonitor.of(model.columns, model.calibration) if model.calibration is not None else None
     judged, sums = [], []
     for number, run in enumerate(runs):
@@ -253,21 +267,24 @@ def _labelled(run: JudgedRun, labels: Whole, stamps: Floats) -> JudgedRun:
 def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str = "/joint_states") -> Judgement:
     """Judge recordings of joint states by a model of ``fame adm learn``: CSV files, and bags with such a topic.
 
-    Raises ConfigError for other joints.
+    Raises ConfigError for other joints, and for labels that contradict each other.
     """
     from fame.monitor.anomaly.recording import read_csv
 
     judged: list[JudgedRun] = []
     notes: list[str] = []
+    known: list[tuple[Floats, Whole, str]] = []
     for path in paths:
         recording = read_csv(path) if path.suffix == ".csv" else _joint_states(model, path, topic)
         notes += recording.notes
         if len(recording.joints) != len(model.joints):
             text = f"has {len(recording.joints)} joints; the model has {len(model.joints)}: {', '.join(model.joints)}"
             raise ConfigError(text, file=str(path))
-        labelled = path.suffix == ".csv"
+        known += [(run.values, run.labels, str(path)) for run in recording if recording.labelled]
+        _refuse_contradictions(known)
         judged += [
-            _judge_recording(model, run, len(judged) + index, labelled=labelled) for index, run in enumerate(recording)
+            _judge_recording(model, run, len(judged) + index, labelled=recording.labelled)
+            for index, run in enumerate(recording)
         ]
     return Judgement(name, tuple(judged), notes=tuple(dict.fromkeys(notes)))
 
@@ -292,9 +309,8 @@ def _joint_states(model: Model, path: Path, topic: str) -> Recording:
     values = np.array(rows)
     labels = np.ones(len(values), dtype=np.int64)
     kept, runs = number_runs(values, labels)
-    return Recording(
-        model.joints, values[kept], labels[kept], runs, np.array(stamps)[kept], str(path), tuple(dict.fromkeys(notes))
-    )
+    times, told = np.array(stamps)[kept], tuple(dict.fromkeys(notes))
+    return Recording(model.joints, values[kept], labels[kept], runs, times, str(path), told, labelled=False)
 
 
 def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> JudgedRun:

@@ -170,6 +170,7 @@ class Recording:
     stamps  (points,): s, or None if the file has none
     source  the file, for messages
     notes   what was odd about the file and what was done about it, a line each
+    labelled  whether the file has labels; without, all points count as benign
     """
 
     joints: tuple[str, ...]
@@ -179,6 +180,7 @@ class Recording:
     stamps: Floats | None = None
     source: str = ""
     notes: tuple[str, ...] = ()
+    labelled: bool = True
 
     def __len__(self) -> int:
         return len(self.values)
@@ -226,6 +228,7 @@ def join(recordings: Sequence[Recording]) -> Recording:
         stamps=None if any(item is None for item in stamps) else np.concatenate([s for s in stamps if s is not None]),
         source=", ".join(dict.fromkeys(item.source for item in recordings)),
         notes=tuple(note for item in recordings for note in item.notes),
+        labelled=all(item.labelled for item in recordings),
     )
 
 
@@ -268,7 +271,8 @@ def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int 
         kept, runs = number_runs(values, labels)
     names = tuple(table.names[column] if table.names else f"joint_{column + 1}" for column in inputs)
     times = None if stamps is None else stamps[kept]
-    return Recording(names, values[kept], labels[kept], runs, times, str(path), _notes(path, table, kept))
+    notes = _notes(path, table, kept)
+    return Recording(names, values[kept], labels[kept], runs, times, str(path), notes, output is not None)
 
 
 def write_csv(path: str | Path, recording: Recording) -> None:

@@ -148,7 +148,11 @@ class Network:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ConvergenceWarning)  # the number of epochs is given
                 estimators.append(estimator.fit(windows[:, :, channel], windows[:, :, channel]))
-        return cls.of(estimators)
+        network = cls.of(estimators)
+        still = np.abs(windows).max(axis=(0, 1)) < _TINY
+        for part in (*network.weights, *network.biases):
+            part[still] = 0.0  # such a channel gives zeros, so that its loss is 0 until it moves
+        return network
 
 
 def _activate(name: str, values: Floats) -> None:

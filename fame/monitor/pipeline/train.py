@@ -197,6 +197,9 @@ def warnings_of(model: TrainedModel) -> list[str]:
     constant = model.conditions.get("constant", [])
     if constant:
         told.append(f"{', '.join(constant)} never moved in training: any movement raises an alarm")
+    short = model.conditions.get("runs", 0) - model.conditions.get("scored", 0)
+    if short:
+        told.append(f"{short} of {model.conditions['runs']} runs are shorter than a window: they set no threshold")
     shortest, longest = model.conditions.get("seconds", (1.0, 1.0))
     if longest > 2 * shortest:
         told.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
@@ -301,6 +304,8 @@ def _check(config: Training, runs: Sequence[Samples]) -> None:
     if len(runs) < 2:
         text = f"has {len(runs)} run; at least 2 are needed, since runs that did not train set the thresholds"
         raise ConfigError(text, element="Training")
+    if not _moves(runs).any():
+        raise ConfigError("no channel ever moves: nothing to learn", element="Training.files")
 
 
 def _windows(runs: Sequence[Samples], config: Training, rate: float) -> Floats:
