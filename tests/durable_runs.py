@@ -7,6 +7,7 @@ import shutil
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate, islice
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +81,12 @@ class Recorded:
 
 def prefixes(found: Contents) -> list[tuple[int, int]]:
     """Where each record of a segment ends (bytes), and the time of it (ns)."""
-    records = [found.state, *found.changes]
-    return [(end, record["time"]) for end, record in zip(found.ends, records, strict=True)]
+    return [(end, record["time"]) for end, record in zip(ends(found.path), found.records(), strict=True)]
+
+
+def ends(path: Path) -> list[int]:
+    """Where each record of a whole segment ends (bytes)."""
+    return list(accumulate(map(len, path.read_bytes().splitlines(keepends=True))))[1:]
 
 
 def cut(folder: Path, to: Path, length: int) -> Path:
@@ -95,7 +100,7 @@ def cut(folder: Path, to: Path, length: int) -> Path:
 def state_at(found: Contents, records: int) -> dict[str, Any]:
     """The tables after that many records."""
     tables: dict[str, Any] = {}
-    for change in [found.state, *found.changes][:records]:
+    for change in islice(found.records(), records):
         fold(tables, json.loads(json.dumps(change)))
     return tables
 

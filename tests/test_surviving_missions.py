@@ -128,7 +128,7 @@ def visits(folder: Path, robot: str, process: str, model: str = "mission.bpmn") 
     directory = sorted((folder / robot).glob("journal-*"))[-1]
     tables: dict = {}
     found = read_segment(directory)
-    for change in (found.state, *found.changes):
+    for change in found.records():
         fold(tables, change)
     program = fame.Simulation(fame.read(folder / model), process).node.engine.program
     counts: Counter[str] = Counter()

@@ -16,13 +16,14 @@ write (group commit). Without `later` the disk is waited for.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
 import threading
 import zlib
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -38,8 +39,10 @@ FORMAT = 1
 _PREFIX, _SUFFIX = "journal-", ".tmp"
 _LEAST, _TIMES = 1 << 20, 8
 """A segment is replaced when its changes take more than this (bytes), and that many times the size of the state."""
-_LONGEST = 1 << 30
-"""The longest line that is read (bytes)."""
+_LONGEST = 1 << 28
+"""The longest line that is written and read (bytes)."""
+_NUMBERS = 64
+"""The numbers of a line are in its first bytes."""
 
 Record = dict[str, Any]
 Later = Callable[[Callable[[], object]], object]
@@ -48,53 +51,81 @@ Later = Callable[[Callable[[], object]], object]
 
 @dataclass(frozen=True, slots=True)
 class Contents:
-    """The content of a segment: header, state, and changes. `end`: where its undamaged lines end (bytes)."""
+    """The content of a segment: its header, and where its undamaged records are. They are read when they are needed.
+
+    number  how many records there are: the state, and its changes
+    first   where the state ends (bytes)
+    last    where the last record begins (bytes)
+    end     where it ends (bytes)
+    """
 
     path: Path
     header: Record
-    state: Record
-    changes: list[Record]
-    ends: list[int]
+    number: int
+    first: int
+    last: int
+    end: int
 
-    @property
-    def end(self) -> int:
-        """The length of the undamaged lines (bytes)."""
-        return self.ends[-1]
+    def records(self) -> Iterator[Record]:
+        """The state, then its changes, one at a time. Raises ConfigError if the file cannot be read any more."""
+        with _opened(self.path) as file:
+            file.readline(_LONGEST)
+            for _ in range(self.number):
+                yield self._next(file)
+
+    def last_record(self) -> Record:
+        """The last record. Raises ConfigError if the file cannot be read any more."""
+        with _opened(self.path) as file:
+            file.seek(self.last)
+            return self._next(file)
+
+    def _next(self, file: BinaryIO) -> Record:
+        found = _parsed(file.readline(_LONGEST), _seed(str(self.header["journal"])))
+        if found is None:
+            raise ConfigError("has changed while it was read", file=str(self.path))
+        return found
 
 
 # ---- reading ---------------------------------------------------------------------------------------------------------
 
 
 def read_segment(path: Path) -> Contents:
-    """Read a segment up to its torn end. Raises ConfigError for one that is damaged, foreign or of another version."""
+    """Find the records of a segment up to its torn end, line by line: a segment may be larger than the memory.
+
+    Raises ConfigError for one that is damaged, foreign or of another version.
+    """
+    with _opened(path) as file:
+        return _read(path, file)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
     try:
         with path.open("rb") as file:
-            return _read(path, file)
+            yield file
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
 
 
 def _read(path: Path, file: BinaryIO) -> Contents:
     header, seed = _header(path, file.readline(_LONGEST))
-    found: list[Record] = []
-    ends = [file.tell()]
+    number, first, last, end = 0, 0, 0, file.tell()
     for line in iter(lambda: file.readline(_LONGEST), b""):
-        record = _parsed(line, seed)
-        if record is None or record[0] != len(found) + 1:
-            _refuse_damage(path, file, seed, len(found) + 1, ends[-1])
+        numbers = _checked(line, seed)
+        if numbers is None or numbers[0] != number + 1:
+            _refuse_damage(path, file, seed, number + 1, end)
             break
-        found.append(record[2])
-        ends.append(file.tell())
-    if not found:
+        number, last, end = number + 1, end, end + len(line)
+        first = first or end
+    if not number:
         raise ConfigError("is damaged: the state at its beginning is missing or wrong", file=str(path))
-    return Contents(path, header, found[0], found[1:], ends[1:])
+    return Contents(path, header, number, first, last, end)
 
 
 def _header(path: Path, line: bytes) -> tuple[Record, int]:
-    parsed = _parsed(line, 0)
-    if parsed is None or "journal" not in parsed[2]:
+    header = _parsed(line, 0)
+    if header is None or "journal" not in header:
         raise ConfigError("is not a journal of a FAME engine, or its first line is damaged", file=str(path))
-    header = parsed[2]
     if header.get("format") != FORMAT:
         text = f"has format {header.get('format')}; this version of FAME reads format {FORMAT}"
         raise ConfigError(text, file=str(path))
@@ -104,28 +135,40 @@ def _header(path: Path, line: bytes) -> tuple[Record, int]:
 def _refuse_damage(path: Path, file: BinaryIO, seed: int, missing: int, offset: int) -> None:
     """Raise ConfigError if a later line says that the missing record was on the disk."""
     for line in iter(lambda: file.readline(_LONGEST), b""):
-        later = _parsed(line, seed)
+        later = _checked(line, seed)
         if later is not None and later[1] >= missing:
             text = f"is damaged at byte {offset}: record {missing} was on the disk and cannot be read any more"
             raise ConfigError(text, file=str(path))
 
 
-def _parsed(line: bytes, seed: int) -> tuple[int, int, Record] | None:
-    """Number, synced number and content of a line; None for one that is incomplete or wrong."""
+def _checked(line: bytes, seed: int) -> tuple[int, int] | None:
+    """Number and synced number of a line; None for one that is incomplete or wrong."""
     if not line.endswith(b"\n") or line[8:9] != b" ":
         return None
     try:
-        if int(line[:8], 16) != zlib.crc32(line[9:-1], seed):
+        if int(line[:8], 16) != zlib.crc32(memoryview(line)[9:-1], seed):
             return None
-        number, synced, text = line[9:-1].split(b" ", 2)
-        content = json.loads(text)
+        number, synced = line[9:_NUMBERS].split(b" ", 2)[:2]
+        return int(number), int(synced)
     except ValueError:
         return None
-    return (int(number), int(synced), content) if isinstance(content, dict) else None
+
+
+def _parsed(line: bytes, seed: int) -> Record | None:
+    """The content of a line; None for one that is incomplete or wrong."""
+    if _checked(line, seed) is None:
+        return None
+    try:
+        content = json.loads(line[9:].split(b" ", 2)[2])
+    except (ValueError, IndexError):
+        return None
+    return content if isinstance(content, dict) else None
 
 
 def _line(number: int, synced: int, content: Mapping[str, Any], seed: int) -> bytes:
     text = b"%d %d %s" % (number, synced, _json(content))
+    if len(text) + 10 > _LONGEST:
+        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
     return b"%08x %s\n" % (zlib.crc32(text, seed), text)
 
 
@@ -270,9 +313,9 @@ class Journal:
         os.ftruncate(journal._file, found.end)
         os.lseek(journal._file, 0, os.SEEK_END)
         os.fsync(journal._file)
-        journal._number = journal._synced = 1 + len(found.changes)
+        journal._number = journal._synced = found.number
         journal._end = found.end
-        journal._limit = max(_LEAST, _TIMES * found.ends[0]) + found.ends[0]
+        journal._limit = max(_LEAST, _TIMES * found.first) + found.first
         journal._begin_commits()
         return journal
 
@@ -304,7 +347,7 @@ class Journal:
         try:
             written = os.write(self._file, line)
             if written < len(line):
-                raise OSError(28, os.strerror(28))
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError:
             with suppress(OSError):  # a part of a line is torn anyway
                 os.ftruncate(self._file, self._end)

@@ -109,7 +109,7 @@ def restored(node: RobotNode, contents: Contents) -> Tables:
     Raises ConfigError for the journal of another program or robot.
     """
     tables: Tables = {}
-    for change in (contents.state, *contents.changes):
+    for change in contents.records():
         fold(tables, change)
     load = Loader(node.mission)
     try:
@@ -127,7 +127,7 @@ def restored(node: RobotNode, contents: Contents) -> Tables:
 
 def last_time(contents: Contents) -> int:
     """The date of the last record (ns since 1970)."""
-    return int((contents.changes or [contents.state])[-1]["time"])
+    return int(contents.last_record()["time"])
 
 
 # ---- without a journal -----------------------------------------------------------------------------------------------
