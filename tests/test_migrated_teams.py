@@ -12,6 +12,8 @@ from test_resumption import Durable
 
 from fame.bpmn.library import Library
 from fame.bpmn.reader import read_text
+from fame.cli import parser
+from fame.cli.migration import Migration
 from fame.config.loader import read_document
 from fame.deploy import EngineNode
 from fame.deploy.migration import read_plan, write_plan
@@ -167,6 +169,38 @@ def test_a_migration_after_which_a_robot_would_wait_for_ever_is_refused_with_the
     field.engines["A"].running.complete("ua")
     field.pass_time(1)
     assert [field.engines[robot].running.completed for robot in "AB"] == [1, 1]
+
+
+def asked(folder: Path, text: str, *words: str) -> Migration:
+    """What ``fame deploy --migrate`` asks for."""
+    model = folder / "team.bpmn"
+    model.write_text(text)
+    arguments = parser().parse_args(["deploy", str(model), "--migrate", *words])
+    return Migration(arguments, read_text(text, file=str(model)), Library())
+
+
+def test_force_overrides_what_the_exploration_finds_and_the_logs_say_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    field = Field("A", "B")
+    said: list[Any] = []
+    field.engines["B"]._observers = (said.append,)
+    field.deploy(relay("S"))
+    refused = asked(tmp_path, EARLY)
+    sent = field.deploy(EARLY, "d2", 2, **refused.options)
+    assert sent.failed
+    assert "(--force overrides)" in str(sent.robots["A"])
+    refused.explain()
+    run = capsys.readouterr().err
+    assert "error in the migrated state: " in run
+    assert "ua" in run.partition("error in the migrated state: ")[2]
+    forced = asked(tmp_path, EARLY, "--force")
+    sent = field.deploy(EARLY, "d3", 3, who="ann@desk", **forced.options)
+    assert not sent.failed
+    assert [field.engines[robot].deployed for robot in "AB"] == ["d3", "d3"]
+    assert f"overridden by --force: {forced.findings()[0]['text']}" in capsys.readouterr().err
+    reports = [event.detail for event in said if event.what == "report"]
+    assert any("by ann@desk (unverified), whatever the exploration finds (--force)" in text for text in reports)
 
 
 def test_a_migration_that_may_complete_is_approved() -> None:

@@ -61,6 +61,8 @@ class Migration:
         self._model, self._definitions, self._library = arguments.model, definitions, library
         self._found: list[Finding] = []
         plan = read_plan(arguments.plan) if arguments.plan is not None else {}
+        if self._force:
+            plan = {**plan, "forced": True}  # for the log of each robot
         self.options: dict[str, Any] = {"migrate": arguments.migrate, "plan": plan, "preview": arguments.dry_run}
         if arguments.migrate and not arguments.dry_run:
             self.options["approve"] = self._approve
@@ -76,7 +78,10 @@ class Migration:
             return "" if self._force else f"the migrated state cannot be explored: {error} (--force overrides)"
         note(f"the migrated state: {result.summary()}")
         self._found = [one for one in result.findings if one.level == "error"]
-        if not self._found or self._force:
+        if not self._found:
+            return ""
+        if self._force:
+            note(f"overridden by --force: {self._found[0].text}")
             return ""
         return f"{self._found[0].text} (--force overrides)"
 

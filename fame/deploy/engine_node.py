@@ -371,7 +371,8 @@ class EngineNode:
         envelope = candidate.envelope
         proved = signer(asdict(envelope), self._trusted) if envelope.signature and self._trusted else ""
         who = proved or f"{printable(envelope.who) or 'somebody'} (unverified)"
-        text = f"migrated from model {before[:12]} to {envelope.hash[:12]} by {who}"
+        forced = ", whatever the exploration finds (--force)" if envelope.plan.get("forced") else ""
+        text = f"migrated from model {before[:12]} to {envelope.hash[:12]} by {who}{forced}"
         try:
             return take_over(candidate.process, self.running, envelope.plan, text)
         except MissionError as error:  # somebody has moved a token since it was found to fit
