@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from bpmn_text import document
 from middleware_contract import needs
-from test_killed_engines import ENVIRONMENT, TICKS, fame, told
+from test_killed_engines import ENVIRONMENT, ROOT, TICKS, fame, told
 
 from fame.robot.journal import Journal, StateDirectory
 
@@ -102,6 +102,8 @@ def test_directories_that_cannot_be_used_are_refused_with_the_reason(tmp_path: P
     (tmp_path / "file").write_text("")
     assert "cannot be used for an engine's state" in refused("engine", "REX", "--state", str(tmp_path / "file"))
     assert "cannot be used for an engine's state" in refused("engine", "REX", "--state", "/proc/nowhere")
+    run = ("run", str(ROOT / "examples/ground_vehicles.yaml"), "--middleware", "dds", "--state", str(tmp_path / "file"))
+    assert "REX: cannot be used for an engine's state: Not a directory" in refused(*run)
     assert "--fresh needs --state" in refused("engine", "REX", "--fresh")
     state = tmp_path / "state"
     state.mkdir()

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
 import threading
+import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from durable_runs import ends as ends_of
 from fame.errors import ConfigError
 from fame.robot import journal as module
 from fame.robot.journal import Journal, Record, StateDirectory, read_segment
+from fame.robot.state_tables import fold
 
 
 @pytest.fixture
@@ -161,6 +164,53 @@ def test_a_path_that_cannot_be_a_directory_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="cannot be used for an engine's state: Not a directory"):
         StateDirectory(tmp_path / "file" / "state")
+
+
+@pytest.mark.parametrize("function", ["open", "ftruncate", "write"])
+@pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.ENOSPC])
+def test_a_directory_that_cannot_be_written_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, function: str, number: int
+) -> None:
+    def refuse(*arguments: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, function, refuse)
+    with pytest.raises(ConfigError, match=f"state: cannot be used for an engine's state: {os.strerror(number)}"):
+        StateDirectory(tmp_path / "state")
+    monkeypatch.undo()
+    StateDirectory(tmp_path / "state").close()
+
+
+def test_a_journal_of_any_size_opens_in_bounded_memory(directory: StateDirectory) -> None:
+    journal = Journal(directory, {})
+    journal.begin_segment({"set": {"values": {}}})
+    for number in range(20_000):
+        journal.append({"set": {"values": {"0 x": number, "0 text": "x" * 500}}})
+    journal.close()
+    size = directory.segments()[-1].stat().st_size
+    tracemalloc.start()
+    found = directory.read()
+    assert found is not None
+    tables: dict[str, dict[str, object]] = {}
+    for change in found.records():
+        fold(tables, change)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (found.number, tables["values"]["0 x"]) == (20_001, 19_999)
+    assert most < size / 20
+
+
+def test_a_record_that_is_too_long_to_be_read_again_is_not_written(
+    directory: StateDirectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_LONGEST", 1000)
+    journal = Journal(directory, {})
+    journal.begin_segment({})
+    with pytest.raises(OSError, match="File too large"):
+        journal.append({"text": "x" * 1000})
+    journal.append({"number": 1})
+    journal.close()
+    assert changes(directory.segments()[-1]) == [{"number": 1}]
 
 
 def test_growth_is_bounded_by_the_size_of_the_state(directory: StateDirectory, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -333,6 +333,11 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
         text = "complete needs --middleware local: fame complete reaches robots in processes of their own"
         raise ConfigError(text, file=scenario.file)
     _check_drawings(arguments, scenario)
+    if arguments.state is not None:
+        from fame.robot.journal import StateDirectory
+
+        for robot in scenario.cast:  # before anything is started
+            StateDirectory(arguments.state / robot).close()
     quiet, drawings = arguments.quiet or arguments.json, arguments.picture is not None or arguments.animate is not None
     with team_logs(scenario, arguments.log, _about(scenario), arguments.log_topics, drawings=drawings) as logs:
         with live_table(sys.stderr, wanted=not quiet) as live:

@@ -218,7 +218,7 @@ class StateDirectory:
             self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
             self._lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         except OSError as error:
-            raise ConfigError(f"cannot be used for an engine's state: {error.strerror}", file=str(path)) from None
+            raise self._unusable(error) from None
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -226,8 +226,15 @@ class StateDirectory:
             os.close(self._lock)
             raise ConfigError(f"is in use by another engine (process {owner})", file=str(path)) from None
         self.last_seen: float = os.fstat(self._lock).st_mtime
-        os.ftruncate(self._lock, 0)
-        os.write(self._lock, str(os.getpid()).encode())
+        try:
+            os.ftruncate(self._lock, 0)
+            os.write(self._lock, str(os.getpid()).encode())
+        except OSError as error:
+            os.close(self._lock)
+            raise self._unusable(error) from None
+
+    def _unusable(self, error: OSError) -> ConfigError:
+        return ConfigError(f"cannot be used for an engine's state: {error.strerror}", file=str(self.path))
 
     def touch(self) -> None:
         """Record that the engine is running."""
