@@ -29,7 +29,8 @@ from fame.deploy.loading import LEAVING, Candidate, Task, Work, load
 from fame.deploy.machine import Machine
 from fame.deploy.migration import Foreseen, foresee, take_over
 from fame.deploy.requests import TaskRequest, TaskServer
-from fame.deploy.resumption import StateKeeper, Stored
+from fame.deploy.resumed_mission import ResumedMission
+from fame.deploy.resumption import StateKeeper
 from fame.deploy.robot_protocol import step
 from fame.deploy.robot_state import (
     MATCHING,
@@ -61,9 +62,8 @@ from fame.deploy.robot_state import (
 from fame.deploy.signing import Identity, signer, verify, verify_signature
 from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
 from fame.deploy.termination import Silence
-from fame.errors import ConfigError, DeploymentError, FameError, MissionError
+from fame.errors import DeploymentError, FameError, MissionError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
-from fame.middleware.simulated_time import ClockFollower
 from fame.text import printable
 
 if TYPE_CHECKING:
@@ -140,16 +140,12 @@ class EngineNode:
         self.running: RobotNode | None = None
         self.candidate: Candidate | None = None
         self._loaded: RobotNode | None = None  # on its way to be a candidate
-        self._stored: Stored | None = None  # what was running before, until it goes on
-        self._resuming: Candidate | None = None
         self._foreseen = "", Foreseen()  # deployment, and what would become of what runs
         self._before = ""  # the hash of the model that runs
         self._keeper = StateKeeper(state, robot, scheduler, self._on_disk_trouble) if state is not None else None
+        self._resumed: ResumedMission | None = None
         self._protocol: Machine[RobotState, Event, Action] = Machine(RobotState(robot), step, self._perform)
         self._absences = Absences()
-        self._refusals = {
-            kind: RateLimiter(scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
-        }  # of senders that wait for an answer, and of bare models
         self._stopped = False
         self._observers = () if observer is None else (observer,)
         self._feed: LiveFeed | None = None
@@ -181,6 +177,9 @@ class EngineNode:
         self._process.on_dropped = lambda warning: self.status.publish(
             "refused", reason=str(warning), cause=warning.kind
         )
+        self._refusals = {
+            kind: RateLimiter(self.scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
+        }  # of senders that wait for an answer, and of bare models
         self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
         self._resume()
         self.status.begin()
@@ -422,7 +421,8 @@ class EngineNode:
 
     def _close_running(self, safe: str) -> None:
         """The safe state (of a mission that is so) comes last: scripts that leave may have commanded something else."""
-        self._stop_resuming()
+        if self._resumed is not None:
+            self._resumed.drop()
         if self.running is not None:
             self.running.host.make_safe(safe)
             self.running.close()
@@ -432,41 +432,37 @@ class EngineNode:
     @property
     def resuming(self) -> bool:
         """Whether a stored mission is being loaded, or waits for its topics."""
-        return self._stored is not None
+        return self._resumed is not None and self._resumed.under_way
 
     def _resume(self) -> None:
         """Load what was running. Raises ConfigError for a state that cannot be used."""
-        stored = self._stored = self._keeper.read(self._trusted) if self._keeper is not None else None
-        if stored is None:
+        if self._keeper is None:
+            return
+        self._resumed = ResumedMission(
+            self._keeper,
+            node=self.node,
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            time=self._time,
+            load=self._loading,
+            begin=self._begin_again,
+            ended=self._on_resumed,
+        )
+        envelope = self._resumed.read(self._trusted)
+        if envelope is None:
             self._keep_promise()
-            return
-        envelope = stored.envelope
-        self._protocol.state, self._before = resumed(self.robot, envelope), envelope.hash
-        Work(self.scheduler, self._loading(envelope), partial(self._on_loaded_again, stored))
+        else:
+            self._protocol.state, self._before = resumed(self.robot, envelope), envelope.hash
+            self._resumed.resume()
 
-    def _on_loaded_again(self, stored: Stored, result: RobotNode | FameError) -> None:
-        if isinstance(result, FameError):
-            raise ConfigError(f"the mission cannot be resumed: {result}; --fresh starts over")
-        if self._stored is not stored or self._stopped or self._keeper is None:
-            result.close()
-            return
-        go_on = self._keeper.resume(stored, result)
-        around: dict[str, Any] = {"node": self.node, "scheduler": self.scheduler, "middleware": self.middleware}
-        self._resuming = Candidate(stored.envelope, result, **around)
-        self._resuming.match(partial(self._go_on, go_on))
-
-    def _go_on(self, go_on: Callable[[], object], missing: Sequence[str]) -> None:
-        if self._resuming is None:
-            return
-        if isinstance(self._time, ClockFollower) and not self._time.known:  # timers count from the time of the world
-            self.scheduler.after(SECOND // 50, partial(self._go_on, go_on, missing), Kind.TIMER)
-            return
+    def _begin_again(self, process: RobotNode, missing: Sequence[str]) -> None:
         if missing:
             self._note(f"continues without {', '.join(missing)}, not discovered within {MATCHING:g} s")
-        self.running, self._resuming, self._stored = self._resuming.process, None, None
+        self.running = process
         if self._feed is not None:
-            self._feed.begin(self.running, resumed=True)
-        go_on()
+            self._feed.begin(process, resumed=True)
+
+    def _on_resumed(self) -> None:
         self._note("continues its mission")
         self._keep_promise()
 
@@ -475,13 +471,6 @@ class EngineNode:
         envelope = self._keeper.promised(self._trusted) if self._keeper is not None else None
         if envelope is not None:
             self._protocol.handle(Received(envelope))
-
-    def _stop_resuming(self) -> None:
-        """Another deployment takes the place of what was to go on."""
-        self._stored = None
-        if self._resuming is not None:
-            self._resuming.close()
-            self._resuming = None
 
     def _on_disk_trouble(self, reason: str) -> None:
         """Hold the mission while its state cannot be written."""
@@ -504,6 +493,8 @@ class EngineNode:
             self._tasks.close()
             for refusals in self._refusals.values():
                 refusals.close()
+            if self._resumed is not None:
+                self._resumed.drop()
             if self._keeper is not None:
                 self._keeper.stop()  # that this engine ends is no part of the mission
             self._protocol.handle(Stopped())

@@ -147,7 +147,8 @@ class TaskServer:
     def _act(self, request: TaskRequest, signer: str) -> tuple[str, str]:
         node = self._running()
         if node is None:
-            return "refused", f"{request.element}: the robot has no process yet"
+            reason = "the robot has no process yet"
+            return "refused", f"{request.element}: {reason}" if request.element else reason
         who = signer or f"{printable(request.who) or 'somebody'} (unverified)"
         try:
             match request.act:
