@@ -45,7 +45,7 @@ class Nav2:
         self._robot.charging = not battery
         self._goal: ServerGoal | None = None
         self._maneuver: Maneuver | None = None
-        self._begun = self._told = 0
+        self._begun = self._reported = 0
         self._result: Callable[[int], Mapping[str, Any]] = lambda code: {}
         self._feedback: Callable[[], Mapping[str, Any]] = lambda: {}
         self._publisher = node.publisher("cmd_vel", "geometry_msgs/msg/Twist")
@@ -88,8 +88,8 @@ class Nav2:
             self._end("aborted" if end.value else "succeeded", end.value)
             return
         self._drive(velocity)
-        if self._scheduler.now - self._told >= _FEEDBACK * SECOND:
-            self._told = self._scheduler.now
+        if self._scheduler.now - self._reported >= _FEEDBACK * SECOND:
+            self._reported = self._scheduler.now
             self._goal.feedback(self._feedback())
 
     def _drive(self, velocity: Velocity) -> None:
@@ -107,7 +107,7 @@ class Nav2:
         self._end("aborted", 0, "replaced by a new goal")
         self._goal, self._maneuver, self._feedback = goal, maneuver, feedback
         self._result = result or (lambda code: {})
-        self._begun = self._told = self._scheduler.now
+        self._begun = self._reported = self._scheduler.now
         self._robot.recoveries = 0
 
     def _end(self, outcome: Any, code: int, text: str = "") -> None:

@@ -318,7 +318,7 @@ def test_a_splitter_with_keys_takes_signed_diagrams_alone_and_each_once(keys, tm
     told = []
     splitter = SplitterNode(
         scheduler=field.scheduler, middleware=field.middleware, key=keys[0], trusted=keys[1], wall_time=field.time,
-        say=told.append,
+        log=told.append,
     )  # fmt: skip
     spread(field, TEAM)
     stranger = read_private(new_keys(tmp_path / "stranger")[0])

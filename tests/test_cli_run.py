@@ -190,7 +190,7 @@ def test_a_line_that_stands_for_long_says_for_how_long(monkeypatch: pytest.Monke
     stream = Terminal()
     with progress_line(stream) as line:
         assert line is not None
-        line.say("drawing")
+        line.write("drawing")
         line._since -= 60
         while "at:" not in stream.getvalue():
             time.sleep(0.001)

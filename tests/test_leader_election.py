@@ -9,10 +9,10 @@ from fame.deploy.leader_election import (
     Beat,
     ElectionState,
     Event,
-    Heard,
     Lead,
     SplitterStatus,
     StandBy,
+    StatusReceived,
     Woken,
     step,
 )
@@ -21,8 +21,8 @@ NEW = ElectionState(born=10)
 NOBODY = Lead(frozenset(), gone=False)
 
 
-def heard(born: int, second: float, state: str = "standby", deployed: str = "") -> Heard:
-    return Heard(SplitterStatus(born=born, state=state, deployed=deployed), round(second * SECOND))
+def heard(born: int, second: float, state: str = "standby", deployed: str = "") -> StatusReceived:
+    return StatusReceived(SplitterStatus(born=born, state=state, deployed=deployed), round(second * SECOND))
 
 
 def beat(second: float) -> Beat:

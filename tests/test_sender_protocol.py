@@ -22,7 +22,6 @@ from fame.deploy.sender_protocol import (
     Closed,
     End,
     Event,
-    Heard,
     PatienceEnded,
     Prepare,
     RivalFound,
@@ -30,6 +29,7 @@ from fame.deploy.sender_protocol import (
     Send,
     SenderState,
     StartTimer,
+    StatusReceived,
     TimerFired,
     step,
 )
@@ -50,7 +50,7 @@ def after(*events: Event, state: SenderState = NEW) -> tuple[SenderState, list[A
     return state, list(actions)
 
 
-LOAD = (Begun(0), Heard("A", 3), Heard("B", 9), TimerFired(0))
+LOAD = (Begun(0), StatusReceived("A", 3), StatusReceived("B", 9), TimerFired(0))
 READY = (*LOAD, answered("A", "ready"), answered("B", "ready"))
 ABORT = [CancelTimers(), Send("A", "abort"), Send("B", "abort"), End()]
 
@@ -59,7 +59,7 @@ ABORT = [CancelTimers(), Send("A", "abort"), Send("B", "abort"), End()]
     ("events", "actions"),
     [
         ((Begun(0),), [StartTimer(0.02)]),
-        ((Begun(0), Heard("A", 3), TimerFired(0)), [StartTimer(0.02)]),
+        ((Begun(0), StatusReceived("A", 3), TimerFired(0)), [StartTimer(0.02)]),
         ((Begun(0), TimerFired(SECOND)), [Prepare(), Send("A", "load"), Send("B", "load"), StartTimer(1.0)]),
         (LOAD, [Prepare(), Send("A", "load"), Send("B", "load"), StartTimer(1.0)]),
         ((*LOAD, answered("A", "ready"), TimerFired(0)), [Send("A", "hold"), Send("B", "load"), StartTimer(1.0)]),
@@ -125,19 +125,19 @@ def test_one_refusal_ends_it_for_all(answer):
 
 def test_the_number_of_a_deployment_is_above_all_that_its_robots_have_seen():
     assert after(*LOAD)[0].sequence == 10
-    assert after(*LOAD, Heard("A", 99))[0].sequence == 10
+    assert after(*LOAD, StatusReceived("A", 99))[0].sequence == 10
 
 
 def test_with_keys_every_robot_is_heard_before_it_is_loaded():
     signed = replace(NEW, signed=True)
-    assert after(Begun(0), Heard("A", 0), TimerFired(LATE), state=signed)[1] == [StartTimer(0.02)]
+    assert after(Begun(0), StatusReceived("A", 0), TimerFired(LATE), state=signed)[1] == [StartTimer(0.02)]
 
 
 @pytest.mark.parametrize(
     ("events", "reasons"),
     [
         (
-            (Begun(0), Heard("A", 3), PatienceEnded(10.0)),
+            (Begun(0), StatusReceived("A", 3), PatienceEnded(10.0)),
             ("was not asked yet because of B", "did not answer within 10 s"),
         ),
         ((*LOAD, answered("A", "refused")), ("", "had not answered yet")),

@@ -28,7 +28,7 @@ class Farm(Field):
         return kind(
             scheduler=self.scheduler,
             middleware=self.middleware,
-            say=self.lines.append,
+            log=self.lines.append,
             wall_time=lambda at=self.wall: at + self.scheduler.now / SECOND,
         )
 

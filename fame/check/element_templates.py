@@ -176,8 +176,8 @@ def _template(
 
 def _property(name: str, type: str, value: str, *, label: str = "") -> Template:
     """One that sets a `camunda:property`."""
-    said = {"label": label} if label else {}
-    return said | {"type": type, "value": value, "binding": {"type": "camunda:property", "name": name}}
+    labelled = {"label": label} if label else {}
+    return labelled | {"type": type, "value": value, "binding": {"type": "camunda:property", "name": name}}
 
 
 def _text(name: str, label: str, description: str) -> Template:

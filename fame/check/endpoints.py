@@ -129,8 +129,8 @@ def level_of(team: Sequence[CheckScope]) -> Level:
 
 def types_of(scope: CheckScope) -> Mapping[str, str]:
     """The declared type of each topic, by qualified name."""
-    said = {name: declared_type(ends) for name, ends in by_topic(scope.processes).items()}
-    return {name: type for name, type in said.items() if type is not None}
+    declared = {name: declared_type(ends) for name, ends in by_topic(scope.processes).items()}
+    return {name: type for name, type in declared.items() if type is not None}
 
 
 def declared_type(ends: Iterable[TopicEndpoint]) -> str | None:

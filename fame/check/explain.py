@@ -101,8 +101,8 @@ def _notes(home: Definitions) -> Iterator[Reading]:
 def _topic(end: TopicEndpoint, type: str) -> str:
     if end.topic is None:
         return f"its script {'publishes' if end.throws else 'subscribes to'} {end.name}, {type}"
-    says = "" if end.type else " (not declared)" if type == EMPTY_TYPE else " (declared elsewhere)"
-    head = f"{'throws' if end.throws else 'catches'} {end.name}, {type}{says}"
+    origin = "" if end.type else " (not declared)" if type == EMPTY_TYPE else " (declared elsewhere)"
+    head = f"{'throws' if end.throws else 'catches'} {end.name}, {type}{origin}"
     if end.throws:
         sent = f"payload {_shown(end.payload)}" if end.payload is not None else "a message of default values"
         return f"{head}, {sent}"
@@ -130,12 +130,12 @@ def _services(process: CheckedProcess) -> Iterator[Reading]:
             kind = "action" if messages.is_action(node.topic.type or "") else "service"
             text = f"calls the {kind} {node.topic.name}, {node.topic.type or 'no type'}, {sent}"
             yield _at(process, "topic", text, node)
-        for asked in _asked(node):
-            text = f"its script calls the service {asked.name}, {asked.type or 'no type'}"
-            yield _at(process, "topic", text, node, asked.line)
+        for used in _script_topics(node):
+            text = f"its script calls the service {used.name}, {used.type or 'no type'}"
+            yield _at(process, "topic", text, node, used.line)
 
 
-def _asked(node: FlowNode) -> Iterator[ScriptTopic]:
+def _script_topics(node: FlowNode) -> Iterator[ScriptTopic]:
     """The services that a script calls by a literal name."""
     if isinstance(node, Task) and node.script is not None:
         with suppress(ModelError):  # the compiler reports it

@@ -151,14 +151,14 @@ def ends_all(node: FlowNode) -> bool:
     return isinstance(node, Event) and any(isinstance(one, ends) for one in node.definitions)
 
 
-def _says(node: FlowNode, *words: str) -> bool:
+def _contains(node: FlowNode, *words: str) -> bool:
     """Whether its script contains one of the words."""
     return isinstance(node, Task) and node.script is not None and any(word in node.script.text for word in words)
 
 
 def passes_in_time(node: FlowNode) -> bool:
     """Whether a token passes it sooner or later, and certainly without an error."""
-    return not ends_all(node) and not _says(node, "raise")
+    return not ends_all(node) and not _contains(node, "raise")
 
 
 def passes_at_once(node: FlowNode) -> bool:
@@ -166,7 +166,7 @@ def passes_at_once(node: FlowNode) -> bool:
     if isinstance(node, Event):
         waits = node.place in ("catch", "boundary") and not link_of(node)
     elif isinstance(node, Task):
-        waits = node.kind not in ("plain", "send", "script") or _says(node, "await", "next(")
+        waits = node.kind not in ("plain", "send", "script") or _contains(node, "await", "next(")
     else:
         waits = isinstance(node, CallActivity) or (isinstance(node, Gateway) and node.kind == "event")
     return not waits and passes_in_time(node)

@@ -78,10 +78,10 @@ def _names(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
 
 
 def _types(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
-    said = [end for end in ends if end.type is not None]
-    for end in said:
-        if end.type != said[0].type:
-            there = f"{said[0].node.display_name} says {said[0].type}"
+    typed = [end for end in ends if end.type is not None]
+    for end in typed:
+        if end.type != typed[0].type:
+            there = f"{typed[0].node.display_name} says {typed[0].type}"
             text = f"topic {name} has type {end.type} here, but {there}: a topic has one type"
             yield end.finding("warning" if end.tries else "error", text)
 

@@ -109,7 +109,7 @@ def _noting_interrupts() -> Iterator[list[int]]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def parser(asked: str = "") -> Parser:
+def parser(name: str = "") -> Parser:
     """The parser of the command that is `asked` for, else of all commands."""
     top = Parser(
         prog="fame",
@@ -119,7 +119,7 @@ def parser(asked: str = "") -> Parser:
     )
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True)
-    for place in dict.fromkeys([_DECLARATIONS[asked]] if asked in COMMANDS else _DECLARATIONS.values()):
+    for place in dict.fromkeys([_DECLARATIONS[name]] if name in COMMANDS else _DECLARATIONS.values()):
         module, add = place.split(".")
         getattr(import_module(f"fame.cli.{module}"), add)(commands)
     return top

@@ -14,8 +14,8 @@ from fame.cli.anomaly_data import (
     add_published,
     add_source,
     drive,
+    note_progress,
     print_written,
-    say,
     settle,
     writable,
 )
@@ -89,7 +89,7 @@ def run_collect(arguments: Namespace) -> int:
     def make(middleware: Middleware, scheduler: Scheduler) -> CollectNode:
         return CollectNode(
             middleware, scheduler, collector, topic=arguments.topic, field=arguments.field,
-            report=say, progress=lambda count: say(f"{count}{of} runs"), done=scheduler.stop,
+            report=note_progress, progress=lambda count: note_progress(f"{count}{of} runs"), done=scheduler.stop,
         )  # fmt: skip
 
     drive(arguments, make, lambda: collector.done)
@@ -98,7 +98,9 @@ def run_collect(arguments: Namespace) -> int:
     print_written(arguments, recording)
     missing = arguments.runs - recording.count
     if missing > 0:
-        say(f"{missing} of the {arguments.runs} runs are missing: the source ended before, or they were cut off")
+        note_progress(
+            f"{missing} of the {arguments.runs} runs are missing: the source ended before, or they were cut off"
+        )
     return 1 if missing > 0 else 0
 
 
@@ -127,18 +129,18 @@ def run_learn(arguments: Namespace) -> int:
     writable(arguments.output)
     data = read_data(learning)
     for note in data.notes:
-        say(note)
+        note_progress(note)
     progress = _show if sys.stderr.isatty() else None
     learned = learn(learning, data, jobs=max(1, arguments.jobs), progress=progress)
     chosen = best(learned)
     save_model(chosen.model, arguments.output)
     write_card(chosen.model, arguments.output)
-    say(f"{arguments.output}: {chosen.model.alarm_text()}")
+    note_progress(f"{arguments.output}: {chosen.model.alarm_text()}")
     if arguments.plots is not None:
         _plot(arguments.plots, learned, chosen, data)
     if arguments.json:
-        told = {"status": "completed", "model": str(arguments.output), "classifiers": plain(learned, chosen)}
-        print(json.dumps(told, indent=2, default=str))
+        summary = {"status": "completed", "model": str(arguments.output), "classifiers": plain(learned, chosen)}
+        print(json.dumps(summary, indent=2, default=str))
         return 0
     print(render(rows(learned, chosen)))
     for item in learned:
@@ -166,8 +168,12 @@ def _plot(folder: Path, learned: list[TrainedClassifier], chosen: TrainedClassif
         of = "data that it learned from" if name == "train" else Path(recording.source).name
         title = f"Verdicts of {chosen.candidate.name} on {of}"
         joint_space(folder / f"{name}.png", recording, chosen.model.predict(recording), title=title)
-    told = [(f"{item.candidate.name}, {data_name(said)}", said.runs) for item in learned for said in item.evaluations]
-    matrices(folder / "confusion.png", told)
+    summary = [
+        (f"{item.candidate.name}, {data_name(evaluation)}", evaluation.runs)
+        for item in learned
+        for evaluation in item.evaluations
+    ]
+    matrices(folder / "confusion.png", summary)
     for item in learned:
         if isinstance(item.model.estimator, PathDetector):
             labels = whole.run_labels()
@@ -222,7 +228,7 @@ def run_operate(arguments: Namespace) -> int:
     from fame.monitor.anomaly.nodes import OperateNode
 
     model = load_model(arguments.model)
-    say(f"{arguments.model}: {model.alarm_text(arguments.threshold)}")
+    note_progress(f"{arguments.model}: {model.alarm_text(arguments.threshold)}")
     nodes: list[OperateNode] = []
     over = False
 
@@ -232,7 +238,7 @@ def run_operate(arguments: Namespace) -> int:
     def report(text: str) -> None:
         nonlocal over
         if not over:
-            say(text)
+            note_progress(text)
             over = enough()
             if over:
                 nodes[0].scheduler.stop()
@@ -249,15 +255,15 @@ def run_operate(arguments: Namespace) -> int:
     runs = nodes[0].runs[: arguments.runs or None]
     if not runs and arguments.bag is not None:
         raise MissionError(f"{arguments.bag}: no run was evaluated: none began that the model fits (--rule, --topic)")
-    return _tell(runs, arguments.json)
+    return _print_runs(runs, arguments.json)
 
 
-def _tell(runs: Sequence[RunReport], json: bool) -> int:
+def _print_runs(runs: Sequence[RunReport], json: bool) -> int:
     above = sum(item.above for item in runs)
     if json:
         names = ("run", "points", "anomalous", "score", "above", "whole")
-        told = [{name: getattr(item, name) for name in names} for item in runs]
-        print_json({"status": "failed" if above else "completed", "runs": told})
+        summary = [{name: getattr(item, name) for name in names} for item in runs]
+        print_json({"status": "failed" if above else "completed", "runs": summary})
     else:
         cut = sum(not item.whole for item in runs)
         print(f"{len(runs)} runs, {above} of them anomalous" + (f", {cut} cut off" if cut else ""))

@@ -77,7 +77,7 @@ def writable(path: Path) -> None:
         raise ConfigError("expected a file, got a folder", file=str(path))
 
 
-def say(text: str) -> None:
+def note_progress(text: str) -> None:
     """A word on how it goes."""
     print(text, file=sys.stderr)
 
@@ -93,7 +93,7 @@ def drive(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
         try:
             scheduler.run()
         except KeyboardInterrupt:
-            say("interrupted: the data so far are used")
+            note_progress("interrupted: the data so far are used")
         finally:
             node.close()
 

@@ -175,9 +175,9 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
         elif path.suffix.lower() in (".yaml", ".yml"):
             from fame.scenario.plan import read_scenario
 
-            said = read_scenario(path)
-            file.scenario, file.library = path, Library([*folders, *said.library])
-            file.model = read(said.model)
+            scenario_plan = read_scenario(path)
+            file.scenario, file.library = path, Library([*folders, *scenario_plan.library])
+            file.model = read(scenario_plan.model)
         else:
             file.model = read(path)
     except (ModelError, ConfigError) as error:

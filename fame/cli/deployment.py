@@ -81,7 +81,7 @@ def run_deploy(arguments: Namespace) -> int:
         deployment = sending.deploy(arguments.to, arguments.wait, note)
         if migrated.dry:
             return migrated.show(deployment)
-        _tell(deployment, migrated, json=arguments.json)
+        _print_outcome(deployment, migrated, json=arguments.json)
         if arguments.stay and not deployment.failed:
             deployment.close()
             sending.stay(deployment.robots, note)
@@ -101,7 +101,7 @@ def _refuse_deadlocks(definitions: Definitions, library: Sequence[Path]) -> None
         raise DeploymentError(f"not deployed: {found[0].text}{more}")
 
 
-def _tell(deployment: Deployment, migrated: migration.Migration, *, json: bool) -> None:
+def _print_outcome(deployment: Deployment, migrated: migration.Migration, *, json: bool) -> None:
     robots = deployment.robots.values()
     if json:
         results = {each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took} for each in robots}
@@ -164,7 +164,7 @@ def run_splitter(arguments: Namespace) -> int:
             patience=arguments.wait,
             key=key,
             trusted=() if arguments.insecure else trusted,
-            say=lambda text: note(f"{scheduler.now / 1e9:9.1f} s   {text}"),
+            log=lambda text: note(f"{scheduler.now / 1e9:9.1f} s   {text}"),
         )
 
     serve(arguments.middleware, arguments.network, build)
@@ -229,5 +229,5 @@ def _diagram(model: Path, key: Path) -> None:
     from fame.deploy.signing import read_private
 
     text = read(model).source.decode()
-    said = Diagram.of(text, purpose="deploy", now=time.time(), key=read_private(key)).to_json()
-    print(json.dumps({"data": said}))  # as `ros2 topic pub` takes it
+    data = Diagram.of(text, purpose="deploy", now=time.time(), key=read_private(key)).to_json()
+    print(json.dumps({"data": data}))  # as `ros2 topic pub` takes it

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_library, command, epoch
-from fame.cli.network import OPEN, add_network, lockstep, say_ready
+from fame.cli.network import OPEN, add_network, lockstep, note_ready
 from fame.cli.output import note
 from fame.errors import ConfigError, FameError
 
@@ -150,7 +150,7 @@ def _serve(arguments: Namespace) -> None:
             time=time,
             middleware=middleware,
             library=library,
-            on_report=_say,
+            on_report=_print_event,
             safe_state=safe,
             safe_suspended=suspended,
             trusted=trusted,
@@ -165,9 +165,9 @@ def _serve(arguments: Namespace) -> None:
             time.on_jump = engine.warn
         preload(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))
         if engine.resuming:
-            say_ready(f"{arguments.name} continues its mission from {arguments.state}")
+            note_ready(f"{arguments.name} continues its mission from {arguments.state}")
         else:
-            say_ready(f"{arguments.name} waits for its process on /{arguments.name}/bpmn_process")
+            note_ready(f"{arguments.name} waits for its process on /{arguments.name}/bpmn_process")
         return engine
 
     try:
@@ -261,20 +261,20 @@ def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middl
     from fame.deploy.status import HEARTBEAT
 
     scheduler.run(scheduler.now + SECOND // 2)  # until others are found
-    heard: list[Report] = []
+    reports: list[Report] = []
 
     def listen(message: Any) -> None:
         report = Report.from_json(message.data)
         if report is not None and proves_presence(report, name, trusted, time.time()):
-            heard.append(report)
+            reports.append(report)
 
     node = middleware.node("_fame_twin", name)
     node.subscription("bpmn_status", STRING, listen, STATUS_QOS)
     until = scheduler.now + round(1.5 * HEARTBEAT * SECOND)
-    while name in engines(middleware) and not heard and scheduler.now < until:
+    while name in engines(middleware) and not reports and scheduler.now < until:
         scheduler.run(scheduler.now + SECOND // 20)
     node.close()
-    return bool(heard)
+    return bool(reports)
 
 
 def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]:
@@ -287,7 +287,7 @@ def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]
     return robot.SAFE_STATE, robot.SAFE_SUSPENDED
 
 
-def _say(event: Event) -> None:
+def _print_event(event: Event) -> None:
     from fame.scenario.process import encode_event, event_text, is_child
 
     if not is_child():

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, Parser, add_types, command, group
-from fame.cli.network import add_network, say_ready
+from fame.cli.network import add_network, note_ready
 from fame.cli.output import note
 from fame.errors import ConfigError
 
@@ -95,7 +95,7 @@ def record(arguments: Namespace) -> int:
                 note=note,
             )
             recorders.append(recorder)
-            say_ready(f"records to {arguments.output}")
+            note_ready(f"records to {arguments.output}")
             return recorder
 
         serve(arguments.middleware, arguments.network, build)
@@ -119,7 +119,7 @@ def convert(arguments: Namespace) -> int:
         convert_recording(
             arguments.recording,
             arguments.output,
-            lambda done: line.say(f"converting {arguments.recording}: {done:.0%}") if line is not None else None,
+            lambda done: line.write(f"converting {arguments.recording}: {done:.0%}") if line is not None else None,
         )
     return 0
 
@@ -133,7 +133,7 @@ def merge(arguments: Namespace) -> int:
         warnings = merge_recordings(
             arguments.recordings,
             arguments.output,
-            lambda done: line.say(f"merging to {arguments.output}: {done:.0%}") if line is not None else None,
+            lambda done: line.write(f"merging to {arguments.output}: {done:.0%}") if line is not None else None,
         )
     for warning in warnings:
         note(f"fame: {warning}")

@@ -107,7 +107,7 @@ def connected(arguments: Namespace) -> Iterator[tuple[WallScheduler, Middleware]
         middleware.close()
 
 
-def say_ready(text: str) -> None:
+def note_ready(text: str) -> None:
     """Print that the command is ready and how to end it, unless another FAME process started it."""
     from fame.scenario.process import is_child
 
@@ -115,7 +115,7 @@ def say_ready(text: str) -> None:
         note(f"{text}; Ctrl-C ends it")
 
 
-def say_warning(warning: EndpointWarning) -> None:
+def note_warning(warning: EndpointWarning) -> None:
     """Print a warning of the middleware."""
     note(f"fame: warning: {warning}")
 
@@ -175,7 +175,7 @@ def _run_router(arguments: Namespace) -> int:
     others = [locator for text in arguments.connect for locator in locators(text)]
     session = open_router(listen, others, arguments.zenoh_config and Path(arguments.zenoh_config))
     try:
-        say_ready(f"router on {', '.join(listen)}")
+        note_ready(f"router on {', '.join(listen)}")
         run_until_signal(WallScheduler())
     finally:
         session.close()  # type: ignore[no-untyped-call]

@@ -133,13 +133,13 @@ class ProgressLine:
 
     def show(self, progress: Progress) -> None:
         """Show the progress of a run."""
-        self.say(progress_text(progress))
+        self.write(progress_text(progress))
 
     def count_frames(self, drawn: int, frames: int) -> None:
         """Show the progress of an animation."""
-        self.say(f"drawing the film: frame {drawn} of {frames}" + (", writing it" if drawn == frames else ""))
+        self.write(f"drawing the film: frame {drawn} of {frames}" + (", writing it" if drawn == frames else ""))
 
-    def say(self, text: str) -> None:
+    def write(self, text: str) -> None:
         """What is being done."""
         self._text, self._since = text, time.monotonic()
         self._write(text)
@@ -201,7 +201,7 @@ class LiveTable:
             self._stream.write(self._drawn)
             self._stream.flush()
 
-    def say(self, line: str) -> None:
+    def write(self, line: str) -> None:
         """A line that stays."""
         if self._stream is not None:
             drawn = self._drawn

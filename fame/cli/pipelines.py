@@ -273,8 +273,8 @@ def run_train(arguments: Namespace) -> int:
     if arguments.plots is not None:
         _plot_training(arguments.plots, model, training)
     if arguments.json:
-        told = {"compared": [item.to_plain() for item in compared]} if compared else {}
-        print_json(_trained(path, model, training, warnings) | told)
+        comparison = {"compared": [item.to_plain() for item in compared]} if compared else {}
+        print_json(_trained(path, model, training, warnings) | comparison)
         return 0
     for text in warnings:
         note(f"warning: {text}")

@@ -62,7 +62,7 @@ def run_status(arguments: Namespace) -> int:
     if arguments.trust:
         belief["trusted"] = read_trusted(arguments.trust)
 
-    def heard(reader: ReportReader, message: Any) -> None:
+    def on_message(reader: ReportReader, message: Any) -> None:
         report = reader.read(message.data)
         if report is not None:
             reports[reader.robot] = report
@@ -73,7 +73,7 @@ def run_status(arguments: Namespace) -> int:
         robots = engines(middleware)
         for robot in robots:
             node.subscription(
-                f"/{robot}/bpmn_status", STRING, partial(heard, ReportReader(robot, **belief)), STATUS_QOS
+                f"/{robot}/bpmn_status", STRING, partial(on_message, ReportReader(robot, **belief)), STATUS_QOS
             )
         scheduler.run(scheduler.now + round(_LISTENING * HEARTBEAT * SECOND))
     silent = silences(reports, robots, _LISTENING * HEARTBEAT)
@@ -106,7 +106,7 @@ def _explain_waits(arguments: Namespace) -> int:
         raise ConfigError(f"expected --why ROBOT [ELEMENT], got {' '.join(arguments.why)}")
     with connected(arguments) as (scheduler, middleware):
         team = LiveTeam(
-            middleware.node("_fame_status"), middleware, scheduler, lambda *told: None, robots=frozenset([robot])
+            middleware.node("_fame_status"), middleware, scheduler, lambda *warning: None, robots=frozenset([robot])
         )
         until = scheduler.now + round(_PATIENCE * SECOND)
         while scheduler.now < until and not (robot in team.state.robots and robot in team.models):
@@ -347,8 +347,8 @@ def abort(arguments: Namespace) -> int:
         status = "completed" if answer == "aborted" else "failed"
         print_json({"status": status, "robot": arguments.robot, "answer": answer, "reason": reason})
     else:
-        said = reason or ("no deployment is loading or ready there" if answer == "idle" else "it keeps what it had")
-        print(f"{arguments.robot}: {answer}: {printable(said)}")
+        shown = reason or ("no deployment is loading or ready there" if answer == "idle" else "it keeps what it had")
+        print(f"{arguments.robot}: {answer}: {printable(shown)}")
     return 0 if answer == "aborted" else 1
 
 

@@ -121,8 +121,10 @@ def add_topic(commands: Commands) -> None:
         "--threshold", type=float, action="append", default=[], metavar="X", help="draw a horizontal line at this value"
     )
     for part, seconds in ((listing, 1.0), (echo, None), (hz, None), (plot, 10.0)):
-        said = f"(default: {seconds:g})" if seconds else "(default: until interrupted)"
-        part.add_argument("--duration", type=positive, default=seconds, metavar="S", help=f"seconds to listen {said}")
+        standard = f"(default: {seconds:g})" if seconds else "(default: until interrupted)"
+        part.add_argument(
+            "--duration", type=positive, default=seconds, metavar="S", help=f"seconds to listen {standard}"
+        )
         add_types(part)
         add_network(part)
     add_json(listing)
@@ -160,7 +162,7 @@ def _echo(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
     read = reader(type, parse_path(arguments.field)) if arguments.field else None
     left = arguments.count or -1
 
-    def heard(message: Any) -> None:
+    def on_message(message: Any) -> None:
         nonlocal left
         if left == 0:
             return
@@ -176,7 +178,7 @@ def _echo(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
         if left == 0:
             scheduler.stop()
 
-    return _listen(arguments, scheduler, middleware, type, heard)
+    return _listen(arguments, scheduler, middleware, type, on_message)
 
 
 def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
@@ -186,17 +188,17 @@ def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> i
     type = _type(arguments, scheduler, middleware)
     times = MessageTimes()
 
-    def heard(message: Any) -> None:
+    def on_message(message: Any) -> None:
         times.times.append(scheduler.now / SECOND)
         if len(times.times) == arguments.count:
             scheduler.stop()
 
-    def tell() -> None:
+    def print_rate() -> None:
         print(times.text() or f"{arguments.topic}: silent", flush=True)
-        scheduler.after(SECOND, tell)
+        scheduler.after(SECOND, print_rate)
 
-    scheduler.after(SECOND, tell)
-    code = _listen(arguments, scheduler, middleware, type, heard)
+    scheduler.after(SECOND, print_rate)
+    code = _listen(arguments, scheduler, middleware, type, on_message)
     print(times.text(float("inf")) or f"{arguments.topic}: silent", flush=True)
     return code if len(times.times) > 1 else 1
 
@@ -235,10 +237,10 @@ def _type(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
     return wait_for_types(middleware, scheduler, [arguments.topic])[arguments.topic]
 
 
-def _listen(arguments: Namespace, scheduler: Scheduler, middleware: Middleware, type: str, heard: Any) -> int:
+def _listen(arguments: Namespace, scheduler: Scheduler, middleware: Middleware, type: str, on_message: Any) -> int:
     from fame.middleware.interface import SENSOR_DATA
 
-    middleware.node("_fame_topic").subscription(arguments.topic, type, heard, SENSOR_DATA)
+    middleware.node("_fame_topic").subscription(arguments.topic, type, on_message, SENSOR_DATA)
     try:
         _run(arguments, scheduler)
     except KeyboardInterrupt:

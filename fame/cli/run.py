@@ -266,17 +266,17 @@ def run(arguments: Namespace) -> int:
             progress=line.show if line is not None else None,
             record=arguments.picture is not None or arguments.animate is not None,
             strict=arguments.strict,
-            on_interrupt=_say_stopping,
+            on_interrupt=_note_stopping,
             pace=page,
         )
         if page is not None:
             page.finish(result.status)
         _draw(arguments, result, line)
         if page is not None:
-            code = _said(arguments, result)
+            code = _print_result(arguments, result)
             wait_for_interrupt()
             return code
-    return _said(arguments, result)
+    return _print_result(arguments, result)
 
 
 def scenario_of(arguments: Namespace) -> Scenario:
@@ -306,16 +306,16 @@ def scenario_of(arguments: Namespace) -> Scenario:
     )
 
 
-def _said(arguments: Namespace, result: Result, *, reports: bool = True) -> int:
+def _print_result(arguments: Namespace, result: Result, *, reports: bool = True) -> int:
     """Print what a run came to, and give the exit code. `reports`: also what was reported meanwhile."""
     if arguments.json:
         print_json(result.to_json())
     else:
-        _tell(result, quiet=arguments.quiet, reports=reports)
+        _print_summary(result, quiet=arguments.quiet, reports=reports)
     return result.exit_code
 
 
-def _say_stopping() -> None:
+def _note_stopping() -> None:
     """Write unbuffered: this is called in a signal handler, which may interrupt a buffered stream."""
     os.write(sys.stderr.fileno(), b"\nstopping after this step; Ctrl-C again to stop now\n")
 
@@ -345,7 +345,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
                 scenario,
                 arguments.middleware,
                 on_status=lambda status: live.show(_seen(status)),
-                on_line=lambda name, line: live.say(line),
+                on_line=lambda name, line: live.write(line),
                 speed=arguments.speed,
                 lockstep=arguments.lockstep,
                 types=arguments.types,
@@ -356,7 +356,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
             result = logs.finish(result, drawings=drawings)
         with progress_line(sys.stderr, wanted=not quiet) as line:
             _draw(arguments, result, line)
-    return _said(arguments, result, reports=False)
+    return _print_result(arguments, result, reports=False)
 
 
 def _seen(sight: TeamStatus) -> str:
@@ -365,8 +365,8 @@ def _seen(sight: TeamStatus) -> str:
 
     lines: list[tuple[str, ...]] = []
     for name, pid in sight.pids.items():
-        said = sight.reports.get(name)
-        found = list(rows(name, said)) if said is not None else [(name, "" if name == "world" else "comes")]
+        report = sight.reports.get(name)
+        found = list(rows(name, report)) if report is not None else [(name, "" if name == "world" else "comes")]
         lines += [
             (str(pid) if number == 0 else "", *row, *[""] * (len(HEADS) - len(row))) for number, row in enumerate(found)
         ]
@@ -434,7 +434,7 @@ def _draw(arguments: Namespace, result: Result, line: ProgressLine | None) -> No
     if result.record is None:
         return
     if line is not None:
-        line.say("drawing the picture" if arguments.picture is not None else "drawing the film")
+        line.write("drawing the picture" if arguments.picture is not None else "drawing the film")
     title = arguments.scenario.stem.replace("_", " ").capitalize()
     if arguments.picture is not None:
         from sim2d.picture import picture
@@ -455,7 +455,7 @@ def _draw(arguments: Namespace, result: Result, line: ProgressLine | None) -> No
 # ---- text ------------------------------------------------------------------------------------------------------------
 
 
-def _tell(result: Result, *, quiet: bool, reports: bool) -> None:
+def _print_summary(result: Result, *, quiet: bool, reports: bool) -> None:
     """The summary on stdout; what scripts and robots reported, and what went wrong, on stderr."""
     from fame.scenario.result import HEADS
 

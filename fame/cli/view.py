@@ -190,8 +190,8 @@ def _in_a_process(arguments: Namespace, time: int) -> str:
     assert process.stderr is not None
     address = process.stdout.readline().strip()
     if not address.startswith("http"):
-        said = [line for line in process.communicate()[1].splitlines() if line]
-        raise FameError(said[-1].removeprefix("fame: error: ") if said else "the branch has ended")
+        lines = [line for line in process.communicate()[1].splitlines() if line]
+        raise FameError(lines[-1].removeprefix("fame: error: ") if lines else "the branch has ended")
     atexit.register(process.terminate)
     return address
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, command, natural, positive
-from fame.cli.network import add_network, connected, lockstep, say_ready, say_warning
+from fame.cli.network import add_network, connected, lockstep, note_ready, note_warning
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -53,10 +53,10 @@ def run_world(arguments: Namespace) -> int:
             config, chosen, scheduler, middleware, speed=speed, paused=arguments.pause, team=team, steps=steps
         )
         robots = ", ".join(robot.name for robot in config.robots)
-        say_ready(f"a world with {robots}" + ("; paused until fame resume" if arguments.pause else ""))
+        note_ready(f"a world with {robots}" + ("; paused until fame resume" if arguments.pause else ""))
         return world
 
-    serve(arguments.middleware, arguments.network, build, on_warning=say_warning)
+    serve(arguments.middleware, arguments.network, build, on_warning=note_warning)
     return 0
 
 
@@ -69,14 +69,14 @@ def _expect_no_other(scheduler: WallScheduler, middleware: Middleware) -> None:
     scheduler.run(scheduler.now + SECOND // 2)  # until others are found
     if not any(topic.name == CLOCK and topic.publishers for topic in middleware.graph()):
         return
-    heard: list[object] = []
+    ticks: list[object] = []
     node = middleware.node("_fame_twin", "world")
-    node.subscription(CLOCK, CLOCK_TYPE, heard.append, SENSOR_DATA)
+    node.subscription(CLOCK, CLOCK_TYPE, ticks.append, SENSOR_DATA)
     until = scheduler.now + SECOND
-    while not heard and scheduler.now < until:
+    while not ticks and scheduler.now < until:
         scheduler.run(scheduler.now + SECOND // 20)
     node.close()
-    if heard:
+    if ticks:
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         text = f"another world is on /clock in ROS domain {domain}; for a second one set ROS_DOMAIN_ID to another"
         raise ConfigError(f"{text} number here, and for its engines and commands")
@@ -124,10 +124,10 @@ def _call(arguments: Namespace, service: str) -> int:
     with connected(arguments) as (scheduler, middleware):
         client = middleware.node("_fame_pause").client(service, EMPTY)
         until = scheduler.now + round(_PATIENCE * SECOND)
-        asked = False
+        requested = False
         while not answers and scheduler.now < until:
-            if client.available and not asked:
-                asked = True
+            if client.available and not requested:
+                requested = True
                 client.call(None, answers.append)
             scheduler.run(scheduler.now + SECOND // 50)
     if not answers:

@@ -107,8 +107,8 @@ def proves_presence(report: Report, robot: str, trusted: Sequence[Any], now: flo
     """Whether a report proves that an engine of the robot runs `now` (s since 1970); without keys, every one does."""
     if not trusted:
         return True
-    said = report.born / 1e9 + report.time
-    return abs(now - said) <= RECENT and proves_name(report, robot, trusted) and is_signed(asdict(report), report.key)
+    sent = report.born / 1e9 + report.time
+    return abs(now - sent) <= RECENT and proves_name(report, robot, trusted) and is_signed(asdict(report), report.key)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,11 +172,11 @@ class DiagramReader:
 
 def _read(text: str) -> Diagram:
     try:
-        said = json.loads(text)
-        del said["fame"]
-        if fields.first_invalid(said, _DIAGRAM) is not None:
+        values = json.loads(text)
+        del values["fame"]
+        if fields.first_invalid(values, _DIAGRAM) is not None:
             raise TypeError
-        return Diagram(**said)
+        return Diagram(**values)
     except (ValueError, TypeError, KeyError, RecursionError):
         raise DeploymentError(
             "not signed; this splitter accepts only diagrams signed with a trusted key", cause="signature"

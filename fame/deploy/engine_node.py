@@ -239,8 +239,8 @@ class EngineNode:
         """Report an event to the observer of this engine, or to those of its mission."""
         from fame.robot import Event
 
-        tell = self._on_report if self.running is None else self.running.host.emit
-        tell(Event(self._time.now, self.robot, 0, 0, "", "report", text))
+        observe = self._on_report if self.running is None else self.running.host.emit
+        observe(Event(self._time.now, self.robot, 0, 0, "", "report", text))
 
     # ---- what it receives ------------------------------------------------------------------------------------------
 

@@ -157,11 +157,11 @@ class LateJoiners:
         middleware: Middleware,
         key: Any = None,
         supplied: Collection[str] = (),
-        tell: Callable[[str], object] = lambda text: None,
+        log: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
-        self._pools, self._send, self._key, self._tell = pools_of(definitions), send, key, tell
+        self._pools, self._send, self._key, self._log = pools_of(definitions), send, key, log
         state = JoinersState(supplied=frozenset(supplied))
         self._protocol: Machine[JoinersState, Event, Supply] = Machine(state, step, self._supply)
         self._current: Deployment | None = None
@@ -196,14 +196,14 @@ class LateJoiners:
         try:
             self._current = self._send(action.robots, action.again, self._on_end)
         except FameError as error:
-            self._tell(f"{', '.join(action.robots)}: {error}")
+            self._log(f"{', '.join(action.robots)}: {error}")
             self._protocol.handle(Ended())
 
     def _on_end(self, deployment: Deployment) -> None:
         for robot, progress in deployment.robots.items():
             if progress.state == "started":
                 self._protocol.handle(Started(robot))
-            self._tell(str(progress))
+            self._log(str(progress))
         self.scheduler.soon(self._close_current)
 
     def _close_current(self) -> None:

@@ -1,12 +1,12 @@
-"""Which of several splitters leads, as a pure state machine: ``step(state, event) -> (state, actions)``.
+"""Leader election among splitters as a pure state machine: ``step(state, event) -> (state, actions)``.
 
-Theory of operation. Every splitter publishes its `SplitterStatus` once a second. The oldest one that is heard leads,
-the others stand by::
+Theory of operation. Every splitter publishes its `SplitterStatus` once a second. The oldest one whose status is
+received leads, the others stand by::
 
-    standby ──no older splitter is heard──> leader
-       └───<──an older one is heard, a younger one leads, or it was stopped itself──┘
+    standby ──no status of an older splitter──> leader
+       └───<──status of an older one, a younger one leads, or it was stopped──┘
 
-A splitter that is not heard for `GONE` s is gone. So a leader that was itself stopped for longer may have a successor:
+A splitter without status for `GONE` s is gone. So a leader that was itself stopped for longer may have a successor:
 it stands by, and learns what became of the team, before it leads again. A new leader inherits what the
 ones before it had deployed, so that the team goes on with it.
 
@@ -97,7 +97,7 @@ class Older:
     """An older splitter: when its last status arrived (ns), and what it has deployed."""
 
     born: int
-    heard: int
+    last_seen: int
     deployed: str
 
 
@@ -119,7 +119,7 @@ class ElectionState:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class StatusReceived:
     """The status of another splitter was received."""
 
     status: SplitterStatus
@@ -155,7 +155,7 @@ class StandBy:
     reason: str
 
 
-Event = Heard | Beat | Woken
+Event = StatusReceived | Beat | Woken
 Action = Lead | StandBy
 
 
@@ -165,8 +165,8 @@ Action = Lead | StandBy
 def step(state: ElectionState, event: Event) -> tuple[ElectionState, tuple[Action, ...]]:
     """The next state and the actions."""
     match event:
-        case Heard(status, now):
-            return _heard(state, status, now), ()
+        case StatusReceived(status, now):
+            return _on_status(state, status, now), ()
         case Woken(now):
             return _stand_by_if_replaced(state, now)
         case Beat(now):
@@ -176,7 +176,7 @@ def step(state: ElectionState, event: Event) -> tuple[ElectionState, tuple[Actio
             return replace(state, beaten=now), (*stands_by, *elected)
 
 
-def _heard(state: ElectionState, status: SplitterStatus, now: int) -> ElectionState:
+def _on_status(state: ElectionState, status: SplitterStatus, now: int) -> ElectionState:
     if status.born < state.born:
         others = tuple(one for one in state.older if one.born != status.born)
         return replace(state, older=(*others, Older(status.born, now, status.deployed)))
@@ -187,8 +187,8 @@ def _heard(state: ElectionState, status: SplitterStatus, now: int) -> ElectionSt
 
 def _forget_silent(state: ElectionState, now: int) -> ElectionState:
     horizon = now - round(GONE * SECOND)
-    there = tuple(one for one in state.older if one.heard >= horizon)
-    gone = frozenset(one.deployed for one in state.older if one.heard < horizon)
+    there = tuple(one for one in state.older if one.last_seen >= horizon)
+    gone = frozenset(one.deployed for one in state.older if one.last_seen < horizon)
     return replace(state, older=there, inherited=gone or state.inherited)
 
 

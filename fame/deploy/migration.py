@@ -63,11 +63,11 @@ def plan_of(data: Mapping[str, Any]) -> Plan:
     from fame.engine.migration import Plan
 
     elements, variables = data.get("elements") or {}, data.get("variables") or {}
-    said = {id: what for id, what in elements.items() if isinstance(what, str)}
+    named = {id: what for id, what in elements.items() if isinstance(what, str)}
     return Plan(
         to={id: str(what["to"]) for id, what in elements.items() if isinstance(what, Mapping) and "to" in what},
-        restart=frozenset(id for id, what in said.items() if what == "restart"),
-        abandon=frozenset(id for id, what in said.items() if what == "abandon"),
+        restart=frozenset(id for id, what in named.items() if what == "restart"),
+        abandon=frozenset(id for id, what in named.items() if what == "abandon"),
         rename={name: str(what["rename"]) for name, what in variables.items() if "rename" in what},
         default={name: what["default"] for name, what in variables.items() if "default" in what},
     )
@@ -121,10 +121,10 @@ def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) 
     """What would become of what runs (`old`, of the model with this hash) in a loaded process."""
     from fame.robot.take_over import gone_elements, what_becomes
 
-    said = plan_of(plan)
-    tokens, state = what_becomes(new, old, said)
+    parsed = plan_of(plan)
+    tokens, state = what_becomes(new, old, parsed)
     there = {token.element for token in tokens}
-    gone = [token for token in gone_elements(new, old, said) if token.element not in there]
+    gone = [token for token in gone_elements(new, old, parsed) if token.element not in there]
     small = state is not None and len(json.dumps(state)) <= _LARGEST
     return Foreseen(hash, tokens, gone, state if state is not None and small else {})
 
@@ -183,11 +183,11 @@ def _plan_line(robot: str, token: Token, taken: set[str], state: str) -> str:
     if token.fate != "blocked":
         return f"  {json.dumps(token.element)}: {_decided(token)}  # {label}"
     targets = ", ".join(token.others) or "ID"
-    said = f"{label}: {state}: {token.reason}"
+    comment = f"{label}: {state}: {token.reason}"
     if len(token.others) == 1 and token.others[0] not in taken:
         taken.update(token.others)
-        return f"  {json.dumps(token.element)}: {{to: {json.dumps(token.others[0])}}}  # {said}"
-    return f"  # {json.dumps(token.element)}: {{to: {targets}}}  # or restart, abandon; {said}"
+        return f"  {json.dumps(token.element)}: {{to: {json.dumps(token.others[0])}}}  # {comment}"
+    return f"  # {json.dumps(token.element)}: {{to: {targets}}}  # or restart, abandon; {comment}"
 
 
 def _decided(token: Token) -> str:

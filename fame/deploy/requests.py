@@ -257,13 +257,13 @@ class AbortClient:
             self._end("aborted" if self._deployment else "idle", "")
         elif self._next is None:
             self._deployment = report.candidate
-            self._say(report)
+            self._send(report)
 
-    def _say(self, report: Report) -> None:
+    def _send(self, report: Report) -> None:
         envelope = Envelope(deployment=self._deployment, sequence=0, robot=self._robot, phase="abort")
-        said = signed(envelope, self._key, born=report.born, now=self._wall_time())
-        self._out.publish(messages.create(STRING, said.to_json()))
-        self._next = self._scheduler.after(round(REPEAT * SECOND), lambda: self._say(report), Kind.TIMER)
+        signed_envelope = signed(envelope, self._key, born=report.born, now=self._wall_time())
+        self._out.publish(messages.create(STRING, signed_envelope.to_json()))
+        self._next = self._scheduler.after(round(REPEAT * SECOND), lambda: self._send(report), Kind.TIMER)
 
     def _end(self, answer: str, reason: str) -> None:
         ended, self._ended = self._ended, lambda answer, reason: None

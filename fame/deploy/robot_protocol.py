@@ -141,14 +141,14 @@ class _Transition:
         under_way = (waiting is not None and waiting.deployment == deployment) or self.state.candidate_of(deployment)
         return bool(under_way) or self.state.answer_to(deployment) is not None
 
-    def _receive_decision(self, candidate: Candidate, told: Instruction) -> None:
+    def _receive_decision(self, candidate: Candidate, instruction: Instruction) -> None:
         """Follow the sender's word on the candidate; one that is being started already needs none."""
         if candidate.stage == "ready":
-            self.decide(told)
+            self.decide(instruction)
             self._ask_sender_for_room()
-        elif candidate.stage == "matching" and told.phase == "abort":
+        elif candidate.stage == "matching" and instruction.phase == "abort":
             self._drop("aborted")
-        elif candidate.stage == "matching" and told.phase == "start":
+        elif candidate.stage == "matching" and instruction.phase == "start":
             self._do(Reply("refused", candidate.envelope.deployment, _NOT_READY))
 
     def _answer_peer(self, envelope: Envelope) -> None:

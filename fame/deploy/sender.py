@@ -42,7 +42,6 @@ from fame.deploy.sender_protocol import (
     Closed,
     End,
     Event,
-    Heard,
     PatienceEnded,
     Prepare,
     RivalFound,
@@ -50,6 +49,7 @@ from fame.deploy.sender_protocol import (
     Send,
     SenderState,
     StartTimer,
+    StatusReceived,
     TimerFired,
     step,
 )
@@ -208,7 +208,7 @@ class Deployment:
             return
         self._known[robot] = report
         ahead = is_ahead(report.sequence, self._wall_time())
-        self._protocol.handle(Heard(robot, -1 if ahead else report.sequence))
+        self._protocol.handle(StatusReceived(robot, -1 if ahead else report.sequence))
         if report.deployment == self.id and not self.done:
             if report.migration:
                 self.foreseen[robot] = Foreseen.from_json(report.migration)

@@ -2,10 +2,10 @@
 
 Theory of operation. One model goes to all its robots, and all of them start or none does::
 
-    discovery ──all were heard, or time is up──> load ──all are ready──> start ──all said how it ended──> over
-        │                                          │                       └──patience ends──> over, failed
-        └──────────────────────────────────────────┴──one refuses, patience ends, two engines of one name,
-                                                      the sender itself was stopped──> abort to all ──> over, failed
+    discovery ──all have reported, or time is up──> load ──all are ready──> start ──all have answered──> over
+        │                                            │                       └──patience ends──> over, failed
+        └────────────────────────────────────────────┴──one refuses, patience ends, two engines of one name,
+                                                        the sender itself was stopped──> abort to all ──> over, failed
 
 A migration is approved between ``load`` and ``start``: what runs is suspended everywhere, so that its state can be
 looked at as a whole, and it may not stay suspended for more than `HOLDING` s. A preview only asks all robots, and ends
@@ -18,7 +18,7 @@ sender that was stopped for longer must not start anybody.
 Invariants, checked for every reachable state in ``tests/test_sender_protocol.py``:
 
 - ``start`` is sent only after every robot has answered ``ready``; after the first one ``abort`` is never sent.
-- ``abort`` is sent to all or to none. After the end nothing is sent, and the end is told once.
+- ``abort`` is sent to all or to none. After the end nothing is sent, and the end is reported once.
 
 Nothing here sends, waits or looks at a clock: events carry the time (ns) where it matters, and `fame.deploy.sender`
 carries the actions out.
@@ -70,8 +70,8 @@ class SenderState:
     """How far a deployment is.
 
     sequence  above that of every report received during discovery, whatever the clocks of their senders said
-    signed    whether keys are used: then every robot has to be heard before it is loaded
-    heard     the robots that have reported anything
+    signed    whether keys are used: then every robot must have reported before it is loaded
+    reported  the robots that have reported anything
     begun     when it began, `spoke` when all were last told something (ns)
     migrates  whether what runs is to go over: it is approved before it starts
     preview   whether it only asks what would become of what runs
@@ -83,7 +83,7 @@ class SenderState:
     signed: bool = False
     phase: Literal["discovery", "load", "approval", "start", "over"] = "discovery"
     failed: bool = False
-    heard: frozenset[str] = frozenset()
+    reported: frozenset[str] = frozenset()
     begun: int = 0
     spoke: int = 0
     migrates: bool = False
@@ -102,7 +102,7 @@ class Begun:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class StatusReceived:
     """A robot has reported, with the newest `sequence` that it has seen."""
 
     robot: str
@@ -153,7 +153,7 @@ class Approved:
     now: int
 
 
-Event = Begun | Heard | Answered | RivalFound | TimerFired | PatienceEnded | Closed | Approved
+Event = Begun | StatusReceived | Answered | RivalFound | TimerFired | PatienceEnded | Closed | Approved
 
 
 # ---- actions ---------------------------------------------------------------------------------------------------------
@@ -208,8 +208,8 @@ def step(state: SenderState, event: Event) -> tuple[SenderState, tuple[Action, .
     match event:
         case Begun(now):
             return replace(state, begun=now), (StartTimer(SETTLE),)
-        case Heard():
-            return _heard(state, event), ()
+        case StatusReceived():
+            return _on_status(state, event), ()
         case Answered():
             return _answered(state, event)
         case RivalFound(robot) if state.phase != "start":
@@ -225,16 +225,16 @@ def step(state: SenderState, event: Event) -> tuple[SenderState, tuple[Action, .
     return state, ()
 
 
-def _heard(state: SenderState, event: Heard) -> SenderState:
+def _on_status(state: SenderState, event: StatusReceived) -> SenderState:
     number = max(state.sequence, event.sequence + 1) if state.phase == "discovery" else state.sequence
-    return replace(state, heard=state.heard | {event.robot}, sequence=number)
+    return replace(state, reported=state.reported | {event.robot}, sequence=number)
 
 
 def _timer(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
     """Load when all robots have reported; then repeat the request to each robot."""
     if state.phase == "discovery":
         waits = state.signed or now < state.begun + round(DISCOVERY * SECOND)
-        if waits and len(state.heard) < len(state.robots):
+        if waits and len(state.reported) < len(state.robots):
             return state, (StartTimer(SETTLE),)
         state, actions = _send_all(replace(state, phase="load"), now)
         return state, (Prepare(), *actions)
@@ -309,7 +309,7 @@ def _end_stopped(state: SenderState, now: int) -> tuple[SenderState, tuple[Actio
 
 
 def _impatient(state: SenderState, each: RobotProgress, patience: float) -> RobotProgress:
-    if each.state == "silent" and (state.phase != "discovery" or each.robot not in state.heard):
+    if each.state == "silent" and (state.phase != "discovery" or each.robot not in state.reported):
         return replace(each, reason=f"did not answer within {patience:g} s")
     if state.phase == "start" and each.state == "ready":
         return replace(each, reason="was ready, and did not answer when it was told to start")

@@ -127,11 +127,11 @@ def is_vouched(robot: str, key: str, voucher: str, trusted: Sequence[Ed25519Publ
     return True
 
 
-def is_signed(said: Mapping[str, Any], key: str) -> bool:
+def is_signed(content: Mapping[str, Any], key: str) -> bool:
     """Whether the owner of a public key (as text) signed it."""
     try:
         public = _cryptography()[0].Ed25519PublicKey.from_public_bytes(base64.b64decode(key, validate=True))
-        verify_signature(said, [public])
+        verify_signature(content, [public])
     except (ValueError, DeploymentError):
         return False
     return True
@@ -141,16 +141,16 @@ def _name_of(robot: str, key: str) -> dict[str, str]:
     return {"robot": robot, "key": key}
 
 
-def sign(said: Mapping[str, Any], key: Ed25519PrivateKey) -> str:
+def sign(content: Mapping[str, Any], key: Ed25519PrivateKey) -> str:
     """The signature of what an envelope says, as base64."""
-    return base64.b64encode(key.sign(_signed_part(said))).decode()
+    return base64.b64encode(key.sign(_signed_part(content))).decode()
 
 
-def verify_signature(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> None:
+def verify_signature(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> None:
     """Raises DeploymentError unless a trusted key signed it, whenever that was."""
     from cryptography.exceptions import InvalidSignature
 
-    signature = said.get("signature", "")
+    signature = content.get("signature", "")
     if not signature:
         raise DeploymentError(
             "not signed; this robot runs only deployments signed with a trusted key", cause="signature"
@@ -161,35 +161,35 @@ def verify_signature(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey
         raise DeploymentError("the signature is not base64", cause="signature") from None
     for key in trusted:
         try:
-            key.verify(blob, _signed_part(said))
+            key.verify(blob, _signed_part(content))
             return
         except InvalidSignature:
             continue
     raise DeploymentError("not signed by a key that this robot trusts", cause="signature")
 
 
-def signer(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> str:
+def signer(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> str:
     """The fingerprint of the trusted key that signed it; empty if none did."""
     _, serialization = _cryptography()
     raw = serialization.Encoding.Raw, serialization.PublicFormat.Raw
     for key in trusted:
         with suppress(DeploymentError):
-            verify_signature(said, [key])
+            verify_signature(content, [key])
             return f"key {sha256(key.public_bytes(*raw)).hexdigest()[:16]}"
     return ""
 
 
-def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: float, born: int = 0) -> None:
+def verify(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: float, born: int = 0) -> None:
     """Raises DeploymentError unless a trusted key signed it, not long ago, for the engine that was `born` then (ns).
 
     `now` in s since 1970.
     """
-    verify_signature(said, trusted)
-    age = now - float(said.get("issued", 0.0))
+    verify_signature(content, trusted)
+    age = now - float(content.get("issued", 0.0))
     if not abs(age) <= FRESH:
         text = f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)"
         raise DeploymentError(text, cause="clock")
-    if said.get("born", 0) != born:
+    if content.get("born", 0) != born:
         raise DeploymentError("signed for another run of this robot's engine: it may be a replay", cause="replay")
 
 
@@ -199,8 +199,8 @@ def _write_public(private: Ed25519PrivateKey, path: Path) -> None:
     path.write_bytes(private.public_key().public_bytes(serialization.Encoding.PEM, info))
 
 
-def _signed_part(said: Mapping[str, Any]) -> bytes:
-    kept = {name: value for name, value in said.items() if name not in ("model", "signature")}
+def _signed_part(content: Mapping[str, Any]) -> bytes:
+    kept = {name: value for name, value in content.items() if name not in ("model", "signature")}
     return json.dumps(kept, sort_keys=True, separators=(",", ":")).encode()
 
 

@@ -31,10 +31,10 @@ from fame.deploy.leader_election import (
     Beat,
     ElectionState,
     Event,
-    Heard,
     Lead,
     SplitterStatus,
     StandBy,
+    StatusReceived,
     Woken,
     step,
 )
@@ -69,12 +69,12 @@ class SplitterNode:
         patience: float = PATIENCE,
         key: Any = None,
         trusted: Sequence[Any] = (),
-        say: Callable[[str], object] = lambda text: None,
+        log: Callable[[str], object] = lambda text: None,
         wall_time: Callable[[], float] = time.time,
     ) -> None:
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
-        self._say, self._wall_time = say, wall_time
+        self._log, self._wall_time = log, wall_time
         self._options: dict[str, Any] = {
             "library": library or Library(),
             "patience": patience,
@@ -125,7 +125,7 @@ class SplitterNode:
     def _on_status(self, message: Any) -> None:
         status = SplitterStatus.from_json(message.data)
         if status is not None and status.is_believed(self._trusted, self._wall_time()):
-            self._election.handle(Heard(status, self.scheduler.now))
+            self._election.handle(StatusReceived(status, self.scheduler.now))
 
     def _perform(self, action: Action) -> None:
         match action:
@@ -244,7 +244,7 @@ class SplitterNode:
         send = partial(self._send, diagram[1])
         around: dict[str, Any] = {"scheduler": self.scheduler, "middleware": self.middleware}
         self._late_joiners = LateJoiners(
-            diagram[1], send, key=self._options["key"], supplied=supplied, tell=self._report, **around
+            diagram[1], send, key=self._options["key"], supplied=supplied, log=self._report, **around
         )
 
     def _deployed_text(self, model: str) -> str:
@@ -268,7 +268,7 @@ class SplitterNode:
     def _report(self, text: str) -> None:
         if text != self._text:
             self._text = text
-            self._say(text)
+            self._log(text)
         self._publish()
 
     def _publish(self) -> None:

@@ -32,15 +32,15 @@ class Warnings:
     `poll` takes the new warnings of the middleware and its losses. Those from before this object was made are old.
     """
 
-    def __init__(self, middleware: Middleware, tell: Callable[[str], object]) -> None:
-        self._middleware, self._tell = middleware, tell
+    def __init__(self, middleware: Middleware, warn: Callable[[str], object]) -> None:
+        self._middleware, self._warn = middleware, warn
         self._seen = len(middleware.warnings)
         self._losses: list[str] = []
         self._latest: deque[EndpointWarning] = deque(maxlen=_KEPT)
 
     def __call__(self, warning: EndpointWarning) -> None:
         self._latest.append(warning)
-        self._tell(str(warning))
+        self._warn(str(warning))
 
     def poll(self, except_for: str) -> list[EndpointWarning]:
         """Report the new warnings; return those about the topic `except_for` instead."""
@@ -52,7 +52,7 @@ class Warnings:
         before, self._losses = self._losses, self._middleware.losses()
         for text in self._losses:  # they grow: the latest is told, and the report shows each once
             if text not in before:
-                self._tell(text)
+                self._warn(text)
         return [warning for warning in new if warning.topic == except_for]
 
     def lines(self) -> list[str]:
@@ -63,8 +63,8 @@ class Warnings:
 class RateLimiter:
     """Pass a text on to `tell` at once, and more of the same cause at the end of each second, as one with a count."""
 
-    def __init__(self, scheduler: Scheduler, tell: Callable[[str], object]) -> None:
-        self._scheduler, self._pass_on = scheduler, tell
+    def __init__(self, scheduler: Scheduler, warn: Callable[[str], object]) -> None:
+        self._scheduler, self._pass_on = scheduler, warn
         self._held: dict[str, tuple[int, str]] = {}  # cause -> number held back, and the last of them
         self._timer: Entry | None = None
 

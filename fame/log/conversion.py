@@ -61,12 +61,12 @@ def convert(source: str | Path, target: str | Path, on_progress: OnProgress = la
             epoch = parse_datetime(recording.metadata.get("epoch", "1970-01-01T00:00:00Z"))
             if epoch != EPOCH:
                 log(Event(0, "", 0, 0, "", "epoch", date_text(epoch)))
-            length, told = max(1, recording.end - recording.start), 0.0
+            length, reported = max(1, recording.end - recording.start), 0.0
             for event in recording.events():
                 log(event)
                 done = (event.time - recording.start) / length
-                if done >= told + 0.01:
-                    told = done
+                if done >= reported + 0.01:
+                    reported = done
                     on_progress(done)
 
 

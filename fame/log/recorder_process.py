@@ -117,8 +117,8 @@ class RecorderProcess:
         with suppress(BrokenPipeError):
             self._pipe.close()
         assert self._process.stdout is not None
-        with self._process.stdout as told:
-            error = told.read().decode("utf-8", "replace").strip()
+        with self._process.stdout as output:
+            error = output.read().decode("utf-8", "replace").strip()
         code = self._process.wait()
         if error:
             raise ConfigError(error, file=self._path)
@@ -164,12 +164,12 @@ def main() -> None:
         with FileIO(int(number), "ab", closefd=False) as file:
             write_calls(sys.stdin.buffer, file, int(chunk))
     except OSError as error:
-        sys.exit(_say(f"cannot be written: {error.strerror}"))
+        sys.exit(_print_error(f"cannot be written: {error.strerror}"))
     except FameError as error:
-        sys.exit(_say(str(error)))
+        sys.exit(_print_error(str(error)))
 
 
-def _say(text: str) -> int:
+def _print_error(text: str) -> int:
     sys.stdout.write(text)
     sys.stdout.flush()
     return 1

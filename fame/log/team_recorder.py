@@ -51,7 +51,7 @@ class TeamRecorder:
         note: Callable[[str], object] = lambda text: None,
         on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
     ) -> None:
-        self._told_model = on_model
+        self._report_model = on_model
         self._middleware, self._scheduler, self._open_file = middleware, scheduler, open_file
         self._every, self._metadata, self._note = topics == "all", dict(metadata or {}), note
         self._models = models
@@ -97,7 +97,7 @@ class TeamRecorder:
 
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         self._note(f"records {robot}: {model.get('process', '')}")
-        self._told_model(robot, model)
+        self._report_model(robot, model)
         if self._file is not None and self._models:
             self._attach(robot, model)
 

@@ -392,7 +392,7 @@ class LocalClient:
         middleware = self.node.middleware
         if middleware.services.get(self.name) is service:
             service.handle(
-                request, lambda said: self._way(service.node, self.node, partial(self._deliver, said, callback))
+                request, lambda response: self._way(service.node, self.node, partial(self._deliver, response, callback))
             )
         else:
             middleware.warn(unanswered_warning(self.name, self.node.full_name))

@@ -108,7 +108,7 @@ class Drift(Processor):
             self.monitor.restore(Path(self.state))
         self._largest: Floats | None = None
         self._last: float | None = None
-        self._told: tuple[str, ...] = ()
+        self._reported: tuple[str, ...] = ()
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
         samples = stacked(inputs)
@@ -127,9 +127,9 @@ class Drift(Processor):
                 self._largest = largest if self._largest is None else np.maximum(self._largest, largest)
         self._last = float(samples.stamps[-1])
         drifting = self.monitor.drifting
-        if not drifting or drifting == self._told:
+        if not drifting or drifting == self._reported:
             return None
-        self._told = drifting
+        self._reported = drifting
         sums = [self.monitor.sums[self.monitor.names.index(name)] for name in drifting]
         stamps = samples.stamps[-1:]
         names = tuple(name.rpartition(".")[2] for name in drifting)

@@ -95,29 +95,31 @@ class Judgement:
         hours = sum(run.seconds for run in benign) / 3600
         false_alarms = sum(run.anomalous for run in benign)
         events = sum(len(run.events) for run in benign)
-        told: dict[str, Any] = {
+        values: dict[str, Any] = {
             "runs": len(self.runs), "with an alarm": sum(run.anomalous for run in self.runs),
             "hours": round(sum(run.seconds for run in self.runs) / 3600, 4),
         }  # fmt: skip
         if all(run.label is None for run in self.runs):
-            return {**told, "alarms per hour": events / hours if hours else None}
-        told |= {
+            return {**values, "alarms per hour": events / hours if hours else None}
+        values |= {
             "benign runs": len(benign), "false alarms": false_alarms,
             "false alarms per run": _rate(false_alarms, len(benign)),
             "false alarms per hour": events / hours if hours else None,
         }  # fmt: skip
         anomalous = [run for run in self.runs if run.label == -1]
         found = [run.latency for run in anomalous if run.latency is not None]
-        told |= {
+        values |= {
             "anomalous runs": len(anomalous),
             "found": len(found),
             "found per run": _rate(len(found), len(anomalous)),
         }
         if found:
-            told["latency s"] = {"median": float(np.median(found)), "largest": max(found)}
+            values["latency s"] = {"median": float(np.median(found)), "largest": max(found)}
         if anomalous and benign:
-            told |= areas(np.array([run.score for run in self.runs]), np.array([run.label == -1 for run in self.runs]))
-        return told
+            values |= areas(
+                np.array([run.score for run in self.runs]), np.array([run.label == -1 for run in self.runs])
+            )
+        return values
 
     def to_plain(self) -> dict[str, Any]:
         """Give everything but the losses as plain data."""
@@ -336,11 +338,11 @@ def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> 
         last = int(np.flatnonzero(anomalous)[-1])
         kind = alarm.verdict.kind or "anomaly"
         events = (Event(float(stamps[alarm.index]), float(stamps[last]), float(scores.max()), shares, kind),)
-    told: tuple[str, ...] = () if report is None or report.whole else ("cut off before its end",)
-    told += tuple(change.text for change in report.changes) if report is not None else ()
+    notes: tuple[str, ...] = () if report is None or report.whole else ("cut off before its end",)
+    notes += tuple(change.text for change in report.changes) if report is not None else ()
     wrong = np.flatnonzero(run.labels == -1)
     label = None if not labelled else -1 if len(wrong) else 1
     return JudgedRun(
         number, run.source, _seconds(np.asarray(stamps)), events, np.asarray(stamps[: len(scores)]), scores,
-        ("score",), label, float(stamps[wrong[0]]) if label == -1 else None, told,
+        ("score",), label, float(stamps[wrong[0]]) if label == -1 else None, notes,
     )  # fmt: skip

@@ -332,6 +332,6 @@ def instance_of(data: Mapping[str, Any], program: Program, load: Callable[[Any],
     counts = data["counts"]
     instance.counts = list(bytes.fromhex(counts)) if isinstance(counts, str) else counts
     if data["error"] is not None:
-        said = dict(data["error"])
-        instance.error = MissionError(said.pop("text"), **said)
+        fields = dict(data["error"])
+        instance.error = MissionError(fields.pop("text"), **fields)
     return instance

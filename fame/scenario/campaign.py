@@ -299,17 +299,17 @@ class Folder:
         from fame.scenario.variation import Distribution
 
         try:
-            said = json.loads((self.path / ABOUT).read_text(encoding="utf-8"))
+            about = json.loads((self.path / ABOUT).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             raise ConfigError(f"has no campaign: expected a file {ABOUT}", file=str(self.path)) from None
-        variation = said.pop("variation")
+        variation = about.pop("variation")
         distributions = tuple(
             Distribution(one["path"], one["kind"], tuple(one["numbers"]), tuple(one["choices"]))
             for one in variation["distributions"]
         )
-        said["library"] = tuple(said["library"])
+        about["library"] = tuple(about["library"])
         return Campaign(
-            **said, variation=Variation(distributions, variation["design"], dict(variation["measures"] or {}))
+            **about, variation=Variation(distributions, variation["design"], dict(variation["measures"] or {}))
         )
 
     def rows(self) -> list[Row]:

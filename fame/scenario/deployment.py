@@ -32,13 +32,13 @@ class Sending:
         self.definitions, self.scheduler, self.middleware, self._options = definitions, scheduler, middleware, options
 
     def deploy(
-        self, only: Sequence[str], patience: float, say: Callable[[str], object] = lambda text: None
+        self, only: Sequence[str], patience: float, log: Callable[[str], object] = lambda text: None
     ) -> Deployment:
         """Deploy to the present engines and wait up to `patience` s for missing ones, which are reported to `say`.
 
         Raises DeploymentError, ConfigError if some are missing.
         """
-        self._find(only, patience, say)
+        self._find(only, patience, log)
         try:
             deployment = self._begin(only, (), lambda _: self.scheduler.stop())
         except ConfigError as error:  # an engine has left in the meantime
@@ -50,7 +50,7 @@ class Sending:
             raise
         return deployment
 
-    def stay(self, served: Collection[str], say: Callable[[str], object]) -> None:
+    def stay(self, served: Collection[str], log: Callable[[str], object]) -> None:
         """Deploy to robots that join late or come back, until SIGINT or SIGTERM."""
         late_joiners = LateJoiners(
             self.definitions,
@@ -59,12 +59,12 @@ class Sending:
             middleware=self.middleware,
             key=self._options.get("key"),
             supplied=served,
-            tell=say,
+            log=log,
         )
         run_until_signal(self.scheduler)
         late_joiners.close()
 
-    def _find(self, only: Sequence[str], patience: float, say: Callable[[str], object]) -> None:
+    def _find(self, only: Sequence[str], patience: float, log: Callable[[str], object]) -> None:
         """Wait until every pool has its robots."""
         begun, reported = self.scheduler.now, False
         until = begun + round(patience * SECOND)
@@ -76,7 +76,7 @@ class Sending:
                 if self.scheduler.now < until:
                     if not reported and self.scheduler.now > begun + SECOND:
                         reported = True
-                        say(f"waiting up to {patience:g} s: {error}")
+                        log(f"waiting up to {patience:g} s: {error}")
                     continue
                 text = f"{error}; start an engine with: fame engine NAME"
                 raise DeploymentError(text) from None

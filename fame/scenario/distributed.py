@@ -152,12 +152,12 @@ class Team:
         return tuple(reported_result(robot, self.reports.get(robot)) for robot in self.scenario.cast)
 
     def _on_output(self, name: str, line: str) -> None:
-        said = decode_line(line)
-        if isinstance(said, Event):
-            self._events.append(said)
-            line = event_text(said)
-        elif said is not None:
-            line = str(self._in_own_files(name, said))
+        decoded = decode_line(line)
+        if isinstance(decoded, Event):
+            self._events.append(decoded)
+            line = event_text(decoded)
+        elif decoded is not None:
+            line = str(self._in_own_files(name, decoded))
         self._on_line(name, line)
 
     def _in_own_files(self, robot: str, warning: ScriptWarning) -> ScriptWarning:
@@ -369,8 +369,8 @@ class Subprocesses:
         assert process.stderr is not None
         with process.stderr as lines:
             for line in lines:
-                said = decode_line(line)
-                self.last[name] = (event_text(said) if isinstance(said, Event) else str(said or line)).strip()
+                decoded = decode_line(line)
+                self.last[name] = (event_text(decoded) if isinstance(decoded, Event) else str(decoded or line)).strip()
                 self._on_line(name, line.rstrip())
 
 

@@ -123,9 +123,9 @@ class Result:
             lines += [f"pool {name} never started: no robot of it ran its process" for name in self.never_started]
             waits = [wait for robot in self.robots for wait in robot.waits]
             lines += [f"{wait.robot} waits at {wait.element} for {wait.text}" for wait in waits]
-            asked = next((wait for wait in waits if wait.text == SOMEBODY), None)
-            if asked is not None:
-                here = f"--complete {asked.robot}@S:{asked.element} does it at simulated second S"
+            waiting = next((wait for wait in waits if wait.text == SOMEBODY), None)
+            if waiting is not None:
+                here = f"--complete {waiting.robot}@S:{waiting.element} does it at simulated second S"
                 lines.append(f"{here}; fame complete reaches robots in processes of their own (--middleware dds)")
         weeds = self.world["weeds"] if self.world is not None else {}
         lines += [f"weed {name} was not cut" for name, weed in weeds.items() if weed["by"] is None]

@@ -138,7 +138,7 @@ def quotient(dividend: Any, divisor: Any) -> Any:
 # ---- conditions ------------------------------------------------------------------------------------------------------
 
 
-_SAID = {"true": True, "false": False, "": False}
+_BOOLEANS = {"true": True, "false": False, "": False}
 _SHOWN = 60
 
 
@@ -154,9 +154,9 @@ def judged(evaluate: Evaluate) -> Evaluate:
 
 def _verdict(value: Any) -> bool:
     if isinstance(value, str):
-        said = _SAID.get(value.strip().lower())
-        if said is not None:
-            return said
+        boolean = _BOOLEANS.get(value.strip().lower())
+        if boolean is not None:
+            return boolean
     elif value is None or is_number(value) or type(value).__name__ in ("bool", "bool_"):  # numpy's
         return bool(value)
     shown = repr(value)

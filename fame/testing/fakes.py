@@ -206,7 +206,7 @@ class FakeAction:
     def begin(self, node: Node) -> None:
         """Offer the action."""
         below, type = f"{self.name}/_action", self._type
-        self._say = node.publisher(f"{below}/feedback", f"{type}_FeedbackMessage", FEEDBACK)
+        self._publisher = node.publisher(f"{below}/feedback", f"{type}_FeedbackMessage", FEEDBACK)
         node.service(f"{below}/send_goal", f"{type}_SendGoal", self._on_goal)
         node.service(f"{below}/get_result", f"{type}_GetResult", lambda request: self._later(request.goal_id))
         node.service(f"{below}/cancel_goal", CANCEL, self._on_cancel)
@@ -226,8 +226,8 @@ class FakeAction:
 
     def _give_feedback(self, id: bytes, value: Any) -> None:
         if id not in self._ended:
-            said = {"goal_id": {"uuid": id}, "feedback": value}
-            self._say.publish(messages.create(f"{self._type}_FeedbackMessage", said))
+            fields = {"goal_id": {"uuid": id}, "feedback": value}
+            self._publisher.publish(messages.create(f"{self._type}_FeedbackMessage", fields))
 
     def _end(self, id: bytes, status: int, result: Any) -> None:
         if id not in self._ended:

@@ -84,7 +84,7 @@ class StandInHost(ExplorationHost):
                  twins: dict[int, tuple[Message, Any]]) -> None:  # fmt: skip
         self.node, self.twins = node, twins
         self.decided: defaultdict[str, deque[int]] = defaultdict(deque)
-        self._asked: defaultdict[str, int] = defaultdict(int)
+        self._choices: defaultdict[str, int] = defaultdict(int)
         super().__init__(
             node.name, abstract.types, values, abstract.steps, abstract.matters, field_names(abstract.types), robots,
             ordered=False,
@@ -123,8 +123,8 @@ class StandInHost(ExplorationHost):
         decided = self.decided[self.place]
         if decided:
             return min(decided.popleft(), ways - 1)
-        self._asked[self.place] += 1
-        return self._asked[self.place] % ways
+        self._choices[self.place] += 1
+        return self._choices[self.place] % ways
 
     # ---- steps -------------------------------------------------------------------------------------------------------
 

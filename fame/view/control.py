@@ -148,7 +148,7 @@ class RunControl:
             waiting, self._commands = self._commands, []
         for command, future in waiting:
             try:
-                said = _DO[command["do"]](self, run, command)
+                answer = _DO[command["do"]](self, run, command)
             except FameError as error:
                 _fail(future, error)
             except (KeyError, TypeError, ValueError):
@@ -156,7 +156,7 @@ class RunControl:
             else:
                 run.scheduler.run(run.scheduler.now)  # what follows at this instant, also while time stands still
                 with suppress(InvalidStateError):
-                    future.set_result(said)
+                    future.set_result(answer)
 
     def _do_pause(self, run: Run, command: Command) -> str:
         self.paused, self.stopped = True, ""
@@ -192,7 +192,7 @@ class RunControl:
             raise FameError('expected results as a JSON object, as {"approved": true}')
         element = str(command["element"])
         node.complete(element, values)
-        _tell(run, node, f"completed by a person: {element}")
+        _report(run, node, f"completed by a person: {element}")
         return f"{element} is completed."
 
     def _do_signal(self, run: Run, command: Command) -> str:
@@ -216,7 +216,7 @@ class RunControl:
             instance.root.variables[name] = value
         node.engine.stepped()
         node.runner.poll()
-        _tell(run, node, f"set by a person: {name} = {json.dumps(value)}")
+        _report(run, node, f"set by a person: {name} = {json.dumps(value)}")
         return f"{name} is set."
 
     def _do_fault(self, run: Run, command: Command) -> str:
@@ -250,7 +250,7 @@ def _node(run: Run, robot: str) -> RobotNode:
     return found
 
 
-def _tell(run: Run, node: RobotNode, text: str) -> None:
+def _report(run: Run, node: RobotNode, text: str) -> None:
     """Record what a person did as a report of the run."""
     event = Event(run.scheduler.now, node.name, 0, 0, "", "report", text)
     run.reports.append(event)

@@ -238,8 +238,8 @@ class SameRun:
             raise self._difference(min(time, recorded.time), there, data)
 
     def _difference(self, time: int, recorded: Any, now: Any) -> ConfigError:
-        told = _first_difference(recorded, now)
-        text = f"the run again is not the recorded one: at {time / SECOND:g} s {told}"
+        difference = _first_difference(recorded, now)
+        text = f"the run again is not the recorded one: at {time / SECOND:g} s {difference}"
         return ConfigError(text, file=self._file)
 
 

@@ -184,12 +184,12 @@ class TeamView:
         act, robot = command.get("do"), str(command.get("robot", ""))
         if act not in _ACTS or robot not in self._packer.robots:
             raise FameError(f"expected one of {', '.join(_ACTS)} and the name of a robot, got {act!r} of {robot!r}")
-        report = self._asked(robot, _request(str(act), command))
+        report = self._send(robot, _request(str(act), command))
         if report.answer == "refused":
             raise FameError(f"{robot} refused: {report.reason}")
         return {"said": f"{robot}: {report.answer}"}
 
-    def _asked(self, robot: str, request: TaskRequest) -> Report:
+    def _send(self, robot: str, request: TaskRequest) -> Report:
         """The answer of a robot to a request."""
         answer: Future[Report] = Future()
         clients: list[TaskClient] = []

@@ -92,8 +92,8 @@ class ModelWatch:
         if self._path.suffix.lower() in (".yaml", ".yml"):
             from fame.scenario.plan import read_scenario
 
-            said = read_scenario(self._path)
-            return read(said.model), Library([*self._folders, *said.library])
+            scenario = read_scenario(self._path)
+            return read(scenario.model), Library([*self._folders, *scenario.library])
         return read(self._path), Library(self._folders)
 
     # ---- for the page ------------------------------------------------------------------------------------------------

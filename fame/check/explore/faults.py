@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from fame.check.explore.graph import Explored
 from fame.check.explore.local import Stimulus, Way
-from fame.check.explore.product import BITS, DEAD, FAULTS, Fault, Move, Product, Told, Transition
+from fame.check.explore.product import BITS, DEAD, FAULTS, Fault, Move, Product, Reactions, Transition
 
 
 class Faults:
@@ -33,13 +33,13 @@ class Faults:
         """Add what a single fault may do now; an error that is not caught is a fault of its behaviour."""
         product = self.product
         for transition in tuple(found):
-            new, robot, move, told = transition
-            failed = next(((one, done) for one, done in ((robot, move), *told) if done.failed), None)
+            new, robot, move, reactions = transition
+            failed = next(((one, done) for one, done in ((robot, move), *reactions) if done.failed), None)
             if failed is not None:
                 found.remove(transition)
-                found.append((new + self._happens(self._failure(*failed)), robot, move, told))
+                found.append((new + self._happens(self._failure(*failed)), robot, move, reactions))
             elif move.sending and product.options.delivery == "run":
-                found += self._losses(state, robot, move, told)
+                found += self._losses(state, robot, move, reactions)
             elif move.stimulus[0] == "hear":
                 found += self._loss(state, robot, move)
         for robot, old in enumerate(product.locals_of(state)):
@@ -55,11 +55,11 @@ class Faults:
         code = error.partition(";")[0].removeprefix("error ").removesuffix(" was not caught")
         return ("behaviour", self.product.robots[robot], element, code)
 
-    def _losses(self, state: int, robot: int, move: Move, told: Told) -> Iterator[Transition]:
+    def _losses(self, state: int, robot: int, move: Move, reactions: Reactions) -> Iterator[Transition]:
         """One of the deliveries that happen at once is lost."""
         product = self.product
-        for place, (receiver, heard) in enumerate(told):
-            _, topic, message = heard.stimulus
+        for place, (receiver, reaction) in enumerate(reactions):
+            _, topic, message = reaction.stimulus
             fault = self._happens(("message", str(topic), product.robots[receiver]))
             lost = Move(receiver, 0, Way(0, (), (), False), 0, ("loss", topic, message))
             for after, others in product.spread(state + move.difference | move.mark, move.sending, place):

@@ -272,10 +272,10 @@ class Report:
             process = (self.processes[robots[0]],)
             catchers = self._catchers(robots[0], what)
             if kind == "lost":
-                heard = ("heard", pool, what) in by_pool
-                text = f"{what} is {'sometimes' if heard else 'always'} lost on {who}, which does not listen then"
-                yield Finding("unneeded" if heard else "always-lost", text, catchers, process, run)
-            elif kind == "unneeded" and ("heard", pool, what) not in by_pool and ("lost", pool, what) not in by_pool:
+                received = ("received", pool, what) in by_pool
+                text = f"{what} is {'sometimes' if received else 'always'} lost on {who}, which does not listen then"
+                yield Finding("unneeded" if received else "always-lost", text, catchers, process, run)
+            elif kind == "unneeded" and ("received", pool, what) not in by_pool and ("lost", pool, what) not in by_pool:
                 yield Finding("unneeded", f"{what} reaches {who} only when it does not run", catchers, process)
             elif kind == "dropped":
                 place = self.runs.place(what)

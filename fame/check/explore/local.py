@@ -263,8 +263,10 @@ class Local:
         host = self.host
         if kind == "hear" or kind == "outside":
             if kind == "hear":
-                heard = what in engine.listeners or what in self.program.starts
-                host.outcome.flags.append(("heard" if heard else "lost" if engine.instances else "unneeded", what))
+                received = what in engine.listeners or what in self.program.starts
+                host.outcome.flags.append(
+                    ("received" if received else "lost" if engine.instances else "unneeded", what)
+                )
             engine.deliver(what, self.values.value(detail))
         elif kind == "end":
             self._end(engine, what, detail)

@@ -66,7 +66,7 @@ class Move:
         self.failed: bool = any(kind == "error" for kind, _ in way.flags)
 
 
-Told = tuple[tuple[int, Move], ...]
+Reactions = tuple[tuple[int, Move], ...]
 """What the receivers of a message did, at once: (robot, move)."""
 
 
@@ -86,11 +86,11 @@ class Message:
 
 
 _Queue = tuple[Message, ...]
-_Arrival = tuple[int, int, Told, _Queue]
+_Arrival = tuple[int, int, Reactions, _Queue]
 """What comes of a message: difference of the state, marks, moves of the receivers, their answers."""
-_Spreading = tuple[int, _Queue, Told, int]
+_Spreading = tuple[int, _Queue, Reactions, int]
 """A delivery at once, in its course: state, messages to come with their senders, what was done, deliveries so far."""
-Transition = tuple[int, int, Move, Told]
+Transition = tuple[int, int, Move, Reactions]
 """(new state, robot, its move, moves of others that follow at once)"""
 Fault = tuple[str, ...]
 """A fault: (``engine``, robot), (``message``, topic, receiver) or (``behaviour``, robot, element, code or "")."""
@@ -167,7 +167,7 @@ class Product:
             )
         return found
 
-    def hear(self, robot: int, state: int, topic: str, message: int) -> tuple[Move, ...]:
+    def receive(self, robot: int, state: int, topic: str, message: int) -> tuple[Move, ...]:
         """What a message does to a robot."""
         key = (state, topic, message)
         found = self._hears[robot].get(key)
@@ -217,7 +217,7 @@ class Product:
                 if not move.sending:
                     found.append((new, robot, move, ()))
                 elif sync:
-                    found += [(after, robot, move, told) for after, told in self.spread(new, move.sending)]
+                    found += [(after, robot, move, reactions) for after, reactions in self.spread(new, move.sending)]
                 else:
                     found.append((new + (push(network, move.sending) << top), robot, move, ()))
         return found
@@ -229,7 +229,7 @@ class Product:
             old = state >> (receiver * BITS) & MASK
             if bag and old != DEAD and topic not in self.locals[receiver].views[old].listens:
                 continue
-            for move in self.hear(receiver, old, topic, message):
+            for move in self.receive(receiver, old, topic, message):
                 new = state + (less << self.top) + move.difference | move.mark
                 if move.sending:
                     new += self.network.push(new >> self.top, move.sending) << self.top
@@ -253,16 +253,16 @@ class Product:
                     return found
         return None
 
-    def spread(self, state: int, sending: int, lost: int = -1) -> list[tuple[int, Told]]:
+    def spread(self, state: int, sending: int, lost: int = -1) -> list[tuple[int, Reactions]]:
         """Deliver at once what was sent and what follows, in the order of sending; one delivery may be lost."""
         first = self._firsts.get(sending)
         if first is None:
             sender, sent = self.network.sent[sending]
             first = self._firsts[sending] = self._sent_by(sender, sent)
-        done: list[tuple[int, Told]] = []
+        done: list[tuple[int, Reactions]] = []
         pending: list[_Spreading] = [(state, first, (), 0)]
         while pending:
-            state, queue, told, deliveries = pending.pop()
+            state, queue, reactions, deliveries = pending.pop()
             head, rest = queue[0], queue[1:]
             found = head.arrivals.get(state & head.mask) if lost < 0 else None
             if found is None:
@@ -270,14 +270,14 @@ class Product:
                 if lost < 0:
                     head.arrivals[state & head.mask] = found
             deliveries += len(head.receivers)
-            for difference, mark, heard, answer in found:
+            for difference, mark, added, answer in found:
                 after, more = state + difference | mark, rest + answer if answer else rest
                 if not more:
-                    done.append((after, told + heard))
+                    done.append((after, reactions + added))
                 elif deliveries > MOST_IN_CASCADE:
                     self.network.piles.add((more[0].origin, more[0].topic, more[0].receivers[0]))
                 else:
-                    pending.append((after, more, told + heard, deliveries))
+                    pending.append((after, more, reactions + added, deliveries))
         return done
 
     def _sent_by(self, sender: int, sent: Sent) -> _Queue:
@@ -297,20 +297,20 @@ class Product:
 
         The local states of the receivers alone decide.
         """
-        branches: list[tuple[int, int, Told, tuple[tuple[int, int], ...]]] = [(0, 0, (), ())]
+        branches: list[tuple[int, int, Reactions, tuple[tuple[int, int], ...]]] = [(0, 0, (), ())]
         for place, receiver in enumerate(message.receivers):
             if place == lost:
                 continue
             grown = []
-            moves = self.hear(receiver, state >> (receiver * BITS) & MASK, message.topic, message.number)
-            for difference, mark, told, answers in branches:
+            moves = self.receive(receiver, state >> (receiver * BITS) & MASK, message.topic, message.number)
+            for difference, mark, reactions, answers in branches:
                 for move in moves:
                     more = (*answers, (receiver, move.sending)) if move.sending else answers
-                    grown.append((difference + move.difference, mark | move.mark, (*told, (receiver, move)), more))
+                    grown.append((difference + move.difference, mark | move.mark, (*reactions, (receiver, move)), more))
             branches = grown
         return [
-            (difference, mark, told, self._answer(order))
-            for difference, mark, told, answers in branches
+            (difference, mark, reactions, self._answer(order))
+            for difference, mark, reactions, answers in branches
             for order in self._orders(answers)
         ]
 
@@ -384,23 +384,27 @@ class Product:
 
     def initial(self) -> list[Transition]:
         """The states in which all robots have started: before the first delivery all of them have."""
-        starts: list[tuple[int, Told]] = [(0, ())]
+        starts: list[tuple[int, Reactions]] = [(0, ())]
         for robot, local in enumerate(self.locals):
             ways = self.moves(robot, 0, ("start", None, None), local.start(self.options.given.get(robot)))
             starts = [
-                (state + move.difference | move.mark, (*told, (robot, move))) for state, told in starts for move in ways
+                (state + move.difference | move.mark, (*reactions, (robot, move)))
+                for state, reactions in starts
+                for move in ways
             ]
         found: list[Transition] = []
-        for state, told in starts:
-            worlds: list[tuple[int, Told]] = [(state, told)]
-            for _, move in told:
+        for state, reactions in starts:
+            worlds: list[tuple[int, Reactions]] = [(state, reactions)]
+            for _, move in reactions:
                 if move.sending and self.options.delivery == "run":
                     worlds = [(after, (*so_far, *more)) for before, so_far in worlds
                               for after, more in self.spread(before, move.sending)]  # fmt: skip
                 elif move.sending:
                     push, top = self.network.push, self.top
-                    worlds = [(one + (push(one >> top, move.sending) << top), told) for one, told in worlds]
-            found += [(after, all_told[0][0], all_told[0][1], all_told[1:]) for after, all_told in worlds]
+                    worlds = [(one + (push(one >> top, move.sending) << top), reactions) for one, reactions in worlds]
+            found += [
+                (after, all_reactions[0][0], all_reactions[0][1], all_reactions[1:]) for after, all_reactions in worlds
+            ]
         return found
 
     def explore(self) -> Explored:
@@ -428,8 +432,8 @@ class Product:
                 else:
                     self.add_faults(states[at], found)
             for transition in found:
-                new, _, move, told = transition
-                if (move.flags is not None or told or move.failed) and self._report(at, transition):
+                new, _, move, reactions = transition
+                if (move.flags is not None or reactions or move.failed) and self._report(at, transition):
                     continue
                 if sorts:
                     new = sorts(new)
@@ -452,9 +456,9 @@ class Product:
 
     def _report(self, at: int, transition: Transition) -> bool:
         """Note what a transition reports for the first time. Whether it ends in an error that nobody catches."""
-        _, robot, move, told = transition
+        _, robot, move, reactions = transition
         failed = False
-        for one, done in ((robot, move), *told):
+        for one, done in ((robot, move), *reactions):
             if done.flags is not None:
                 for kind, what in done.flags:
                     self.flags.setdefault((kind, one, what), Seen(at, transition))

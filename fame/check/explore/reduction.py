@@ -39,8 +39,8 @@ class Reduction:
         if one or len(silent) < len(moves):
             return one
         views = self.product.locals[robot].views
-        heard = self._foreign(robot)
-        return () if any(views[at].listens & heard for at in (state, *(move.state for move in moves))) else moves
+        foreign = self._foreign(robot)
+        return () if any(views[at].listens & foreign for at in (state, *(move.state for move in moves))) else moves
 
     def _is_silent(self, robot: int, state: int, move: Move) -> bool:
         """Whether nobody notices the move."""

@@ -143,9 +143,9 @@ class Runs:
             after.append(number)
 
     def _steps(self, transition: Transition, names: Sequence[str], state: int | None) -> Iterator[Step]:
-        _, robot, move, told = transition
+        _, robot, move, reactions = transition
         olds = self.product.locals_of(state) if state is not None else [0] * self.product.count
-        for place, done in ((robot, move), *told):
+        for place, done in ((robot, move), *reactions):
             step = self._step(place, names[place], olds[place], done)
             if done.stimulus[0] != "loss":
                 olds[place] = done.state

@@ -95,8 +95,8 @@ class RosMiddleware(WireMiddleware):
         """Return the node of rclpy that a new node shares: that of the other parts, or the observer; else None."""
         if name.startswith("_"):
             return self.observer
-        asked = name, namespace
-        return next((node.ros for node in self.nodes if part and node.part and node.asked == asked), None)
+        requested = name, namespace
+        return next((node.ros for node in self.nodes if part and node.part and node.requested == requested), None)
 
     def graph(self) -> list[TopicInfo]:
         """Every topic that has an endpoint, in the order of names; without those that every node of ROS has."""
@@ -177,7 +177,7 @@ class RosNode(WireNode):
     services: list[RosService | RosClient]
 
     def __init__(self, middleware: RosMiddleware, name: str, namespace: str, part: str) -> None:
-        self.asked: tuple[str, str] = name, namespace
+        self.requested: tuple[str, str] = name, namespace
         self.ros: Node = middleware.shared(name, namespace, part) or self._made(middleware, name, namespace)
         self._is_own = self.ros is not middleware.observer
         super().__init__(middleware, *_names(self.ros) if self._is_own else (name, namespace), part)

@@ -296,7 +296,7 @@ class ZenohService(WireService):
         if self.closed:
             return
         try:
-            asked = tokens.read_attachment(query.attachment.to_bytes() if query.attachment else b"")
+            received = tokens.read_attachment(query.attachment.to_bytes() if query.attachment else b"")
             request = codec.deserialize(query.payload.to_bytes() if query.payload else b"", self.request_type)
         except MessageError as error:
             self.node.middleware.warn(dropped_warning(self.name, str(error)))
@@ -305,8 +305,8 @@ class ZenohService(WireService):
 
         def send(response: Message) -> None:
             if not self.closed:
-                said = tokens.attachment(asked.number, asked.gid)
-                query.reply(self._declared.key, codec.serialize(response), attachment=said)
+                returned = tokens.attachment(received.number, received.gid)
+                query.reply(self._declared.key, codec.serialize(response), attachment=returned)
                 query.drop()  # it has no other response
 
         self.handle(request, send)

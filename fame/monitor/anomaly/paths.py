@@ -234,7 +234,7 @@ class Tracker:
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> Reading:
         """One more point: angles (rad), and its time (s) if there is one."""
-        before, time = self._time, self._tell_time(stamp)
+        before, time = self._time, self._update_time(stamp)
         if not any(values):
             return NO_READING
         place = self._chain.place(values)
@@ -271,7 +271,7 @@ class Tracker:
         """Give the benign changes of the run so far that can be told from noise."""
         return [*self._changes.found(), *([Change("stamps", self._made_up, True)] if self._made_up else [])]
 
-    def _tell_time(self, stamp: float | None) -> float:
+    def _update_time(self, stamp: float | None) -> float:
         """Give the time in samples; one that does not grow is made up, and counted if there is a period."""
         before = self._time
         time = stamp / self._period if stamp is not None and self._period else None

@@ -186,24 +186,26 @@ def warnings_of(model: TrainedModel) -> list[str]:
         return [
             "was trained by an earlier version: nothing is known about its false alarms; train again with fame train"
         ]
-    told = [] if model.calibration.promised is not None else [model.calibration.text]
+    notes = [] if model.calibration.promised is not None else [model.calibration.text]
     above = [
         name
         for name, largest, threshold in zip(model.columns, model.metrics["training_max"], model.thresholds, strict=True)
         if largest > threshold
     ]
     if above:
-        told.append(f"training runs exceed the thresholds of {', '.join(above)}: these have outliers, look at the runs")
+        notes.append(
+            f"training runs exceed the thresholds of {', '.join(above)}: these have outliers, look at the runs"
+        )
     constant = model.conditions.get("constant", [])
     if constant:
-        told.append(f"{', '.join(constant)} never moved in training: any movement raises an alarm")
+        notes.append(f"{', '.join(constant)} never moved in training: any movement raises an alarm")
     short = model.conditions.get("runs", 0) - model.conditions.get("scored", 0)
     if short:
-        told.append(f"{short} of {model.conditions['runs']} runs are shorter than a window: they set no threshold")
+        notes.append(f"{short} of {model.conditions['runs']} runs are shorter than a window: they set no threshold")
     shortest, longest = model.conditions.get("seconds", (1.0, 1.0))
     if longest > 2 * shortest:
-        told.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
-    return told
+        notes.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
+    return notes
 
 
 def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:

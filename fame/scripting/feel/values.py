@@ -108,7 +108,7 @@ def moment(value: Any, *kinds: str) -> Moment:
     return found
 
 
-def told(value: Moment | Duration) -> Temporal:
+def temporal(value: Moment | Duration) -> Temporal:
     """The text of a moment or duration. Raises ValueError for one that no text has: too long, or forward and back."""
     if not isinstance(value, Duration):
         return Temporal(value)
@@ -161,22 +161,22 @@ def computed(compute: Callable[[Any, Any], Any], left: Any, right: Any) -> Any:
         case Moment(), Moment():
             return _between(first, second) if compute is operator.sub else None
         case Moment(), Duration() if compute in _SUMS:
-            return told(_moved(first, second * (1 if compute is operator.add else -1)))
+            return temporal(_moved(first, second * (1 if compute is operator.add else -1)))
         case Duration(), _ if compute in (product, quotient) and is_number(second):
-            return told(Duration(int(compute(first.months, second)), round(compute(first.rest, second))))
+            return temporal(Duration(int(compute(first.months, second)), round(compute(first.rest, second))))
     return None
 
 
 def _of_durations(compute: Callable[[Any, Any], Any], first: Duration, second: Duration) -> Any:
     if compute in _SUMS:
-        return told(Duration(compute(first.months, second.months), compute(first.rest, second.rest)))
+        return temporal(Duration(compute(first.months, second.months), compute(first.rest, second.rest)))
     if compute is not quotient or (first.months and second.rest) or (first.rest and second.months):
         return None
     return compute(first.months, second.months) if second.months else compute(first.rest, second.rest)
 
 
 def _between(first: Moment, second: Moment) -> Temporal | None:
-    return told(Duration(0, nanoseconds_between(second.at, first.at))) if _alike(first, second) else None
+    return temporal(Duration(0, nanoseconds_between(second.at, first.at))) if _alike(first, second) else None
 
 
 def _alike(first: Moment, second: Moment) -> bool:
@@ -211,7 +211,7 @@ def property_of(value: Temporal, name: str) -> Any:
 
 def _offset(moment: Moment) -> Temporal | None:
     offset = moment.at.utcoffset() if moment.zone else None
-    return None if offset is None else told(Duration(0, offset // timedelta(microseconds=1) * 1000))
+    return None if offset is None else temporal(Duration(0, offset // timedelta(microseconds=1) * 1000))
 
 
 _OF_DATES: dict[str, Callable[[Any], Any]] = {

@@ -218,10 +218,10 @@ class Suspended:
     It awaits a single message, which comes when next() is called. `cancel` ends the run with all its callbacks.
     """
 
-    __slots__ = ("_asked", "_cancel", "_queue")
+    __slots__ = ("_cancel", "_queue", "_requested")
 
     def __init__(self, cancel: Callable[[], object]) -> None:
-        self._cancel, self._asked = cancel, False
+        self._cancel, self._requested = cancel, False
         self._queue = _EndOfScript("next", 1)
 
     def end(self, error: BaseException | None) -> None:
@@ -230,8 +230,8 @@ class Suspended:
 
     def send(self, value: Any) -> Next:
         """Run one step, like the method of a coroutine."""
-        if not self._asked:
-            self._asked = True
+        if not self._requested:
+            self._requested = True
             return Next(self._queue)
         (error,) = value
         if error is not None:

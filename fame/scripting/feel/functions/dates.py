@@ -9,7 +9,7 @@ from typing import Any
 
 from fame.iso8601 import Duration
 from fame.scripting.data import to_text
-from fame.scripting.feel.values import HOUR, MINUTE, Moment, Temporal, moment, parsed, told, zone_of
+from fame.scripting.feel.values import HOUR, MINUTE, Moment, Temporal, moment, parsed, temporal, zone_of
 from fame.scripting.interface import mission_date
 from fame.scripting.signatures import functions
 
@@ -22,22 +22,22 @@ _DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Su
 
 def _now(variables: Mapping[str, Any]) -> Temporal | None:
     date = mission_date(variables)
-    return None if date is None else told(Moment("date and time", date, "Z"))
+    return None if date is None else temporal(Moment("date and time", date, "Z"))
 
 
 def _today(variables: Mapping[str, Any]) -> Temporal | None:
     date = mission_date(variables)
-    return None if date is None else _date(told(Moment("date and time", date, "Z")))
+    return None if date is None else _date(temporal(Moment("date and time", date, "Z")))
 
 
 def _date(value: Any) -> Temporal:
     at = moment(value, *_DATES).at
-    return told(Moment("date", at.replace(hour=0, minute=0, second=0, microsecond=0, tzinfo=UTC)))
+    return temporal(Moment("date", at.replace(hour=0, minute=0, second=0, microsecond=0, tzinfo=UTC)))
 
 
 def _time(value: Any) -> Temporal:
     found = moment(value, *_TIMES)
-    return told(Moment("time", found.at.replace(year=1970, month=1, day=1), found.zone))
+    return temporal(Moment("time", found.at.replace(year=1970, month=1, day=1), found.zone))
 
 
 def _time_of(hour: Any, minute: Any, second: Any, offset: str = "") -> Temporal:
@@ -54,7 +54,7 @@ def _time_of(hour: Any, minute: Any, second: Any, offset: str = "") -> Temporal:
 
 def _date_and_time(value: Any) -> Temporal:
     found = moment(value, *_DATES)
-    return told(Moment("date and time", found.at, found.zone))
+    return temporal(Moment("date and time", found.at, found.zone))
 
 
 def _combined(date: Any, other: str) -> Temporal:
@@ -64,14 +64,14 @@ def _combined(date: Any, other: str) -> Temporal:
         time = moment(other, "time")
     except ValueError:
         zone, shown = zone_of(other.removeprefix("@"))
-        return told(Moment("date and time", start.at.astimezone(zone), shown))
+        return temporal(Moment("date and time", start.at.astimezone(zone), shown))
     at = time.at.replace(year=start.at.year, month=start.at.month, day=start.at.day)
-    return told(Moment("date and time", at, time.zone))
+    return temporal(Moment("date and time", at, time.zone))
 
 
 def _known(text: str) -> Temporal:
     """What a text says, told in one way. Raises ValueError."""
-    return told(parsed(text))
+    return temporal(parsed(text))
 
 
 def _duration(text: str) -> Temporal:
@@ -79,14 +79,14 @@ def _duration(text: str) -> Temporal:
     if not isinstance(found, Duration):
         raise ValueError(f"{text!r} is not a duration")
     zero = not (found.months or found.rest)
-    return Temporal(text) if zero else told(found)
+    return Temporal(text) if zero else temporal(found)
 
 
 def _months_between(start: Any, end: Any) -> Temporal:
     first, last = moment(start, *_DATES).at, moment(end, *_DATES).at
     months = (last.year - first.year) * 12 + last.month - first.month
     months -= (months > 0 and last.day < first.day) - (months < 0 and last.day > first.day)
-    return told(Duration(months)) if months else Temporal("P0M")
+    return temporal(Duration(months)) if months else Temporal("P0M")
 
 
 def _last_day(value: Any) -> Temporal:
@@ -98,7 +98,7 @@ def literal(text: str) -> Temporal | None:
     """``@"2026-01-31"``: null if the text says nothing."""
     try:
         found = parsed(text)
-        return _duration(text) if isinstance(found, Duration) else told(found)
+        return _duration(text) if isinstance(found, Duration) else temporal(found)
     except ValueError:
         return None
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from fame.iso8601 import Duration
 from fame.scripting.data import is_number
-from fame.scripting.feel.values import Range, kind_of, order, parsed, told
+from fame.scripting.feel.values import Range, kind_of, order, parsed, temporal
 from fame.scripting.interface import random_source
 from fame.scripting.signatures import functions
 
@@ -57,7 +57,7 @@ def _abs(value: Any) -> Any:
         raise ValueError(f"{value!r} is not a number")
     length = parsed(value)
     assert isinstance(length, Duration)
-    return told(length * (-1 if (length.months or length.rest) < 0 else 1))
+    return temporal(length * (-1 if (length.months or length.rest) < 0 else 1))
 
 
 def _random(variables: Mapping[str, Any]) -> float | None:
