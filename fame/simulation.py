@@ -1,4 +1,4 @@
-"""One process, an engine, local topics and simulated time: what tests and users drive from Python."""
+"""A simulation of one process for Python code: an engine, local topics and simulated time."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ class Simulation:
         return self
 
     def activate(self, element: str) -> Simulation:
-        """Let an element of an open ad-hoc sub-process begin, once more if it has; then run on as `signal` does.
+        """Start an element of an open ad-hoc sub-process (again); then continue as `signal` does.
 
         Raises MissionError if no such sub-process is open.
         """

@@ -7,13 +7,13 @@ from collections.abc import Iterable
 
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 NAMES = "letters, digits and _, not starting with a digit"
-"""What ROS 2 allows between the slashes of a name."""
+"""The parts of a name that ROS 2 allows between slashes."""
 
 
 def printable(text: str) -> str:
     r"""A text on one line: what is not printable (escape sequences, line ends, marks of direction) as in ``\x1b``.
 
-    Nobody can fake a row of a table or colour a terminal with it. Done twice it is the same as done once.
+    So it cannot fake a row of a table or colour a terminal. The function is idempotent.
     """
     if text.isprintable():
         return text
@@ -21,7 +21,7 @@ def printable(text: str) -> str:
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """What to use instead of `word`: the closest of the known words, else all of them."""
+    """A hint at the closest known word for `word`, else at all of them."""
     from difflib import get_close_matches
 
     words = list(known)

@@ -67,7 +67,7 @@ class Dock(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Of a vehicle: m/s, rad/s, m/s²; radius of its circumscribed circle and distance of its front, m."""
+    """Limits of a vehicle: m/s, rad/s, m/s²; radius of its circumscribed circle and distance of its front, m."""
 
     speed: float
     turn_rate: float

@@ -128,7 +128,7 @@ class Ultrasonic:
         return nearest * self._length - _RECESS
 
     def cone(self, pose: Pose) -> Cone | None:
-        """What the last measurement found free; None if the sensor fails."""
+        """The area that the last measurement found free; None if the sensor fails."""
         if self.fails:
             return None
         at = Pose(*pose.ahead(self._ahead), pose.heading)

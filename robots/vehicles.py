@@ -244,7 +244,7 @@ class Car(Vehicle):
 
 
 class BatteryVehicle(Vehicle):
-    """A vehicle with a battery: with an empty one it brakes, for good. `works` is whether its equipment needs power."""
+    """A vehicle with a battery: when it is empty, the vehicle stops. `works`: whether its equipment needs power."""
 
     works = False
 
@@ -275,7 +275,7 @@ class BatteryVehicle(Vehicle):
             self._battery.measure(now)
 
     def stop_working(self) -> None:
-        """Stop the equipment for good: the battery is empty."""
+        """Stop the equipment permanently: the battery is empty."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,7 +70,7 @@ class Cone:
 
 
 class Workpiece(NamedTuple):
-    """Something that an arm works on: a polygon in the arm's own frame, m, or a line if it is not `closed`.
+    """A workpiece of an arm: a polygon in the arm's frame, m, or a line if it is not `closed`.
 
     `kind`: a ``fixture`` stays where it is, a ``part`` is handled or made, a ``cut`` goes through it.
     """
@@ -81,7 +81,7 @@ class Workpiece(NamedTuple):
 
 
 class Appearance(NamedTuple):
-    """How a robot looks at an instant, for drawings.
+    """The appearance of a robot at an instant, for drawings.
 
     altitude   m above the ground
     led        ``off`` or a name of `robots.equipment.COLOURS`
@@ -232,7 +232,7 @@ BUILT_IN = {
     "tractor": "robots.vehicles:Tractor",
     "ur5e": "robots.arm.ur5e:Handler",
 }
-"""Where the types are that come with FAME, in the form of an entry point."""
+"""The robot types that come with FAME, as entry points."""
 
 
 def robot_types() -> dict[str, str]:

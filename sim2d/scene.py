@@ -67,7 +67,7 @@ class SceneRecorder:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What does not change of how a robot is shown: its outline (m), JSON of this and of its name."""
+    """The constant part of a robot's drawing: its outline (m), as JSON too, and its name as JSON."""
 
     name: str
     type: str
@@ -77,7 +77,7 @@ class Shown:
 
     @classmethod
     def of(cls, robot: SimulatedRobot, number: int) -> Shown:
-        """Of one robot, the `number`-th of its world."""
+        """The drawing of a robot, the `number`-th of its world."""
         return cls(robot.name, robot.type, _rounded(robot.outline), *_outline(robot, number))
 
 
@@ -112,14 +112,14 @@ class SceneText:
 
 
 def _changes(world: World) -> object:
-    """What of the ground can change: weeds, doors, parcels."""
+    """The changeable part of the ground: weeds, doors, parcels."""
     cut = sum(weed.cut_at is not None for weed in world.weeds.all)
     doors = [round(door.opening, 2) for door in world.doors]
     return cut, doors, [(parcel.at, parcel.carrier) for parcel in world.parcels.all]
 
 
 def appearance(robot: Shown, look: Appearance) -> dict[str, Any]:
-    """How a robot looks, as plain data: m, rad; what is as usual is left out."""
+    """The appearance of a robot as plain data (m, rad), without default values."""
     x, y, heading = look.pose
     data: dict[str, Any] = {"type": robot.type, "x": round(x, 4), "y": round(y, 4), "heading": round(heading, 4)}
     if look.altitude:
@@ -201,7 +201,7 @@ def _things(ground: Mapping[str, Any]) -> Things:
 
 
 def _appearance(look: Mapping[str, Any]) -> Appearance:
-    """The opposite of `appearance`."""
+    """The inverse of `appearance`."""
     cone = look.get("cone")
     return Appearance(
         Pose(look["x"], look["y"], look["heading"]),

@@ -25,7 +25,7 @@ _TICK = 0.1
 _RETRY = 1.0
 """s after which a door tries to close again that a robot keeps open."""
 THICKNESS = 0.1
-"""Of a door, m."""
+"""Thickness of a door, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class Parcels:
         self.stations = {station.name: station for station in stations}
 
     def take(self, place: Point, reach: float, robot: str) -> Parcel | None:
-        """Let a robot take the nearest parcel within `reach` (m) of a place; return it, or None."""
+        """Load the nearest parcel within `reach` (m) of a place; return it, or None."""
         near = [parcel for parcel in self.all if not parcel.carrier and math.dist(parcel.at, place) <= reach]
         parcel = min(near, key=lambda one: math.dist(one.at, place), default=None)
         if parcel is not None:

@@ -1,6 +1,6 @@
 """Element templates for Camunda Modeler: message types, payloads and behaviours to choose from.
 
-They follow the schema of Camunda 7. A template sets `camunda:property` entries, as somebody would by hand, so a model
+They follow the schema of Camunda 7. A template sets `camunda:property` entries, as a person would by hand, so a model
 that was made with templates is read like any other. `templates` gives the files: what to publish, what to receive, data
 objects, and calls. Each template shows the other entries of the properties panel too, since a signal is chosen there.
 """

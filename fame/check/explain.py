@@ -151,7 +151,7 @@ def _objects(process: CheckedProcess) -> Iterator[DataObject]:
 
 
 def _parameters(process: CheckedProcess, about: CheckScope, library: Library) -> Iterator[Reading]:
-    """What `fame run --set` can change of a process that a robot runs."""
+    """The variables of a robot's process that `fame run --set` can set."""
     if process in about.roots and not about.missing:
         known = parameters(process.definitions, process.bpmn, library)
         given = [f"{name} = {default}" if default else name for name, default in known.items()]

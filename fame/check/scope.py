@@ -1,4 +1,4 @@
-"""What checks work on and what they return: a scope, and findings.
+"""The input and output of checks: a scope, and findings.
 
 A scope is the processes of a file and all that they call. Findings are sorted by file and line.
 """
@@ -109,7 +109,7 @@ class CheckedProcess:
 
 @dataclass(slots=False, eq=False)
 class CheckScope:
-    """What one check looks at.
+    """The input of one check.
 
     processes      those of the file first, then those they call
     roots          processes that start by themselves: those of pools, and those that nothing in the file calls

@@ -96,7 +96,7 @@ def progress(roots: Iterable[CheckedProcess], topics: Topics, passes: Passes = l
 
 @dataclass(slots=True)
 class _Walk:
-    """One walk through a process and all that it calls."""
+    """One walk through a process and all processes that it calls."""
 
     root: CheckedProcess
     topics: Iterable[str]

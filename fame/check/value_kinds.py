@@ -1,7 +1,7 @@
 """The kinds of values of variables, as far as the model determines them: by scripts, data objects and messages.
 
 A kind is shown by a sample: a value that a variable may have. Whatever is computed in a way that is not understood has
-no sample, and then nothing is said of its variable.
+no sample, and then nothing is reported about its variable.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def _constant(expression: Expression) -> Any:
     """The value of a constant expression, else None."""
     try:
         return None if names_of(expression)[0] else compile_expression(expression)({})
-    except Exception:  # which the compiler tells, or the element when it is reached
+    except Exception:  # reported by the compiler, or when the element is reached
         return None
 
 

@@ -74,7 +74,7 @@ def check_variables(scope: CheckScope) -> Iterator[Finding]:
         yield from _hidden(process, uses[process])
     for root in scope.roots:
         given = set[str]()
-        if not scope.has_pool(root) and uses[root].declared:  # whoever calls it sets what its data objects declare
+        if not scope.has_pool(root) and uses[root].declared:  # the caller sets the variables of its data objects
             given = {name for process in sharing(root) for name in uses[process].declared}
         for space in _spaces(root, given, uses):
             yield from _unset(space, uses, scope.strict)

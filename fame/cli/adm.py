@@ -153,7 +153,7 @@ def run_learn(arguments: Namespace) -> int:
 
 
 def _plot(folder: Path, learned: list[TrainedClassifier], chosen: TrainedClassifier, data: LearningData) -> None:
-    """What `fame.monitor.plots` can draw of it."""
+    """Draw the plots of `fame.monitor.plots` that the data allow."""
     from fame.monitor.anomaly.classifiers import data_name
     from fame.monitor.anomaly.paths import PathDetector
     from fame.monitor.anomaly.recording import BENIGN

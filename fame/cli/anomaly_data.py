@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fame.middleware.interface import Middleware
 
     Make: TypeAlias = Callable[[Middleware, Scheduler], Any]
-    """What makes the node that listens; it has a `close`."""
+    """Makes the node that receives the data; the node has a `close`."""
     from fame.monitor.anomaly.recording import Recording
 
 

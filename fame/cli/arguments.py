@@ -1,4 +1,4 @@
-"""What commands declare their arguments with: a parser with errors of FAME, and arguments that several share."""
+"""Declaring the arguments of commands: a parser that raises FAME's errors, and arguments that commands share."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from datetime import datetime
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
-"""What commands are added to."""
+"""The object that commands are added to."""
 
 
 class Parser(argparse.ArgumentParser):

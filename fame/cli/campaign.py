@@ -107,7 +107,7 @@ def _goes_on(folder: Folder) -> str:
 
 
 def _campaign(arguments: Namespace) -> tuple[Campaign, Folder]:
-    """What to do, and where its rows go. Raises ConfigError and ModelError for what is wrong before the first run."""
+    """The campaign and the folder of its results. Raises ConfigError and ModelError before the first run."""
     from fame.scenario.campaign import Campaign, Folder
     from fame.scenario.variation import Variation, read_variation
 

@@ -190,7 +190,7 @@ def _keys(arguments: Namespace) -> tuple[Any, Any]:
 
 
 def _simulated_time(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> ClockFollower | None:
-    """What follows the time of /clock, or None on the wall clock."""
+    """The follower of /clock, or None for wall-clock time."""
     if not (arguments.use_sim_time or arguments.lockstep or middleware.use_sim_time):
         return None
     from fame.middleware.interface import ENGINE, MISSION
@@ -249,9 +249,9 @@ def _epoch(scheduler: WallScheduler, *, simulated: bool) -> datetime:
 
 
 def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middleware: Middleware) -> bool:
-    """Whether an engine of that name speaks, and proves it where keys are used.
+    """Whether an engine of that name publishes its status, with a proof where keys are used.
 
-    One that was killed stays in the graph for a while, and is silent.
+    A killed engine stays in the graph for a while, but publishes nothing.
     """
     import time
 
@@ -278,7 +278,7 @@ def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middl
 
 
 def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]:
-    """What brings a robot of a kind to rest when its process has ended, and while it is suspended."""
+    """The safe states of a robot type: when its process has ended, and while it is suspended."""
     if kind is None:
         return (), None
     from sim2d.robot import robot_class

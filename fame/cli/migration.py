@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fame.deploy.migration import Foreseen
 
 BUDGET = 2.5
-"""How long the migrated state is explored at most (s): meanwhile the robots are held."""
+"""Time limit for exploring the migrated state (s); meanwhile the robots are held."""
 _OPTIONS = ("plan", "dry_run", "force")
 
 
@@ -95,7 +95,7 @@ class Migration:
                 note(line)
 
     def findings(self) -> list[dict[str, Any]]:
-        """What the exploration found, for --json."""
+        """The findings of the exploration, for --json."""
         from fame.cli.exploration import finding_as_json
 
         return [finding_as_json(one) for one in self._found]

@@ -145,7 +145,7 @@ def run_draw(arguments: Namespace) -> int:
     return 0
 
 
-_WORDS = {"subscribe": "hears", "publish": "tells", "call": "asks"}
+_WORDS = {"subscribe": "subscribes", "publish": "publishes", "call": "service"}
 _WIDTH = 110
 """Columns at most: longer lines are hard to read."""
 
@@ -176,7 +176,7 @@ def run_library(arguments: Namespace) -> int:
 
 
 def _lines(behaviour: Behaviour, width: int) -> Iterator[str]:
-    """What a person reads of one behaviour."""
+    """The text output for one behaviour."""
     yield behaviour.name if behaviour.name == behaviour.label else f"{behaviour.name}: {behaviour.label}"
     for paragraph in paragraphs(behaviour.documentation):
         yield from textwrap.wrap(paragraph, width, initial_indent="    ", subsequent_indent="    ")

@@ -1,4 +1,4 @@
-"""What the commands print: JSON objects, tables, colours, and the line that shows how far a run is.
+"""Output of the commands: JSON objects, tables, colours, and the progress line.
 
 What matters in a line is coloured where the terminal can do it; NO_COLOR (https://no-color.org) switches colours off.
 """
@@ -119,11 +119,11 @@ def _write_at_once(text: str) -> None:
 
 
 note: Notes = Notes()
-"""What the commands that go on until somebody ends them say."""
+"""Messages of commands that run until they are interrupted."""
 
 
 class ProgressLine:
-    """One line on a terminal, written again and again; from two seconds on it says for how long it has stood."""
+    """A line on a terminal that is overwritten; it shows for how long its text is unchanged, from two seconds on."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._text, self._since = stream, "", time.monotonic()
@@ -140,7 +140,7 @@ class ProgressLine:
         self.write(f"drawing the film: frame {drawn} of {frames}" + (", writing it" if drawn == frames else ""))
 
     def write(self, text: str) -> None:
-        """What is being done."""
+        """Show the current activity."""
         self._text, self._since = text, time.monotonic()
         self._write(text)
 
@@ -182,9 +182,9 @@ def progress_text(progress: Progress) -> str:
 
 
 class LiveTable:
-    """Text of several lines on a terminal, drawn anew where it stands; what is said goes above it.
+    """Several lines on a terminal, redrawn in place; other output goes above them.
 
-    Without a terminal nothing is drawn. Without a stream nothing is said either.
+    Without a terminal nothing is drawn; without a stream there is no output at all.
     """
 
     def __init__(self, stream: TextIO | None) -> None:
@@ -202,7 +202,7 @@ class LiveTable:
             self._stream.flush()
 
     def write(self, line: str) -> None:
-        """A line that stays."""
+        """Print a line above the table."""
         if self._stream is not None:
             drawn = self._drawn
             self._wipe()

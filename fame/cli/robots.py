@@ -89,7 +89,7 @@ def run_status(arguments: Namespace) -> int:
 
 
 _PATIENCE = 6.0
-"""How long a robot may take to tell its state (s): it is told twice a second to who is new."""
+"""Time limit for a robot to publish its state (s); it does so twice a second for new subscribers."""
 
 
 def _explain_waits(arguments: Namespace) -> int:
@@ -128,9 +128,9 @@ def _explain_waits(arguments: Namespace) -> int:
 
 
 def silences(reports: Mapping[str, Report], engines: Iterable[str], listened: float) -> dict[str, float]:
-    """The robots that say nothing, and for how long at least (s).
+    """The robots that publish no status, and for how long at least (s).
 
-    Their engines are in the graph and said nothing while they were `listened` to, or their team misses them.
+    Their engines are in the graph and published nothing for `listened` s, or their team reports them as missing.
     """
     missed = [item for report in reports.values() for item in report.absent.items()]
     silent = dict.fromkeys(engines, listened)
@@ -223,7 +223,7 @@ def _add_repairs(commands: Commands) -> tuple[Parser, ...]:
 
 
 def _add_common(parser: Parser) -> None:
-    """What all of them take."""
+    """Add the arguments that these commands share."""
     parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign the request with this key (see fame keys)")
     parser.add_argument("--wait", type=positive, default=5.0, metavar="S", help="how long to wait for the answer (5)")
     add_network(parser)

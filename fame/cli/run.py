@@ -376,7 +376,7 @@ def _seen(sight: TeamStatus) -> str:
 
 @contextmanager
 def _logs(paths: Sequence[Path], scenario: Scenario, topics: LogTopics) -> Iterator[list[Observer]]:
-    """What writes to the logs that were asked for, as long as the block lasts."""
+    """The writers of the requested logs, open while the block runs."""
     if not paths:
         yield []
         return
@@ -388,7 +388,7 @@ def _logs(paths: Sequence[Path], scenario: Scenario, topics: LogTopics) -> Itera
 
 
 def _about(scenario: Scenario) -> About:
-    """What a recording says of a run."""
+    """The metadata of a run for its recording."""
     from fame.clock import date_text
     from fame.log import About
 

@@ -93,7 +93,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _source(path: Path, arguments: Namespace) -> Source:
-    """What shows a file. Raises ConfigError for a file that cannot be shown."""
+    """The viewer of a file. Raises ConfigError for a file that cannot be shown."""
     from fame.view import ModelWatch, Replay
 
     kind = path.suffix.lower()

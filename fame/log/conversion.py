@@ -23,7 +23,7 @@ from fame.robot.events import Event
 
 OCEL = ".ocel.json"
 FORMS: Sequence[str] = (".jsonl", ".csv", ".xes", OCEL)
-"""What a recording can be converted to, by the end of the file's name."""
+"""The formats that a recording can be converted to, by suffix."""
 
 OnProgress = Callable[[float], object]
 """Takes how much is done, 0 to 1."""

@@ -20,14 +20,14 @@ from fame.log.recording_file import RecordingFile
 from fame.log.writing import RECORDING, new_file
 
 FILES, SIZE = 10, 50_000_000
-"""How many files are kept, and bytes of a file after which the next one begins."""
+"""Number of files, and bytes of a file after which the next one begins."""
 _FLUSH = 2 * SECOND
 
 
 class EngineLog:
     """The recordings of one robot in a folder.
 
-    At most `files` of about `size` bytes are kept. What cannot be written is told to `note` once; the mission goes on.
+    At most `files` of about `size` bytes are kept. A write error is reported once to `note`; the mission continues.
     """
 
     def __init__(

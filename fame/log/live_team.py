@@ -32,9 +32,9 @@ EVENTS_TOPIC, MODEL_TOPIC, STRING = "bpmn_events", "bpmn_model", "std_msgs/msg/S
 DELAY = SECOND // 2
 """How long batches wait for those of other robots (ns)."""
 _DISCOVERY = SECOND // 2
-"""How often robots are looked for (ns)."""
+"""Interval of the search for robots (ns)."""
 _STRANGE = (ValueError, TypeError, LookupError, AttributeError, RecursionError)
-"""What a message of a stranger, which is no batch, may raise."""
+"""Errors raised by a foreign message that is not a batch."""
 _CHANNELS = {"events": EVENTS, "variables": VARIABLES, "waiting": WAITING}
 
 
@@ -53,7 +53,7 @@ class _Source:
 class LiveTeam:
     """Follows the robots of a team, or those named in `robots`.
 
-    state     of the team, as far as `on_message` was told
+    state     of the team, up to the last call of `on_message`
     epoch     date of time 0: that of the first robot's clock; None before the first batch
     models    what each robot runs, as its ``bpmn_model`` says
     gaps      how many batches of each robot were lost
@@ -187,7 +187,7 @@ class LiveTeam:
     def _synchronise(self, robot: str, key: Mapping[str, Any], lost: int, time: int) -> None:
         """Replace the state of a robot, of which so many batches were lost."""
         self.state.robots[robot] = RobotState.from_key(key)
-        time = max(time, self._last + 1)  # what was told at the last instant is in it
+        time = max(time, self._last + 1)  # changes of the last instant are included already
         self._put_key(time, {robot: lost})
         if lost:
             text = f"{lost} batch{'es' * (lost > 1)} of events lost: what happened before is not recorded"

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ChunkPlace:
-    """Where a chunk is in the file, its times (ns), and the channels that it has messages of."""
+    """A chunk: its place in the file, its times (ns), and the channels of its messages."""
 
     offset: int
     start: int
@@ -33,7 +33,7 @@ class ChunkPlace:
 
 @dataclass(slots=True)
 class McapIndex:
-    """What is in a file. `counts`: messages by number of the channel; chunks are in the order of their starts."""
+    """The content of a file. `counts`: messages by channel number; chunks are in the order of their starts."""
 
     chunks: Sequence[ChunkPlace] = ()
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -86,7 +86,7 @@ def chunk_messages(stream: BinaryIO, offset: int, file: str) -> Iterator[tuple[i
 
 
 def _broken() -> tuple[type[Exception], ...]:
-    """What reading damaged bytes may raise."""
+    """Errors raised by reading damaged bytes."""
     from mcap.exceptions import McapError
 
     return McapError, struct.error, zlib.error, ValueError, OSError, EOFError, StopIteration, MemoryError, KeyError

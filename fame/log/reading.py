@@ -58,7 +58,7 @@ class RunOutcomes:
     failures: Sequence[tuple[float, str, str, str]]
 
     def notes(self, definitions: Definitions) -> list[str]:
-        """What to write below a drawing: whose path it is, how long it took, and what failed."""
+        """The notes below a drawing: robots of the path, duration, failures."""
         names = element_info([definitions])
         lines = [f"{', '.join(self.robots)}: {self.start:.1f} s to {self.end:.1f} s"] if self.robots else []
         for second, robot, element, code in self.failures:

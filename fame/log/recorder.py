@@ -54,7 +54,7 @@ class TopicRecorder:
             node.middleware.tap(self._tap)
 
     def _tap(self, publisher: Any) -> Callable[[Any], object] | None:
-        """What records the messages of a publisher; it is chosen at its first message, when all endpoints exist."""
+        """The recorder of a publisher's messages, chosen at the first message, when all endpoints exist."""
         chosen: list[tuple[RunWriter, int] | None] = []
         if "/msg/" not in publisher.type:  # feedback of an action: rosbags cannot write the definition of its type
             return None
@@ -143,7 +143,7 @@ class Recorder:
         self._mark(tracker)
 
     def _mark(self, tracker: ChangeTracker) -> None:
-        """Something may have changed: write it when the instant is over."""
+        """Write possible changes at the end of the current instant."""
         if not self._changed:
             assert self._scheduler is not None
             self._scheduler.soon(self._flush, Kind.WORLD)

@@ -65,7 +65,7 @@ class RecorderProcess:
         self._calls.append(("robot", name, process))
 
     def changes(self, robot: str, time: int, changes: Changes) -> None:
-        """What changed in a robot until a time (ns)."""
+        """Record the changes of a robot up to a time (ns)."""
         self._calls.append(("changes", robot, time, changes))
         if len(self._calls) >= _BATCH:
             self._send()
@@ -129,14 +129,14 @@ class RecorderProcess:
             )
 
     def close(self) -> None:
-        """Let the process end, if it has not."""
+        """End the process if it runs."""
         if self._process.returncode is None:
             with suppress(ConfigError):
                 self._end()
 
 
 def _enlarge(pipe: int) -> None:
-    """Let more wait in a pipe, where the system allows that."""
+    """Enlarge the buffer of a pipe, where the system allows that."""
     from fcntl import F_SETPIPE_SZ, fcntl
 
     with suppress(OSError):

@@ -134,7 +134,7 @@ class Recording:
 
     @property
     def duration(self) -> float:
-        """How long it lasts, s."""
+        """Its duration, s."""
         return (self.end - self.start) / SECOND
 
     def messages(

@@ -106,7 +106,7 @@ class RunWriter(Protocol):
         """A robot of the run, and the process (id) that it runs."""
 
     def changes(self, robot: str, time: int, changes: Changes) -> None:
-        """What changed in a robot until a time (ns)."""
+        """Record the changes of a robot up to a time (ns)."""
 
     def key(self, time: int) -> None:
         """Everything as it is before the changes of this time (ns) is wanted."""

@@ -22,9 +22,9 @@ WORLD_SCENE, WORLD_GROUND = "/world_scene", "/world_ground"
 """Topics on which a simulated world offers what recordings have on ``/fame/world`` and ``/fame/ground``."""
 
 _DISCOVERY = SECOND // 2
-"""How often topics are looked for (ns)."""
+"""Interval of the search for topics (ns)."""
 _FLUSH = 2 * SECOND
-"""How often what was recorded is written to the file: what a crash may lose (ns)."""
+"""Interval in which data are written to the file (ns): the most that a crash loses."""
 _INTERNAL = ("bpmn_events", "bpmn_model", "bpmn_status", "bpmn_process", "bpmn_task")
 """Topics of engines that are not recorded as messages."""
 _GENERAL = frozenset(("/rosout", "/parameter_events", CLOCK, "/clock_done", "/world_state", WORLD_SCENE, WORLD_GROUND))

@@ -82,7 +82,7 @@ def logging_to(
 
 
 def _start(stack: ExitStack, file: _File, *, own_process: bool) -> Callable[[], RunWriter]:
-    """What begins a recording: the second process is there at once, since it needs a moment."""
+    """Starts a recording. The second process is started at once, because it takes a moment."""
     if not own_process:
         return lambda: FileWriter(RecordingFile(stack.enter_context(_emptied(file))))
     process = RecorderProcess(file, str(file.name), recording_file.CHUNK)

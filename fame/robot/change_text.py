@@ -14,14 +14,14 @@ from functools import lru_cache
 from typing import Any
 
 Group = tuple[int, int, Sequence[tuple[str, str, Any]]]
-"""What happened in a scope: keys of its instance and of the scope, and marks (see docs/recordings.md)."""
+"""Marks of a scope, with the keys of its instance and of the scope (see docs/recordings.md)."""
 ScopeChange = tuple[int, str, dict[str, Any], Sequence[str]]
 """A scope with variables of its own: its key, where it is (members of a JSON object; empty if that is known), variables
 that are new or different, and names that are gone. Values that are bytes are JSON already."""
 Token = tuple[str, str, str, int, str, "tuple[int, str] | None"]
 """A waiting token: its key, where it is, its element, since when (ns), what it waits for, the last message missed."""
 Changes = tuple[Sequence[Group], Sequence[ScopeChange], Sequence[int], Sequence[Token], Sequence[str]]
-"""What changed in a robot: groups, scopes, keys of scopes that are gone, tokens, keys of tokens that are gone."""
+"""Changes of a robot: groups, scopes, keys of removed scopes, tokens, keys of removed tokens."""
 
 Put = Callable[[str, int, str], object]
 """Takes a channel (``events``, ``variables``, ``waiting``), a time (ns) and JSON."""
@@ -119,7 +119,7 @@ class ChangeText:
         return text
 
     def _scope(self, change: ScopeChange) -> str:
-        """What is different in a scope, as a JSON object; empty if nothing is."""
+        """The differences of a scope, as a JSON object; empty without a difference."""
         key, where, given, unset = change
         if where:
             self._scopes[key] = where, {}

@@ -26,7 +26,7 @@ Put = Callable[[int, Changes], object]
 """Takes a time (ns) and what has changed until then."""
 
 _MANY = 1000
-"""Groups of marks that are kept while nobody wants them; then they are given away to be counted."""
+"""Number of groups of marks that are kept without a reader; then they are only counted."""
 _KNOWN = 10_000
 """Scopes whose place is kept as JSON."""
 _NO_SCRIPT = (0, None, None)
@@ -34,7 +34,7 @@ _NO_SCRIPT = (0, None, None)
 
 
 class ChangeTracker:
-    """What changes in the engine of `node`. `put` gets every change.
+    """Finds the changes in the engine of `node`. `put` gets every change.
 
     While it is not `active`, it gives nothing but marks, to be counted; after that, the next `flush` gives everything.
     """
@@ -131,7 +131,7 @@ class ChangeTracker:
         return fresh, [str(key) for key in before if key not in now]
 
     def _place(self, scope: Scope) -> str:
-        """Where a scope is, as members of a JSON object."""
+        """The position of a scope, as members of a JSON object."""
         text = self._places.get(scope.key)
         if text is None:
             body: Scope | None = scope
@@ -228,7 +228,7 @@ class _ScopeVariables:
 
 
 def _unknown(value: Any) -> Any:
-    """What is not given directly: lists, mappings, objects, long texts."""
+    """A value that is not written directly: a list, mapping, object or long text."""
 
 
 _DIRECT: dict[type, Callable[[Any], Any] | None] = dict.fromkeys((float, int, bool, type(None), complex))
@@ -239,7 +239,7 @@ _CUT_ARRAY = b'{"$cut":"array of'
 
 
 def _differs(value: Any, copy: Any) -> bool:
-    """Whether a value that may be changed in place has changed; where that cannot be told cheaply, it may have."""
+    """Whether a mutable value may have changed in place; True where a comparison would be expensive."""
     if value.__class__ is not copy.__class__ or value is copy:  # there is no copy of an object or array
         return True
     try:

@@ -38,7 +38,7 @@ from fame.scripting.requests import Act, Call
 RECOVERED = "~/recovered"
 """The signal that a resumed engine raises inside itself; its payload is how long it was away (s)."""
 _ENDED = 10
-"""How many instances that are over are kept."""
+"""Number of ended instances that are kept."""
 _RETRY_DISK = SECOND
 
 
@@ -54,7 +54,7 @@ _Effect = tuple[Publisher, Any] | _Request
 
 
 def _nothing() -> None:
-    """What is done around the writing of a state if nothing is."""
+    """The default context manager around writing a state: does nothing."""
 
 
 class Recorder:
@@ -359,7 +359,7 @@ class Recorder:
 
 
 def _recorded(effects: Sequence[_Effect]) -> list[list[Any]]:
-    """What is recorded of some effects; signals in a row on one topic share an entry."""
+    """The records of some effects; consecutive signals on one topic share an entry."""
     found: list[list[Any]] = []
     last: Publisher | None = None
     values: list[Any] = []

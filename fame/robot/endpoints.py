@@ -27,7 +27,7 @@ from fame.middleware.interface import SIGNAL, Message, Middleware, Node, Publish
 from fame.scripting import Inbox, script_topics
 
 _PATIENCE, _POLL = 5 * SECOND, SECOND // 100
-"""How long a direct message waits for its publisher to be connected, and how often that is checked (ns)."""
+"""Time that a direct message waits for its publisher to be connected, and interval of the checks (ns)."""
 _SHOWN = 5
 """Robots that an error message names."""
 

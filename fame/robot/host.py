@@ -36,7 +36,7 @@ Fields = tuple[str, str, Mapping[str, Any]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostOptions:
-    """How a robot is run; see `fame.robot.node.RobotNode`."""
+    """Options of a robot; see `fame.robot.node.RobotNode`."""
 
     observer: Observer | None
     on_report: Callable[[Event], object] | None

@@ -1,8 +1,8 @@
-"""What a robot's engine publishes for live views and recorders in other processes.
+"""The topics of a robot's engine for live views and recorders in other processes.
 
 On ``/<robot>/bpmn_events`` (std_msgs/msg/String, reliable) are numbered batches of changes as JSON, at most 20 a
-second, while somebody subscribes; on ``/<robot>/bpmn_model`` (transient local) is the model that runs. A new
-subscriber gets everything first, with the next batch; so does everybody every few seconds, in case a batch was lost.
+second, while there is a subscriber; on ``/<robot>/bpmn_model`` (transient local) is the running model. A new
+subscriber gets the whole state first, with the next batch; all get it every few seconds, in case a batch was lost.
 docs/recordings.md describes the JSON.
 """
 
@@ -28,9 +28,9 @@ STRING, ELEMENT_TOPIC = "std_msgs/msg/String", "/fame_dt"
 _PERIOD = SECOND // 20
 """Least time between two batches (ns)."""
 _KEY_PERIOD = 5 * SECOND
-"""Longest time between two batches that have everything, while somebody subscribes (ns)."""
+"""Longest time between two batches with the whole state, while there is a subscriber (ns)."""
 _POLL = SECOND // 4
-"""How often the number of subscribers is checked (ns)."""
+"""Interval of the checks for subscribers (ns)."""
 
 
 class FeedLog(Protocol):
@@ -48,7 +48,7 @@ class LiveFeed:
 
     `publisher` and `models` are those of the two topics, made before the first process is loaded, so that who watches
     from the beginning misses nothing. `scheduler` is that of the wall clock; `epoch` is the date of time 0 of the
-    mission's clock; `session` tells the batches of this engine from those of an earlier one of the same robot. Each
+    mission's clock; `session` distinguishes this engine's batches from those of an earlier one of the same robot. Each
     process that the robot loads has an `observer`; `begin` says which of them runs.
     """
 
@@ -113,7 +113,7 @@ class LiveFeed:
         self._send_soon()
 
     def _count_subscribers(self) -> None:
-        """Find out whether somebody subscribes, and whether somebody is new."""
+        """Check whether there are subscribers, and new ones."""
         self._poll = self._scheduler.after(_POLL, self._count_subscribers)
         before, self._subscribers = self._subscribers, self._publisher.subscriber_count()
         if self._current is None or (self._subscribers == before == 0 and self._log is None):
@@ -163,7 +163,7 @@ class LiveFeed:
 
 
 class ProcessFeed:
-    """The observer of one process of the robot. Before it begins, and while nobody subscribes, it only counts."""
+    """The observer of one process of the robot. Before it begins, and without subscribers, it only counts."""
 
     node: RobotNode | None
 
@@ -217,7 +217,7 @@ class ProcessFeed:
         self._mark()
 
     def _mark(self) -> None:
-        """Something may have changed: it is looked for when the instant is over."""
+        """Look for changes at the end of the current instant."""
         if self._dirty or self.node is None or self._tracker is None or not self._tracker.active:
             return
         self._dirty = True

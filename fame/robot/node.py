@@ -36,9 +36,9 @@ PendingStarts = Literal["", "endless", "due"]
 """The timers of start events that will still fire: none, only cycles without end, or others."""
 
 _POLL = SECOND // 50
-"""How often `release` checks whether cancelled scripts have ended (ns)."""
+"""Interval in which `release` checks whether cancelled scripts have ended (ns)."""
 _EARLY = 1000
-"""How many messages are kept between `load` and `start`."""
+"""Number of messages that are kept between `load` and `start`."""
 
 
 INCIDENT = "incident"
@@ -46,7 +46,7 @@ INCIDENT = "incident"
 
 
 def _given(values: Mapping[str, Any] | None) -> str:
-    """The variables that somebody sets, as text."""
+    """The variables that a person sets, as text."""
     return "".join(f" {name}={value!r}" for name, value in (values or {}).items())
 
 
@@ -230,22 +230,22 @@ class RobotNode:
 
     @property
     def started(self) -> int:
-        """How many instances have started."""
+        """Number of started instances."""
         return self.host.started
 
     @property
     def completed(self) -> int:
-        """How many instances have completed."""
+        """Number of completed instances."""
         return self.host.completed
 
     @property
     def failed(self) -> int:
-        """How many instances have failed."""
+        """Number of failed instances."""
         return self.host.failed
 
     @property
     def elements(self) -> int:
-        """How many elements have been completed."""
+        """Number of completed elements."""
         running = self.engine.instances.values()
         return self.host.elements_done + sum(sum(instance.counts[1:]) for instance in running)
 
@@ -324,7 +324,7 @@ class RobotNode:
         self._repair(source, f"moved to {target}", who, lambda: self.engine.move(source, target))
 
     def _repair(self, element: str, text: str, who: str, act: Callable[[], object]) -> None:
-        """Do what somebody wants, with a note in journal and event log."""
+        """Execute a person's request, with a note in journal and event log."""
         note = f"{text} by {who}" if who else text
         self._record_note(element, note)
         act()

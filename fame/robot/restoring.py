@@ -22,7 +22,7 @@ from fame.robot.timers import Missed
 
 Retry = Literal["safe", "never", "ask"]
 RETRIES: tuple[Retry, ...] = ("safe", "never", "ask")
-"""What a task does with a request whose fate is unknown: make it again, fail with code ``lost``, or ask somebody."""
+"""Policy of a task for a request whose fate is unknown: repeat it, fail with code ``lost``, or wait for a person."""
 MISSED: tuple[Missed, ...] = ("fire", "skip", "fail")
 _UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 

@@ -1,7 +1,7 @@
 """The scripts of one robot: the runner that drives them, and the interface that they find in scope.
 
 What a script publishes reaches the robot's own catching events and waiting scripts too, as what an event throws does;
-the middleware delivers it to everybody else.
+the middleware delivers it to all others.
 """
 
 from __future__ import annotations

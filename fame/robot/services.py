@@ -30,7 +30,7 @@ _POLL_PERIOD = SECOND // 5
 
 @dataclass(frozen=True, slots=True)
 class ServiceContext:
-    """What a service can use.
+    """The context of a service.
 
     folder   folder of the mission's model: names of files are relative to it
     report   gets a line of text for people

@@ -71,7 +71,7 @@ class StateTables:
         self._counts: dict[int, list[int]] = {}
 
     def changes(self, more: Mapping[str, Table], *, whole: bool = False) -> Change:
-        """What has changed since the last call, or the whole state.
+        """The changes since the last call, or the whole state.
 
         `more` are tables of the caller: those that are missing have not changed.
         """

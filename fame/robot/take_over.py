@@ -66,7 +66,7 @@ def gone_elements(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:
 
 
 def what_becomes(new: RobotNode, old: RobotNode, plan: Plan) -> tuple[list[Token], Data | None]:
-    """What would become of each token of the old process, and the state that it would have in the new one.
+    """The fate of each token of the old process, and the resulting state in the new one.
 
     The state is a snapshot as JSON (`fame.engine.snapshot`) in which long values and those of other kinds are
     ``{"$object": null}``: unknown. None if a token is blocked.
@@ -117,7 +117,7 @@ def take_over(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:
 
 
 def go_on_after(new: RobotNode, timers: dict[str, Any]) -> None:
-    """Let a process go on that has taken over; `timers` are those of the old one, from `timers_of`."""
+    """Continue a process that has taken over; `timers` are those of the old one, from `timers_of`."""
     set_timers(new, {"timers": timers}, mission_settings(new))
     if not new.engine.incidents:
         new.engine.release()

@@ -16,7 +16,7 @@ AT_ONE_INSTANT = 1_000_000
 
 
 Missed = Literal["fire", "skip", "fail"]
-"""What happens to a timer that came due while its engine was away."""
+"""The policy for a timer that came due while its engine was away."""
 
 
 class Timers:
@@ -140,7 +140,7 @@ class Timers:
 
 
 def _stay() -> None:
-    """What a timer does that is held."""
+    """The action of a held timer."""
 
 
 def _delays(kind: str, text: str, date: datetime) -> Iterator[int]:

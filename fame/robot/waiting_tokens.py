@@ -1,7 +1,7 @@
-"""What the tokens of a robot wait for, in words and by topic.
+"""The reasons why the tokens of a robot wait, as text and by topic.
 
-Two hints go with a wait for a message. One says that the last message came before anybody waited for it. The other says
-that its publisher was gone meanwhile: after a network partition or a restart a message may be lost for good, and a
+A wait for a message has two hints. One says that the last message came before a token waited for it. The other says
+that its publisher was gone meanwhile: after a network partition or a restart a message may be lost, and a
 healthy robot waits forever. Whoever polls what the robot waits for compares who publishes now with who did before.
 """
 
@@ -26,7 +26,7 @@ from fame.scripting import Runner, script_names
 from fame.scripting.requests import Act, Call
 
 SOMEBODY = "a person to complete it"
-"""What user and manual tasks wait for."""
+"""The reason of user and manual tasks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,7 +276,7 @@ class _Describer:
 
 
 class _AnyTopic(dict[str, Collection[str]]):
-    """Publishers of topics, where it does not matter whether somebody publishes."""
+    """Publishers of topics, for callers that ignore them."""
 
     def get(self, topic: str, default: Any = None) -> Any:
         return ("",)

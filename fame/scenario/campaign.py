@@ -23,7 +23,7 @@ from fame.scenario.variation import FAULTS, Variation, points
 ROWS, ABOUT = "runs.jsonl", "campaign.json"
 Row = dict[str, Any]
 _ATTEMPTS = 3
-"""How often a run is tried whose process dies."""
+"""Number of attempts of a run whose process dies."""
 _BATCH = 8
 """Runs for each process between two looks at whether it is enough."""
 

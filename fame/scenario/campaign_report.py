@@ -101,7 +101,7 @@ def causes(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def importance(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """How much each varied value goes with success, and with the duration of completed runs, the strongest first.
+    """The correlation of each varied value with success, and with the duration of completed runs, strongest first.
 
     ``strength`` is from 0 (none) to 1: Spearman's rank correlation for numbers, the correlation ratio for choices.
     Places (x, y) count by the stronger coordinate.

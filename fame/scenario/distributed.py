@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 _CHECK = SECOND // 5  # ns between two checks of the processes
 RESTARTS = 3
-"""How often an engine that keeps its mission is started again."""
+"""Maximum number of restarts of an engine that keeps its mission."""
 _DISCOVERY = 15.0  # s until all engines must have been discovered
 
 

@@ -135,6 +135,6 @@ def _is_timer(event: BpmnEvent) -> bool:
 
 
 def _start(process: Process) -> str:
-    """What the start events of a process wait for; empty if it starts at once."""
+    """The topics and times that start a process; empty if it starts at once."""
     starts = [node for node in process.body.nodes if isinstance(node, BpmnEvent) and node.place == "start"]
     return _wait(*starts) if starts and all(start.definitions for start in starts) else ""

@@ -16,7 +16,7 @@ from fame.middleware.interface import EndpointWarning, Middleware
 from fame.robot.events import Event
 
 BACKENDS = ("dds", "ros", "zenoh")
-"""What connects processes. `fame run` has ``local`` beside them."""
+"""The backends between processes. `fame run` also has ``local``."""
 _ENDING = 3
 """Maximum time for stopping a component (s), longer than the grace period of scripts."""
 PARENT = "FAME_PARENT"

@@ -56,7 +56,7 @@ class TeamLogs:
     def finish(self, result: Result, *, drawings: bool) -> Result:
         """Close the recording and write the logs; with `drawings`, the result gets what these need."""
         self._stack.close()
-        if not self._path.exists():  # no robot told anything
+        if not self._path.exists():  # no robot sent an event
             return result
         for log in self._logs:
             if log != self._path and log.suffix.lower() == RECORDING:

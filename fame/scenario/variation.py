@@ -59,7 +59,7 @@ class Distribution:
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """What a campaign varies, and what it measures: name -> expression over the variables of each robot."""
+    """The variations of a campaign, and its measures: name -> expression over the variables of each robot."""
 
     distributions: tuple[Distribution, ...] = ()
     design: Design = "random"

@@ -250,7 +250,7 @@ def identifiers_of(text: str) -> Identifiers:
 
 
 def _without(found: re.Match[str]) -> str:
-    """What remains of a comment or string literal: a blank, or the expressions of a template."""
+    """The replacement of a comment or string literal: a blank, or the expressions of a template."""
     if found[0][0] != "`":
         return '""' if found[0][0] in "'\"" else " "
     return " ".join(("", *_INSIDE.findall(found[0]), ""))

@@ -1,4 +1,4 @@
-"""What expressions may see of a value: data, and nothing of Python behind it. Bounded arithmetic, conditions.
+"""The data that expressions can use, without access to Python objects; bounded arithmetic and conditions.
 
 Data are numbers, texts, truth values, null, lists (also tuples and arrays), mappings, and objects with fields
 (messages, and what a script made with plain attributes). Functions, classes, modules and names with a leading
@@ -17,7 +17,7 @@ from typing import Any
 
 
 Evaluate = Callable[[Mapping[str, Any]], Any]
-"""What an expression is compiled to: a function of the variables."""
+"""A compiled expression: a function of the variables."""
 
 PLAIN = frozenset({int, float, str, bool, type(None), list, tuple, dict})
 """Types that are always data."""

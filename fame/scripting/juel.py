@@ -255,7 +255,7 @@ _SHARED = frozenset({
 _FUNCTIONS = {name: function for name, function in FUNCTIONS.items() if name in _SHARED} | functions(
     {"split(string: string, separator: string)": lambda text, separator: text.split(separator)}
 )
-"""Those of FEEL that are of one word and about numbers, texts and lists; a separator is a plain text."""
+"""The functions of FEEL with one-word names on numbers, texts and lists; a separator is plain text."""
 
 JUEL = Dialect(
     name="${...}",

@@ -46,7 +46,7 @@ _MOST_AWAITS = 100_000
 
 _MOST_HANDLERS = 100
 _SERVICE_TIMEOUT, _POLL = 5 * SECOND, SECOND // 20
-"""How long a script waits for a service or action that is not available, and how often it checks (ns)."""
+"""Time that a script waits for an unavailable service or action, and interval of its checks (ns)."""
 
 Ended = Callable[[int, BaseException | None], object]
 Report = Callable[[int, str], object]
@@ -148,12 +148,12 @@ class Runner:
         return False
 
     def request(self, key: int) -> Request | None:
-        """What a script awaits, None for an unknown script."""
+        """The request that a script awaits, None for an unknown script."""
         task = self._tasks.get(key)
         return task.request if task is not None else None
 
     def waits(self, key: int) -> str:
-        """What a script waits for, as text; empty for an unknown script."""
+        """The request that a script awaits, as text; empty for an unknown script."""
         task = self._tasks.get(key)
         return str(task.request) if task is not None and task.request is not None else ""
 
@@ -382,7 +382,7 @@ class Runner:
         begin: Callable[[bytes | None], object],
         attach: Callable[[bytes, Callable[[], object]], object] | None = None,
     ) -> None:
-        """Let a request leave the robot: now, or when `outward` says so, unless the script has been cancelled."""
+        """Send a request: now, or when `outward` calls it, unless the script has been cancelled."""
         if self.outward is None:
             begin(None)
             return

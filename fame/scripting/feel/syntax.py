@@ -207,7 +207,7 @@ def definition(parser: Parser) -> Evaluate:
 
 
 def _data(value: Any) -> Any:
-    """What leaves the expression: functions do not."""
+    """The result of an expression, which must not be a function."""
     if isinstance(value, dict):
         return {key: _data(item) for key, item in value.items() if not isinstance(item, Lambda)}
     if isinstance(value, list):

@@ -22,7 +22,7 @@ from fame.scripting.data import Undefined, field, fields_of, is_list, is_number,
 
 SECOND = 1_000_000_000
 MINUTE, HOUR, DAY = 60 * SECOND, 3600 * SECOND, 86_400 * SECOND
-"""Lengths of what durations are told in (ns)."""
+"""Lengths of the units of durations (ns)."""
 
 _DATE = r"(?P<date>\d{4}-\d\d-\d\d)"
 _TIME = r"T?(?P<time>\d\d:\d\d(?::\d\d(?:\.\d{1,30})?)?)"
@@ -69,7 +69,7 @@ def are_times(left: Any, right: Any) -> bool:
 
 @lru_cache(1024)
 def parsed(text: str) -> Moment | Duration:
-    """What a text says. Raises ValueError."""
+    """The moment or duration that a text denotes. Raises ValueError."""
     text = str(text).strip()
     if text.startswith("-P"):
         return -1 * parse_duration(text[1:])
@@ -109,7 +109,7 @@ def moment(value: Any, *kinds: str) -> Moment:
 
 
 def temporal(value: Moment | Duration) -> Temporal:
-    """The text of a moment or duration. Raises ValueError for one that no text has: too long, or forward and back."""
+    """The text of a moment or duration. Raises ValueError for one without text: too long, or of mixed sign."""
     if not isinstance(value, Duration):
         return Temporal(value)
     if value.months * value.rest < 0 or abs(value.months) >= _LONGEST * 12 or abs(value.rest) >= _LONGEST * DAY:
@@ -280,7 +280,7 @@ def equal(left: Any, right: Any) -> bool | None:
 
 
 def identity(value: Any) -> Any:
-    """What is the same of two values that are equal, and of no others; it can be hashed."""
+    """A hashable key of a value: equal for equal values only."""
     if value.__class__ in (str, int, float, type(None)):
         return value
     spend(1)

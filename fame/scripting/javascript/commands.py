@@ -83,11 +83,11 @@ QUEUE = 100
 
 _MILLISECOND = SECOND // 1000
 _POLL = 50 * _MILLISECOND
-"""How often waitForService checks whether the service is available (ns)."""
+"""Interval in which waitForService checks whether the service is available (ns)."""
 
 
 class CommandTarget(Protocol):
-    """What commands need of the realm of their script."""
+    """The part of a realm that commands use."""
 
     host: HostApi | None
 

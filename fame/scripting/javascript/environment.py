@@ -8,7 +8,7 @@ when a script reads it. After the step, JavaScript returns what it has written. 
 (such as a subscription that one script creates and another destroys) are kept in the dict as they are, for its scripts
 only.
 
-Invariant: between steps, `_known` equals the dict, in the same order, unless somebody has changed the dict.
+Invariant: between steps, `_known` equals the dict, in the same order, unless the dict was changed from outside.
 """
 
 from __future__ import annotations

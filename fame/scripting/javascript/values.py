@@ -19,7 +19,7 @@ _HIDDEN = re.compile(r"NaN|-?Infinity|-?[0-9]{1,400}n")
 
 
 _WHOLE = 2**53
-"""Whole numbers up to here are exact in JavaScript."""
+"""Greatest whole number that JavaScript represents exactly."""
 
 _FAR = 10**300
 _LARGE = re.compile(r"(?<![\d.])-?[1-9][0-9]{15,299}(?![\d.eE])")

@@ -17,7 +17,7 @@ from fame.scripting.signatures import functions
 
 
 def _items(values: tuple[Any, ...]) -> list[Any]:
-    """Those of a list, or the arguments."""
+    """The items of a list, or the arguments."""
     return list(plain(values[0])) if len(values) == 1 and is_list(values[0]) else list(values)
 
 
@@ -33,7 +33,7 @@ def _of_numbers(function: Callable[[list[Any]], Any]) -> Callable[..., Any]:
 
 
 def _extreme(compare: Callable[[Any, Any], bool]) -> Callable[..., Any]:
-    """Of what has an order: numbers, texts, dates, durations."""
+    """The smallest or greatest of ordered values: numbers, texts, dates, durations."""
 
     def better(best: Any, item: Any) -> Any:
         is_better = order(compare, item, best)
@@ -69,7 +69,7 @@ def _any(*values: Any) -> bool | None:
 
 
 def _index(items: list[Any], position: Any) -> int:
-    """Of a place, counted from 1 or from -1 at the end. Raises IndexError."""
+    """The index of a position, counted from 1 or from -1 at the end. Raises IndexError."""
     place = int(position)
     if place == 0 or abs(place) > len(items):
         raise IndexError(f"the list has no place {position}")
@@ -226,12 +226,12 @@ def _merge(contexts: list[Any]) -> dict[str, Any]:
 
 
 def _merge_all(*contexts: Any) -> dict[str, Any]:
-    """Of several contexts, or of a list of them."""
+    """Merge several contexts, or a list of them."""
     return _merge([context for item in contexts for context in (plain(item) if is_list(item) else [item])])
 
 
 def _made(entries: list[Any]) -> dict[str, Any]:
-    """Of a list of contexts with `key` and `value`."""
+    """The context made of a list of contexts with `key` and `value`."""
     found = {entry["key"]: entry["value"] for entry in map(fields_of, entries)}
     if not all(isinstance(key, str) for key in found):
         raise TypeError("expected a text as key")

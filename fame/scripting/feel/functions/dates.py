@@ -17,7 +17,7 @@ _DATES, _TIMES = ("date", "date and time"), ("time", "date and time")
 _MONTHS = ("January", "February", "March", "April", "May", "June", "July", "August", "September", "October",
            "November", "December")  # fmt: skip
 _DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
-"""Always English, whatever the machine speaks."""
+"""Always English, independent of the locale."""
 
 
 def _now(variables: Mapping[str, Any]) -> Temporal | None:
@@ -58,7 +58,7 @@ def _date_and_time(value: Any) -> Temporal:
 
 
 def _combined(date: Any, other: str) -> Temporal:
-    """Of a date and a time; or a date and time as seen in another zone."""
+    """The date and time of a date and a time; or a date and time converted to another zone."""
     start = moment(date, *_DATES)
     try:
         time = moment(other, "time")
@@ -70,7 +70,7 @@ def _combined(date: Any, other: str) -> Temporal:
 
 
 def _known(text: str) -> Temporal:
-    """What a text says, told in one way. Raises ValueError."""
+    """The normal form of a temporal text. Raises ValueError."""
     return temporal(parsed(text))
 
 
@@ -104,7 +104,7 @@ def literal(text: str) -> Temporal | None:
 
 
 def _cycle(*parts: Any) -> str:
-    """Of Camunda 8's timers: ``R3/PT10S``, without a number forever."""
+    """The cycle of Camunda 8's timers: ``R3/PT10S``; without a number it is unlimited."""
     return f"R{parts[0]}/{parts[1]}" if len(parts) == 2 else f"R/{to_text(*parts)}"
 
 

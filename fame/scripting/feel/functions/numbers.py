@@ -50,7 +50,7 @@ def _rounding(mode: str) -> Callable[..., Any]:
 
 
 def _abs(value: Any) -> Any:
-    """Of a number or a duration."""
+    """The absolute value of a number or a duration."""
     if is_number(value):
         return abs(value)
     if kind_of(value)[-8:] != "duration":

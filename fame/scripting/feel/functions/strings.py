@@ -45,7 +45,7 @@ def _quoted(value: Any) -> str:
 
 
 def _digits(value: Any) -> str:
-    """Of a whole number without a point, whatever it is stored as."""
+    """The text of a number; of a whole number without a decimal point."""
     if isinstance(value, int) or not -1e21 < value < 1e21:
         return str(value)
     text = format(Decimal(repr(float(value))), "f")
@@ -110,7 +110,7 @@ def _split(text: str, delimiter: str) -> list[str]:
 
 
 def _data(value: Any) -> Any:
-    """What JSON has of a value."""
+    """The value as data for JSON."""
     spend(1)
     if value is None or isinstance(value, (str, bool)) or value.__class__ in (int, float):
         return value
