@@ -291,8 +291,12 @@ def test_a_corrupt_file_and_a_missing_one_are_refused(folder: Path):
             r"learning\.yaml:\d+: Operations.reductoin: unknown key; did you mean 'reduction'",
         ),
         ("reduction: 2", "reduction: 9", r"reduction: expected 0 \(none\) or 1 to"),
-        ("class: SVC", "class: Magic", "two: expected a class of .*, got 'Magic'"),
-        ("{gamma: 20, C: 100}", "{gama: 20}", "SVC rejects its parameters: .*gama"),
+        ("class: SVC", "class: Magic", r"learning\.yaml:\d+: Classifiers\[1\]\.class: expected one of .*, got 'Magic'"),
+        (
+            "{gamma: 20, C: 100}",
+            "{gama: 20}",
+            r"yaml:\d+: Classifiers\[1\]\.parameters: expected the parameters of SVC: .*gama",
+        ),
         ("threshold: 0.5", "threshold: 5", r"Classifiers\[0\].threshold: expected a number from 0 to 1, got 5"),
         ("both.csv", "benign.csv", "has benign points only"),
         ("folds: 3", "folds: 9", "at least 9 are needed"),
@@ -362,7 +366,7 @@ CHAIN = "{joints: [{name: a, origin: [0, 0, %s], axis: [0, 0, 1]%s}]}"
                 (CHAIN % (".nan", ""), "not finite"),
                 (CHAIN % (0, ", steps: 0"), "expected a number of steps per revolution, got 0"),
                 (CHAIN % ("9" * 400, ""), "is not an arm"),
-                (CHAIN % (0, "") + ", margin: wide", "x: expected a margin above 0, got 'wide'"),
+                (CHAIN % (0, "") + ", margin: wide", "parameters.margin: expected a number above 0, got 'wide'"),
                 (CHAIN % (0, ""), "expected 1 joints, as the chain of the PathDetector has, got 2"),
             )
         ),

@@ -353,6 +353,12 @@ def test_wrong_requests_are_refused(
     assert error in capsys.readouterr().err
 
 
+def test_a_varied_key_that_the_scenario_lacks_is_refused_before_the_first_run(scenario: Path) -> None:
+    nowhere = Variation((Distribution("world.robots.REX.at", "uniform", (0, 1)),))
+    with pytest.raises(ConfigError, match=r"s\.yaml: world\.robots\.REX\.at: the scenario has no world"):
+        Campaign(scenario=str(scenario), runs=1, variation=nowhere).check()
+
+
 def test_a_run_that_did_not_end_names_who_waits(tmp_path: Path) -> None:
     (tmp_path / "m.bpmn").write_text(process('<startEvent id="s"/><userTask id="t"/>' + FLOW))
     assert cause_of(Scenario.load(tmp_path / "m.bpmn", duration=1).run()) == "P waited at t"

@@ -94,14 +94,14 @@ def test_the_folder_that_is_named_first_wins(tmp_path: Path) -> None:
     assert found.file == str(tmp_path / "GoTo.bpmn")
 
 
-def test_a_person_reads_what_each_needs_hears_and_tells(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_person_reads_what_each_needs_subscribes_to_and_publishes(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["library"]) == 0
     out = capsys.readouterr().out
     text = next(block for block in out.split("\n\n") if block.startswith("FlyTo: Fly To\n"))
     assert text.splitlines()[-3:] == [
         "  needs  x_goal, y_goal",
-        "  tells  ~/cmd_vel  geometry_msgs/msg/Twist",
-        "  hears  ~/odom     nav_msgs/msg/Odometry",
+        "  publishes  ~/cmd_vel  geometry_msgs/msg/Twist",
+        "  subscribes  ~/odom     nav_msgs/msg/Odometry",
     ]
     assert max(map(len, out.splitlines())) <= 110
 

@@ -101,13 +101,36 @@ def test_a_world_without_the_target_fails_the_mission_and_says_why(tmp_path):
 
 
 def test_a_robot_that_no_pool_knows_is_refused(tmp_path):
-    with pytest.raises(fame.ConfigError, match=r"robot 'ROVER'.*REX, DINGO"):
+    with pytest.raises(
+        fame.ConfigError,
+        match=r"scenario\.yaml:\d+: world\.robots\.ROVER: expected a robot of a pool \(REX, DINGO\), got 'ROVER'",
+    ):
         run(changed(tmp_path, ("    DINGO:", "    ROVER: {type: car, at: [5, 4]}\n    DINGO:")))
 
 
 def test_a_pool_without_a_robot_is_refused(tmp_path):
-    with pytest.raises(fame.ConfigError, match=r"pool 'DINGO' has no robot"):
+    with pytest.raises(fame.ConfigError, match=r"scenario\.yaml:\d+: world\.robots: pool 'DINGO' has no robot"):
         run(changed(tmp_path, ("    DINGO: {type: car, at: [-0.5, 3.5]}\n", "")))
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("network: {links: [{between: [REX, X], loss: 0.1}]}", r": network: unknown robot 'X'"),
+        ("variables: {REX: {sped: 1}}", r": variables\.REX\.sped: REX has no variable 'sped'"),
+        ("variables: {sped: 1}", r": variables\.sped: the mission has no variable 'sped'"),
+        ("variables: {REKS: {speed: 1}}", r": variables\.REKS: unknown robot 'REKS'"),
+    ],
+)
+def test_a_value_that_does_not_fit_the_model_is_refused_with_its_line(tmp_path, line: str, message: str):
+    with pytest.raises(fame.ConfigError, match=r"scenario\.yaml:\d+" + message):
+        run(changed(tmp_path, ("seed: 1", f"seed: 1\n{line}")))
+
+
+def test_a_model_that_is_not_there_is_refused_with_its_line(tmp_path):
+    (tmp_path / "s.yaml").write_text("seed: 1\nmodel: none.bpmn\n")
+    with pytest.raises(fame.ConfigError, match=r"s\.yaml:2: model: expected a file.*, got 'none\.bpmn'"):
+        run(tmp_path / "s.yaml")
 
 
 def test_an_unknown_key_is_refused_with_its_line(tmp_path):

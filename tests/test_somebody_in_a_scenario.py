@@ -72,10 +72,10 @@ def test_where_nobody_is_waited_for_it_is_reported_and_nothing_happens(model: Pa
 
 WRONG = {
     "{at: 7, robot: PORTR, element: load}": (
-        "s.yaml:3: unknown robot 'PORTR' in the completion of load; robots are: PORTER"
+        "s.yaml:3: complete[0].robot: unknown robot 'PORTR' in the completion of load; robots are: PORTER"
     ),
     "{at: 7, robot: PORTER, element: t}": (
-        "s.yaml:3: expected a user, manual or receive task of PORTER, got 't'; it has sign, load"
+        "s.yaml:3: complete[0].element: expected a user, manual or receive task of PORTER, got 't'; it has sign, load"
     ),
     "{at: -1, robot: PORTER, element: load}": "s.yaml:3: complete[0].at: expected a number of at least 0, got -1",
     "{robot: PORTER, element: load}": "s.yaml:3: complete[0]: expected the key at, as in {at: 12, robot: REX",

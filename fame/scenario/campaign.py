@@ -201,9 +201,14 @@ class Campaign:
 
     def check(self) -> None:
         """Raise the error of a scenario or model that is wrong for all values."""
+        from fame.config.loader import read_document
         from fame.scenario.run import Run
         from fame.scenario.scenario import Scenario
+        from fame.scenario.variation import changed
 
+        paths = [one.path for one in self.variation.distributions if one.path != FAULTS]
+        if paths and Path(self.scenario).suffix.lower() in (".yaml", ".yml"):
+            changed(read_document(self.scenario).data, dict.fromkeys(paths), self.scenario)
         Run(Scenario.load(self.scenario, duration=self.duration, library=self.library), False, None, None).close()
 
     def rows(self, done: Sequence[int] = ()) -> Iterator[Row]:

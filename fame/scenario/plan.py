@@ -14,6 +14,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
 from fame.bpmn.pools import Pool
 from fame.clock import EPOCH, parse_epoch
+from fame.config.values import Source
 from fame.engine.data import is_variable
 from fame.errors import ConfigError
 
@@ -93,7 +94,7 @@ _COMPLETE = "{at: 12, robot: REX, element: Task_Sign, values: {approved: true}}"
 class ScenarioFile:
     """The content of a scenario file. `computers` run pools too, but have no body in the world.
 
-    `completions` have their line each.
+    `completions` have their key path each; `source` has the line of each key.
     """
 
     model: Path
@@ -103,14 +104,17 @@ class ScenarioFile:
     duration: float = DURATION
     epoch: datetime = EPOCH
     library: tuple[Path, ...] = ()
-    completions: tuple[tuple[Completion, int], ...] = ()
+    completions: tuple[tuple[Completion, str], ...] = ()
     network: NetworkConfig | None = None
     variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    source: Source = field(default_factory=Source)
 
 
-def _beside(path: Path, name: str) -> Path:
+def _beside(path: Path, name: ConfigValue) -> Path:
     """A file that a scenario names, without ``folder/..`` in its path, unless a link makes that another file."""
-    whole = path.parent / name
+    whole = path.parent / name.text()
+    if not whole.is_file():
+        raise name.expected("a file, relative to the folder of the scenario")
     plain = Path(os.path.normpath(whole))
     return plain if whole.exists() and plain.exists() and plain.samefile(whole) else whole
 
@@ -126,15 +130,15 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
     if changes:
         document = replace(document, data=changed(document.data, changes, str(path)))
     keys = document.mapping(_KEYS)
-    model = document.required("model", "FILE.bpmn").text()
+    model = _beside(path, document.required("model", "FILE.bpmn"))
     world = None
     if "world" in keys and isinstance(keys["world"].data, str):
-        world = read_world(path.parent / keys["world"].data)
+        world = read_world(_beside(path, keys["world"]))
     elif "world" in keys:
         world = world_config(keys["world"])
     folders = keys["library"].items() if "library" in keys else []
     return ScenarioFile(
-        model=_beside(path, model),
+        model=model,
         world=world,
         computers=_computers(keys["computers"], world) if "computers" in keys else (),
         seed=keys["seed"].integer(minimum=0) if "seed" in keys else 0,
@@ -144,6 +148,7 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
         completions=tuple(map(_completion, keys["complete"].items())) if "complete" in keys else (),
         network=read_network(keys["network"]) if "network" in keys else None,
         variables=read_variables(keys["variables"]) if "variables" in keys else {},
+        source=document.source,
     )
 
 
@@ -164,22 +169,22 @@ def _computers(value: ConfigValue, world: WorldConfig | None) -> tuple[str, ...]
     return tuple(item.text() for item in value.items())
 
 
-def _completion(value: ConfigValue) -> tuple[Completion, int]:
+def _completion(value: ConfigValue) -> tuple[Completion, str]:
     keys = value.mapping(("at", "robot", "element", "values"))
     for key in ("at", "robot", "element"):
         if key not in keys:
             raise value.error(f"expected the key {key}, as in {_COMPLETE}")
     values = keys["values"].mapping() if "values" in keys else {}
-    for name, value in values.items():
+    for name, item in values.items():
         if not is_variable(name):
-            raise value.error(f"expected the name of a variable, got {name!r}")
+            raise item.error(f"expected the name of a variable, got {name!r}")
     done = Completion(
         robot=keys["robot"].text(),
         time=keys["at"].number(minimum=0),
         element=keys["element"].text(),
-        values={name: value.data for name, value in values.items()},
+        values={name: item.data for name, item in values.items()},
     )
-    return done, value.line
+    return done, value.path
 
 
 def read_scenario_world(path: Path) -> tuple[WorldConfig | None, int]:

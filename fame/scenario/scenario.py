@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process, Task
-from fame.bpmn.pools import Pool, assign_pools, pools_of
+from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of
 from fame.check.scope import Finding, of_error
+from fame.config.values import Source
 from fame.errors import ConfigError, FameError, ModelError, UnavailableError, expect
 from fame.robot import Event
 from fame.scenario.plan import Completion, Fault, Plan, ScenarioFile, read_scenario
@@ -82,13 +83,14 @@ class Scenario(Plan):
         world, cast = _assign(content, pools, robots, seed, str(path))
         _check_faults(faults, cast, str(path))
         tasks = {robot: list(_tasks(folders, definitions, pool.process)) for robot, pool in cast.items()}
-        wanted = [*content.completions, *((done, 0) for done in completions)]
-        for done, line in wanted:
-            _check_completion(done, tasks, str(path), line)
+        wanted = [*content.completions, *((done, "") for done in completions)]
+        for done, place in wanted:
+            _check_completion(done, tasks, content.source, place)
         joined = _joined(content.network, network)
-        check_network(joined, list(cast), str(path))
+        check_network(content.network, list(cast), content.source)
+        check_network(network, list(cast), Source(str(path)))
         given = _merged(content.variables, variables)
-        cast, chosen = with_parameters(cast, definitions, folders, given, str(path))
+        cast, chosen = with_parameters(cast, definitions, folders, given, content.source)
         return cls(
             file=str(path),
             definitions=definitions,
@@ -169,7 +171,16 @@ def _assign(
     world = _populated(content.world, counts, seed) if content.world is not None else None
     bodies = [robot.name for robot in world.robots] if world is not None else []
     names = [*bodies, *content.computers] if world is not None or content.computers else _names(pools, counts)
-    cast = assign_pools([pool for pool in pools if counts.get(pool.name) != 0], names, file=file)
+    expected = [pool for pool in pools if counts.get(pool.name) != 0]
+    for name in bodies if content.world is not None else []:
+        if not any(matches(name, pool) for pool in expected):
+            known = ", ".join(expected_robots(pool) for pool in expected)
+            text = f"expected a robot of a pool ({known}), got {name!r}"
+            raise content.source.error(f"world.robots.{name}", text)
+    try:
+        cast = assign_pools(expected, names, file=file)
+    except ConfigError as error:
+        raise content.source.error("world.robots" if world is not None else "", error.text) from None
     _check_numbers(pools, cast, file)
     return world, cast
 
@@ -218,7 +229,7 @@ def _scenario_file(path: Path, changes: Mapping[str, Any]) -> ScenarioFile:
     if path.suffix.lower() in (".bpmn", ".xml"):
         if changes:
             raise ConfigError("expected a scenario (.yaml) to change, got a model", file=str(path))
-        return ScenarioFile(model=path)
+        return ScenarioFile(model=path, source=Source(str(path)))
     raise ConfigError("expected a scenario (.yaml) or a model (.bpmn)", file=str(path))
 
 
@@ -250,15 +261,15 @@ def _tasks(library: Library, definitions: Definitions, process: Process) -> Iter
                 yield node.id
 
 
-def _check_completion(done: Completion, tasks: Mapping[str, Sequence[str]], file: str, line: int) -> None:
+def _check_completion(done: Completion, tasks: Mapping[str, Sequence[str]], source: Source, place: str) -> None:
     """Raise ConfigError for an unknown robot, and for an element that is not a task to complete."""
     if done.robot not in tasks:
         text = f"unknown robot {done.robot!r} in the completion of {done.element}; robots are: {', '.join(tasks)}"
-        raise ConfigError(text, file=file, line=line)
+        raise source.error(f"{place}.robot" if place else "", text)
     if done.element not in tasks[done.robot]:
         known = f"it has {', '.join(tasks[done.robot])}" if tasks[done.robot] else "it has none"
         text = f"expected a user, manual or receive task of {done.robot}, got {done.element!r}; {known}"
-        raise ConfigError(text, file=file, line=line)
+        raise source.error(f"{place}.element" if place else "", text)
 
 
 def with_semantics(definitions: Definitions, semantics: str) -> Definitions:

@@ -11,6 +11,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import DataObject, Definitions, Expression, FlowNode, Process, SubProcess
 from fame.bpmn.pools import Pool
 from fame.check.variables import parameters
+from fame.config.values import Source
 from fame.errors import ConfigError
 from fame.middleware.network import Delay, Link, NetworkConfig, Partition, names
 from fame.text import suggestion
@@ -89,11 +90,16 @@ def _pair(value: ConfigValue) -> tuple[str, str]:
     return robots[0], robots[1]
 
 
-def check_network(network: NetworkConfig | None, robots: Sequence[str], file: str) -> None:
+def check_network(network: NetworkConfig | None, robots: Sequence[str], source: Source) -> None:
     """Raise ConfigError if a network names a robot that is not there."""
     for name in names(network) if network is not None else ():
         if name not in robots:
-            raise ConfigError(f"unknown robot {name!r} in the network; {suggestion(name, robots)}", file=file)
+            raise _error(source, "network", f"unknown robot {name!r} in the network; {suggestion(name, robots)}")
+
+
+def _error(source: Source, path: str, text: str) -> ConfigError:
+    """An error of a key, or of a value that the caller has given in its place."""
+    return source.error(path, text) if path in source.lines else ConfigError(text, file=source.file)
 
 
 # ---- mission parameters ----------------------------------------------------------------------------------------------
@@ -115,7 +121,7 @@ def with_parameters(
     definitions: Definitions,
     library: Library,
     variables: Mapping[str, Mapping[str, Any]],
-    file: str,
+    source: Source,
 ) -> tuple[dict[str, Pool], dict[str, dict[str, Any]]]:
     """The pools of the robots with values set, and the variables that their processes start with.
 
@@ -127,7 +133,8 @@ def with_parameters(
     known = {robot: parameters(definitions, pool.process, library) for robot, pool in cast.items()}
     for robot in variables:
         if robot != ALL and robot not in cast:
-            raise ConfigError(f"unknown robot {robot!r} in variables; {suggestion(robot, cast)}", file=file)
+            text = f"unknown robot {robot!r} in variables; {suggestion(robot, cast)}"
+            raise _error(source, f"variables.{robot}", text)
     chosen: dict[str, dict[str, Any]] = {}
     for robot, values in variables.items():
         for name, value in values.items():
@@ -135,7 +142,8 @@ def with_parameters(
             if not having:
                 everyone = sorted({each for one in (known if robot == ALL else [robot]) for each in known[one]})
                 place = robot or "the mission"
-                raise ConfigError(f"{place} has no variable {name!r}; {suggestion(name, everyone)}", file=file)
+                text = f"{place} has no variable {name!r}; {suggestion(name, everyone)}"
+                raise _error(source, f"variables.{robot}.{name}" if robot != ALL else f"variables.{name}", text)
             for one in having:
                 if robot != ALL or name not in variables.get(one, {}):
                     chosen.setdefault(one, {})[name] = value

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
+from fame.config.values import Source
 from fame.engine.state import Trail, scopes_of
 from fame.engine.waiting import check_conditions
 from fame.errors import ConfigError, FameError
@@ -276,7 +277,7 @@ class MissionUnderTest:
 
     def _set_parameters(self, variables: Mapping[str, Mapping[str, Any]]) -> None:
         old = self.scenario
-        cast, chosen = with_parameters(old.cast, old.definitions, old.library, variables, old.file)
+        cast, chosen = with_parameters(old.cast, old.definitions, old.library, variables, Source(old.file))
         merged = {robot: {**old.variables.get(robot, {}), **chosen.get(robot, {})} for robot in old.cast}
         self.scenario = replace(old, cast=cast, variables=merged)
 

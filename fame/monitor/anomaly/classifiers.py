@@ -50,16 +50,19 @@ def make(candidate: Candidate, folder: Path) -> Any:
         parameters = dict(candidate.parameters)
         chain = parameters.pop("chain", None)
         if chain is None:
-            raise ConfigError("PathDetector needs the parameter chain: the arm's kinematics", element=candidate.name)
+            raise candidate.error("parameters", "expected the key chain: the arm's kinematics, for PathDetector")
         margin = parameters.get("margin", 1.0)
         if type(margin) not in (int, float) or not 0 < margin < inf:
-            raise ConfigError(f"expected a margin above 0, got {margin!r}", element=candidate.name)
-        chain = chain if isinstance(chain, dict) else folder / str(chain)
+            raise candidate.error("parameters.margin", f"expected a number above 0, got {margin!r}")
+        if not isinstance(chain, dict):
+            chain = folder / str(chain)
+            if not chain.is_file():
+                raise candidate.error("parameters.chain", f"expected a file, got {str(chain)!r}")
         return _build(PathDetector, candidate, {"chain": load_chain(chain), **parameters})
     module = _HOMES.get(candidate.cls.rpartition(".")[2])
     if module is None:
         known = ", ".join(sorted([*_HOMES, "PathDetector"]))
-        raise ConfigError(f"expected a class of {known}, got {candidate.cls!r}", element=candidate.name)
+        raise candidate.error("class", f"expected one of {known}, got {candidate.cls!r}")
     try:
         cls = getattr(import_module(f"sklearn.{module}"), candidate.cls.rpartition(".")[2])
     except ImportError:
@@ -74,7 +77,7 @@ def _build(cls: Any, candidate: Candidate, parameters: dict[str, Any]) -> Any:
     try:
         return cls(**parameters)
     except TypeError as error:
-        raise ConfigError(f"{candidate.cls} rejects its parameters: {error}", element=candidate.name) from None
+        raise candidate.error("parameters", f"expected the parameters of {candidate.cls}: {error}") from None
 
 
 def expand_candidates(learning: Learning) -> Iterator[Candidate]:
@@ -95,6 +98,7 @@ def expand_candidates(learning: Learning) -> Iterator[Candidate]:
             yield Candidate(
                 name, candidate.cls, {**candidate.parameters, **chosen}, reduction,
                 candidate.scaling or learning.scaling, _threshold(candidate, learning), candidate.unique,
+                candidate.place,
             )  # fmt: skip
 
 

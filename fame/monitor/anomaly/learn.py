@@ -165,6 +165,8 @@ def _learn(
 ) -> list[TrainedClassifier]:
     every = list(expand_candidates(learning))
     candidates = [candidate for candidate in every if candidate.combined is None]
+    for candidate in candidates:
+        make(candidate, learning.file.parent)  # a wrong one is refused before the first fit
     tasks = [
         _Task(number, fold) for number in range(len(candidates)) for fold in _folds(candidates[number], learning, data)
     ]

@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from fame.config.loader import read_document
-from fame.config.values import ConfigValue
+from fame.config.values import ConfigValue, join
 from fame.errors import ConfigError
 from fame.monitor.calibration import false_alarm_rate
 
@@ -62,7 +62,7 @@ class DataFile:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A classifier to try. None for `reduction`, `scaling` or `threshold`: as for all."""
+    """A classifier to try. None for `reduction`, `scaling` or `threshold`: as for all. `place`: its entry."""
 
     name: str
     cls: str
@@ -71,6 +71,13 @@ class Candidate:
     scaling: str | None = None
     threshold: Threshold | None = None
     unique: bool = False
+    place: ConfigValue = field(default_factory=lambda: ConfigValue(None), repr=False, compare=False)
+
+    def error(self, key: str, text: str) -> ConfigError:
+        """An error about one of its keys, or about a default classifier."""
+        if not self.place.path:
+            return ConfigError(text, element=self.name)
+        return self.place.source.error(join(self.place.path, key), text)
 
     @property
     def combined(self) -> tuple[str, tuple[str, ...]] | None:
@@ -194,6 +201,7 @@ def _candidate(value: ConfigValue) -> Candidate:
         scaling=_scaling(parts["scaling"]) if "scaling" in given else None,
         threshold=_threshold(parts["threshold"]) if "threshold" in given else None,
         unique=parts["unique"].boolean() if "unique" in parts else False,
+        place=value,
     )
 
 

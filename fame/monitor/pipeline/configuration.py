@@ -208,7 +208,8 @@ def _type(value: ConfigValue, imports: Mapping[str, str]) -> str:
     try:
         return messages.message_type(name).__msgtype__
     except MessageError as error:
-        raise value.error(f"{error}, and it is not among the Imports: {', '.join(imports) or 'none'}") from None
+        known = ", ".join(imports) or "none"
+        raise value.error(f"expected a message type or one of the Imports ({known}), got {error}") from None
 
 
 def _import(name: str, value: ConfigValue, folder: Path) -> str:
