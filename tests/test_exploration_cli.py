@@ -6,13 +6,15 @@ import json
 import re
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
 from collaborations import Steps, text_of
+from deployment_field import Field
 
-from fame.cli import main
+from fame.cli import deployment, main
 from fame.log import Recording
 
 
@@ -182,3 +184,18 @@ def test_paths_are_short(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_mission_that_may_deadlock_is_not_deployed(broken: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["deploy", "--explore", str(broken)]) == 1
     assert "not deployed: lost signal: A waits at" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("robots", "code"), [(["F_4", "F_7"], 0), (["F_4"], 1)])
+def test_a_deployment_explores_the_robots_that_it_finds(
+    robots: list[str], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, field = tmp_path / "fleet.bpmn", Field("C", *robots)
+    steps: dict[str, Steps] = {"C": ["throw go", "catch done", "catch done"], "F": ["catch go", "work", "throw done"]}
+    path.write_text(text_of(steps, ["F"]))
+    monkeypatch.setattr(deployment, "connected", lambda _: nullcontext((field.scheduler, field.middleware)))
+    assert main(["deploy", "--explore", str(path), "--wait", "1"]) == code
+    shown = capsys.readouterr()
+    assert f"all states explored (C, {', '.join(robots)}; delivery run and fast)" in shown.err
+    assert ("not deployed: deadlock: C waits at" in shown.err) is bool(code)
+    assert any(one.deployment for one in field.said) is not bool(code)

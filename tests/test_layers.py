@@ -22,6 +22,7 @@ FLOORS = (
         "fame.clock",
         "fame.iso8601",
         "fame.errors",
+        "fame.gc_tuning",
         "fame.imports",
         "fame.text",
     ),

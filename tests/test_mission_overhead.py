@@ -47,14 +47,14 @@ def test_a_recording_is_the_same_in_one_piece_and_in_many(
 
 
 def test_garbage_is_collected_when_the_mission_ends_and_then_as_before(mission: MissionLoader) -> None:
-    gc.set_threshold(500, 10, 10)
+    gc.set_threshold(90_000, 10, 10)
     with collected_at_end():
         mission.load(VEHICLES).advance(1)
         assert gc.get_threshold()[0] == 100_000
         mission.close()
         mission.loaded.clear()
-    assert gc.get_threshold() == (500, 10, 10)
-    assert not any(isinstance(one, RobotNode) for one in gc.get_objects(generation=1))
+    assert gc.get_threshold() == (90_000, 10, 10)
+    assert not any(isinstance(one, RobotNode) for one in gc.get_objects())
 
 
 @pytest.mark.parametrize(("fixture", "loaded"), [("mission", True), ("tmp_path", False)])

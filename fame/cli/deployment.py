@@ -8,7 +8,7 @@ deployments, and the identities that prove the names of robots.
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,9 @@ from fame.cli.output import note, print_json, table
 from fame.errors import ConfigError, DeploymentError, FameError
 
 if TYPE_CHECKING:
+    from fame.bpmn.library import Library
     from fame.bpmn.model import Definitions
+    from fame.bpmn.pools import Pool
     from fame.clock import WallScheduler
     from fame.deploy import Deployment, SplitterNode
     from fame.middleware.interface import Middleware
@@ -51,7 +53,8 @@ def add_deploy(commands: Commands) -> None:
     )
     parser.add_argument(
         "--explore", action="store_true",
-        help="first explore its reachable states (fame check --explore); send nothing after an error",
+        help="first explore its reachable states (fame check --explore) with the robots that were found; send nothing "
+        "after an error",
     )  # fmt: skip
     add_network(parser)
     add_library(parser)
@@ -73,12 +76,18 @@ def run_deploy(arguments: Namespace) -> int:
     names, pools = arguments.to, pools_of(definitions)
     sent = [pool.process for pool in pools if not names or any(matches(robot, pool) for robot in names)]
     refuse_errors(definitions, sent, library, sent=True)  # before any robot is looked for
-    if arguments.explore:
-        _refuse_deadlocks(definitions, arguments.library)
+    at_once = not any(pool.multi_instance for pool in pools)  # the robots are known before they are found
+    if arguments.explore and at_once:
+        _refuse_deadlocks(definitions, library, {})
+
+    def examine(found: Mapping[str, Pool]) -> None:
+        if arguments.explore and not at_once:
+            _refuse_deadlocks(definitions, library, found)
+
     with connected(arguments) as (scheduler, middleware):
         options = {"library": library, "patience": arguments.wait, "key": key, "who": person()}
         sending = Sending(definitions, scheduler, middleware, **options, **migrated.options)
-        deployment = sending.deploy(arguments.to, arguments.wait, note)
+        deployment = sending.deploy(arguments.to, arguments.wait, note, examine)
         if migrated.dry:
             return migrated.show(deployment)
         _print_outcome(deployment, migrated, json=arguments.json)
@@ -88,17 +97,20 @@ def run_deploy(arguments: Namespace) -> int:
     return 1 if deployment.failed else 0
 
 
-def _refuse_deadlocks(definitions: Definitions, library: Sequence[Path]) -> None:
-    """Raise DeploymentError for a mission that may deadlock or never complete; a note if not all is explored."""
-    from fame.check.explore.findings import FAILING
-    from fame.scenario.exploration import explore
+def _refuse_deadlocks(definitions: Definitions, library: Library, found: Mapping[str, Pool]) -> None:
+    """Raise DeploymentError for a mission that may deadlock or never complete; a note if not all is explored.
 
-    result = explore(definitions, library=library)
+    The robots are those that were `found`; a pool without one has as many as `fame check --explore` takes.
+    """
+    from fame.check.explore.findings import FAILING
+    from fame.scenario.exploration import explore_found
+
+    result = explore_found(definitions, library, found)
     note(result.summary())
-    found = [one for one in result.findings if one.kind in FAILING and not one.accepted]
-    if found:
-        more = f"; and {len(found) - 1} more: fame check --explore" if len(found) > 1 else ""
-        raise DeploymentError(f"not deployed: {found[0].text}{more}")
+    faults = [one for one in result.findings if one.kind in FAILING and not one.accepted]
+    if faults:
+        more = f"; and {len(faults) - 1} more: fame check --explore" if len(faults) > 1 else ""
+        raise DeploymentError(f"not deployed: {faults[0].text}{more}")
 
 
 def _print_outcome(deployment: Deployment, migrated: migration.Migration, *, json: bool) -> None:

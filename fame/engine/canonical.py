@@ -10,8 +10,7 @@ Invariant: ``canonical(revived(form)) == form``.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
@@ -20,8 +19,9 @@ from fame.engine.data import Variables
 from fame.engine.host import Host
 from fame.engine.interpreter import Engine
 from fame.engine.program import USER, Body, Node, Program
+from fame.engine.revival import Content, Given, Revival
 from fame.engine.snapshot import OF_NO_PROGRAM, is_data
-from fame.engine.state import Instance, Mailbox, Record, Scope, Wait
+from fame.engine.state import Mailbox, Record, Scope, Wait
 from fame.engine.tasks import SCRIPT
 
 Form = tuple[Any, ...]
@@ -93,47 +93,33 @@ class Forms:
         self.constant = constant
         self.counts: list[int] = [0] * len(program.elements)
         """Completions of elements, summed over all restored engines."""
-        self.contents: list[_Content] = []
+        self.contents: list[Content] = []
         self._content_numbers: dict[Form, int] = {}
-        self.given: dict[int, tuple[dict[str, Any], _Content]] = {}
-        """The dicts of variables of the engine that was restored last, by id, with their contents at that time."""
+        self.given: dict[int, Given] = {}
+        """The dicts of variables of the engine that was restored last, by id."""
         self.program, self.encode, self.decode, self.kept = program, encode, decode, kept
         self.nodes: tuple[Node, ...] = (*program.nodes, *OF_NO_PROGRAM)
         self.numbers: dict[Node, int] = {node: number for number, node in enumerate(self.nodes)}
         self.bodies: list[Body] = [program.body, *(node.body for node in program.nodes if node.body is not None)]
         self.body_numbers: dict[Body, int] = {body: place for place, body in reversed(list(enumerate(self.bodies)))}
 
-    def canonical(self, engine: Engine) -> tuple[Form, Keys]:
-        """The form of an engine that is not running, and the numbers of its keys. No script may be ending."""
+    def walk(self, engine: Engine) -> Walk:
+        """A walk over an engine that is not running, which gives its form. No script may be ending."""
         if engine.ready or engine.cancelling or engine.held is not None:
             raise RuntimeError("a form is taken between two stimuli, when nothing is being cancelled or held")
-        return _Walk(self, engine).form()
+        return Walk(self, engine)
 
     def content(self, own: Form) -> int:
         """The number of the content of a dict of variables: (name, code), sorted."""
         number = self._content_numbers.get(own)
         if number is None:
             number = self._content_numbers[own] = len(self.contents)
-            self.contents.append(_Content(own, self))
+            self.contents.append(Content(number, own, self))
         return number
 
     def revived(self, form: Form, host: Host, new_variables: Callable[[], dict[str, Any]], *, moves: int) -> Engine:
         """A new engine of that form; `moves` as of `Engine`."""
-        return _Revival(self, form, Engine(self.program, host, new_variables, moves=moves)).engine
-
-
-class _Content:
-    """The content of a dict of variables. `codes`: those of the mutable values, decoded for each engine.
-
-    constants  the immutable values with their codes
-    """
-
-    __slots__ = ("codes", "constants", "values")
-
-    def __init__(self, own: Form, forms: Forms) -> None:
-        self.values = {name: forms.decode(code) for name, code in own if forms.constant(code)}
-        self.constants = {name: (self.values[name], code) for name, code in own if name in self.values}
-        self.codes = [(name, code) for name, code in own if name not in self.values]
+        return Revival(self, form, Engine(self.program, host, new_variables, moves=moves)).engine
 
 
 # ---- to the form -------------------------------------------------------------------------------------
@@ -142,13 +128,18 @@ class _Content:
 _KEY = attrgetter("key")
 
 
-class _Walk:
-    """One walk over an engine, which gives its form."""
+class Walk:
+    """One walk over an engine, which gives its form.
+
+    scopes  all scopes, outer before inner
+    """
+
+    scopes: list[Scope]
 
     def __init__(self, forms: Forms, engine: Engine) -> None:
         self.forms, self.engine, self.nodes = forms, engine, forms.numbers
         self.number: dict[Any, int] = {}  # scope, wait or mailbox -> number, from 1
-        self.scopes: list[Scope] = []
+        self.scopes = []
         self.waits: list[Wait] = []
         self.boxes: list[Mailbox] = []
         self.dicts: dict[int, int] = {}
@@ -190,6 +181,7 @@ class _Walk:
             self.boxes.append(box)
 
     def form(self) -> tuple[Form, Keys]:
+        """The form of the engine, and the numbers of its keys."""
         engine, nodes, number = self.engine, self.nodes, self.number
         for box in self.boxes:
             number[box] = len(number) + 1
@@ -197,22 +189,22 @@ class _Walk:
         keys = {wait.key: number[wait] for wait in self.waits}
         first = len(number) + 1
         keys.update((key, first + place) for place, (key, _) in enumerate(starts))
-        mail = self._mail_ranks()
+        mail = self._mail_ranks() if self.boxes or engine.waiting_starts else {}
         listeners = tuple(
             (topic, tuple([number[each] for each in found])) for topic, found in sorted(engine.listeners.items())
         )
         form = (
             tuple([(number[one.root], self._dict(one.root_variables)) for one in engine.instances.values()]),
             tuple([self._scope(scope) for scope in self.scopes]),
-            tuple([self._wait(wait) for wait in self.waits]),
+            self._waits(),
             tuple([self._box(box, mail) for box in self.boxes]) if self.boxes else (),
             listeners,
             tuple([number[wait] for wait in engine.conditions]) if engine.conditions else (),
             tuple(sorted([number[wait] for wait in engine.waits.values()])),
             tuple(sorted([number[scope] for scope in engine.inclusive])) if engine.inclusive else (),
             tuple([nodes[node] for _, node in starts]),
-            self._waiting_starts(mail),
-            self._gathered(),
+            self._waiting_starts(mail) if engine.waiting_starts else (),
+            self._gathered() if engine.gathered else (),
             tuple([number[each] for each in sorted(number, key=_KEY)]) if self.suspended else (),
             tuple(self.variables),
         )
@@ -231,18 +223,36 @@ class _Walk:
     def _content(self, variables: dict[str, Any]) -> int:
         """The number of the content of a dict of variables."""
         forms = self.forms
-        encode, kept = forms.variable, forms.kept
         given = forms.given.get(id(variables))
-        known = given[1].constants if given is not None else {}
-        own = []
-        for name in sorted(variables):
-            value = variables[name]
-            constant = known.get(name)
-            if constant is not None and constant[0] is value:
-                own.append((name, constant[1]))
-            elif kept(name) and is_data(name, value):
-                own.append((name, encode(name, value)))
-        return forms.content(tuple(own))
+        changed = given.changed() if given is not None else None
+        if given is None or changed is None:
+            codes = self._codes(variables, variables)
+        else:
+            known, fresh = given.content.known, self._codes(variables, changed)
+            if all(known.get(name) == fresh.get(name) for name in changed):  # both None for what is not in the form
+                return given.content.number
+            codes = {name: code for name, code in known.items() if name not in changed} | fresh
+        return forms.content(tuple(sorted(codes.items())))
+
+    def _codes(self, variables: dict[str, Any], names: Iterable[str]) -> dict[str, Hashable]:
+        """The codes of those of these variables that belong to the form."""
+        encode, kept = self.forms.variable, self.forms.kept
+        found = dict[str, Hashable]()
+        for name in names:
+            if kept(name) and is_data(name, value := variables[name]):
+                found[name] = encode(name, value)
+        return found
+
+    def dissolve(self) -> None:
+        """Take the engine apart, so that it is freed at once: its parts refer to each other."""
+        del self.engine.emit
+        for instance in self.engine.instances.values():
+            del instance.root
+        for scope in self.scopes:
+            scope.children.clear()
+            scope.arms, scope.mail, scope.suspender = (), None, None
+        for wait in self.waits:
+            wait.arms, wait.box = (), None
 
     def _scope(self, scope: Scope) -> Hashable:
         nodes, number = self.nodes, self.number
@@ -272,24 +282,25 @@ class _Walk:
     def _record(self, record: Record) -> Hashable:
         return (self.nodes[record.node], self._dict(record.variables), tuple(map(self._record, record.inner)))
 
-    def _wait(self, wait: Wait) -> Hashable:
-        number, owner = self.number, wait.owner
-        due = 0
-        if wait.due:
-            due = 1 + sum(0 < other.due < wait.due for other in self.waits)
-        return (
-            self.nodes[wait.node],
-            number[wait.scope],
-            wait.token,
-            number[owner] if owner is not None else 0,
-            wait in wait.scope.children,
-            wait.started,
-            wait.true,
-            wait.paused,
-            due,
-            tuple([number[arm] for arm in wait.arms]) if wait.arms else (),
-            number[wait.box] if wait.box is not None else 0,
-        )
+    def _waits(self) -> Form:
+        nodes, number = self.nodes, self.number
+        found = []
+        for wait in self.waits:
+            scope, owner, arms, box = wait.scope, wait.owner, wait.arms, wait.box
+            found.append((
+                nodes[wait.node],
+                number[scope],
+                wait.token,
+                number[owner] if owner is not None else 0,
+                wait in scope.children,
+                wait.started,
+                wait.true,
+                wait.paused,
+                1 + sum(0 < other.due < wait.due for other in self.waits) if wait.due else 0,
+                tuple([number[arm] for arm in arms]) if arms else (),
+                number[box] if box is not None else 0,
+            ))  # fmt: skip
+        return tuple(found)
 
     def _box(self, box: Mailbox, ranks: dict[int, int]) -> Hashable:
         encode, number = self.forms.encode, self.number
@@ -320,137 +331,6 @@ class _Walk:
                                  for keys, found in sets))
             for whole, sets in sorted(self.engine.gathered.items(), key=lambda item: nodes[item[0]])
         )  # fmt: skip
-
-
-# ---- from the form -------------------------------------------------------------------------------------
-
-
-class _Revival:
-    """Restores an engine from its form."""
-
-    def __init__(self, forms: Forms, form: Form, engine: Engine) -> None:
-        self.forms, self.engine, self.nodes = forms, engine, forms.nodes
-        (instances, scopes, waits, boxes, listeners, conditions, named, inclusive, starts, waiting, gathered, order,
-         variables) = form  # fmt: skip
-        self.dicts: list[dict[str, Any]] = []
-        forms.given = {}
-        for outer, content in variables:
-            self.dicts.append(self._dict(outer, forms.contents[content]))
-        count = len(scopes) + len(waits) + len(boxes)
-        self.keys: list[int] = list(range(count + 1))
-        for rank, number in enumerate(order):
-            self.keys[number] = rank + 1
-        engine.counter = count + len(starts)
-        self.all: list[Any] = [None]
-        roots = dict(instances)
-        for number, item in enumerate(scopes, 1):
-            self.all.append(self._scope(number, item, roots))
-        for item in waits:
-            self.all.append(self._wait(len(self.all), item))
-        for item in boxes:
-            self.all.append(self._box(len(self.all), item))
-        self._connect(scopes, waits, boxes)
-        everything = self.all
-        engine.listeners = {topic: {everything[one]: None for one in found} for topic, found in listeners}
-        engine.conditions = {everything[one]: None for one in conditions}
-        engine.waits = {everything[one].key: everything[one] for one in named}
-        engine.inclusive = {everything[one]: None for one in inclusive}
-        engine.armed_starts = {count + 1 + place: self.nodes[node] for place, node in enumerate(starts)}
-        if waiting or gathered:
-            self._starts(waiting, gathered)
-
-    def _dict(self, outer: int, content: _Content) -> dict[str, Any]:
-        if outer >= 0:
-            values = content.values | {name: self.forms.decode(code) for name, code in content.codes}
-            return Variables(self.dicts[outer], values)
-        variables = self.engine.new_variables()
-        variables.update(content.values)
-        for name, code in content.codes:
-            variables[name] = self.forms.decode(code)
-        self.forms.given[id(variables)] = variables, content
-        return variables
-
-    def _scope(self, number: int, item: Form, roots: dict[int, int]) -> Scope:
-        parent, node, body, variables, tokens, state, _, joins, rare = item
-        nodes = self.nodes
-        scope = Scope(
-            self.keys[number],
-            self.all[parent],
-            nodes[node] if node >= 0 else None,
-            self.forms.bodies[body] if body >= 0 else None,
-            self.dicts[variables],
-        )
-        scope.tokens, scope.state = tokens, state
-        if not parent:
-            instance = Instance(scope.key, self.engine.program, self.dicts[roots[number]])
-            instance.counts = self.forms.counts
-            scope.instance, scope.counts, instance.root = instance, instance.counts, scope
-            self.engine.instances[scope.key] = instance
-        else:
-            self.all[parent].children[scope] = None
-        scope.instance.scopes += 1
-        if joins:
-            scope.joins = {nodes[join]: list(counts) for join, counts in joins}
-        if rare is not None:
-            _, handles, _, held, items, done = rare
-            scope.handles = tuple(nodes[each] for each in handles)
-            scope.held = tuple(nodes[each] for each in held)
-            scope.items = self.forms.decode(items)
-            scope.done = None if done is None else [self._record(each) for each in done]
-        return scope
-
-    def _record(self, item: Form) -> Record:
-        node, variables, inner = item
-        return Record(self.nodes[node], self.dicts[variables], [self._record(each) for each in inner])
-
-    def _wait(self, number: int, item: Form) -> Wait:
-        node, place, token, _, child, started, true, paused, due, _, _ = item
-        scope = self.all[place]
-        wait = Wait(self.keys[number], self.nodes[node], scope, token)
-        wait.started, wait.true, wait.paused, wait.due = started, true, paused, due
-        if child:
-            scope.children[wait] = None
-        return wait
-
-    def _box(self, number: int, item: Form) -> Mailbox:
-        node, scope, messages, waits = item
-        box = Mailbox(self.keys[number], self.nodes[node], self.all[scope])
-        box.messages.extend((rank, self.forms.decode(message)) for rank, message in messages)
-        box.waits = {self.all[each]: None for each in waits}
-        return box
-
-    def _connect(self, scopes: Form, waits: Form, boxes: Form) -> None:
-        everything = self.all
-        for number, item in enumerate(scopes, 1):
-            scope = everything[number]
-            if item[6]:
-                scope.arms = tuple([everything[arm] for arm in item[6]])
-            if item[8] is not None:
-                mail, _, suspender, _, _, _ = item[8]
-                if mail is not None:
-                    scope.mail = {everything[box].node: everything[box] for box in mail}
-                if suspender:
-                    scope.suspender, scope.mark = everything[suspender], everything[suspender].key
-        for number, item in enumerate(waits, len(scopes) + 1):
-            wait = everything[number]
-            if item[3]:
-                wait.owner = everything[item[3]]
-            if item[9]:
-                wait.arms = tuple([everything[arm] for arm in item[9]])
-            if item[10]:
-                wait.box = everything[item[10]]
-
-    def _starts(self, waiting: Form, gathered: Form) -> None:
-        engine, nodes, decode = self.engine, self.nodes, self.forms.decode
-        for number, kept in waiting:
-            node = nodes[number]
-            assert node.catch is not None
-            messages = ((rank, decode(message)) for rank, message in kept)
-            engine.waiting_starts[node] = deque(messages, maxlen=node.catch.queue)
-        for whole, sets in gathered:
-            engine.gathered[nodes[whole]] = [
-                (decode(keys), {nodes[one]: decode(message) for one, message in found}) for keys, found in sets
-            ]
 
 
 def waiting_elements(engine: Engine) -> Iterator[tuple[str, str]]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from fame.bpmn.model import Definitions
+from fame.bpmn.pools import Pool
 from fame.clock import SECOND, WallScheduler
 from fame.deploy import Deployment, LateJoiners, engines
 from fame.deploy.assignment import assign_robots
@@ -32,13 +34,18 @@ class Sending:
         self.definitions, self.scheduler, self.middleware, self._options = definitions, scheduler, middleware, options
 
     def deploy(
-        self, only: Sequence[str], patience: float, log: Callable[[str], object] = lambda text: None
+        self,
+        only: Sequence[str],
+        patience: float,
+        log: Callable[[str], object] = lambda text: None,
+        examine: Callable[[Mapping[str, Pool]], object] = lambda pools: None,
     ) -> Deployment:
-        """Deploy to the present engines and wait up to `patience` s for missing ones, which are reported to `say`.
+        """Deploy to the present engines and wait up to `patience` s for missing ones, which are reported to `log`.
 
-        Raises DeploymentError, ConfigError if some are missing.
+        `examine` is called with the pool of each robot before anything is sent. Raises DeploymentError, ConfigError if
+        some are missing, and what `examine` raises.
         """
-        self._find(only, patience, log)
+        examine(self._find(only, patience, log))
         try:
             deployment = self._begin(only, (), lambda _: self.scheduler.stop())
         except ConfigError as error:  # an engine has left in the meantime
@@ -64,14 +71,14 @@ class Sending:
         run_until_signal(self.scheduler)
         late_joiners.close()
 
-    def _find(self, only: Sequence[str], patience: float, log: Callable[[str], object]) -> None:
-        """Wait until every pool has its robots."""
+    def _find(self, only: Sequence[str], patience: float, log: Callable[[str], object]) -> Mapping[str, Pool]:
+        """Wait until every pool has its robots; the pool of each robot."""
         begun, reported = self.scheduler.now, False
         until = begun + round(patience * SECOND)
         while True:
             self.scheduler.run(self.scheduler.now + SECOND // 20)
             try:
-                assign_robots(self.definitions, engines(self.middleware), found=True, only=only)
+                found = assign_robots(self.definitions, engines(self.middleware), found=True, only=only)
             except (ConfigError, DeploymentError) as error:
                 if self.scheduler.now < until:
                     if not reported and self.scheduler.now > begun + SECOND:
@@ -82,6 +89,9 @@ class Sending:
                 raise DeploymentError(text) from None
             break
         self.scheduler.run(self.scheduler.now + _FINDING)  # for others of a multi-instance pool
+        with suppress(ConfigError, DeploymentError):  # an engine has left in the meantime: `_begin` says so
+            found = assign_robots(self.definitions, engines(self.middleware), found=True, only=only)
+        return found
 
     def _begin(self, only: Sequence[str], again: Collection[str], ended: Callable[[Deployment], object]) -> Deployment:
         number = time.time_ns()

@@ -84,6 +84,17 @@ def explore(
     return explore_team(definitions, found, cast, request)
 
 
+def explore_found(definitions: Definitions, library: Library, found: Mapping[str, Pool]) -> Exploration:
+    """Explore a collaboration with the robots that were found for it (robot -> pool).
+
+    A pool without a robot has as many as `explore` takes. Raises ModelError and ConfigError.
+    """
+    there = {pool.name for pool in found.values()}
+    missing = [pool for pool in pools_of(definitions) if pool.name not in there]
+    others = assign_pools(missing, _names(missing, {}), file=definitions.file)
+    return explore_team(definitions, library, {**found, **others}, Request())
+
+
 def explore_migrated(
     definitions: Definitions,
     library: Library,
@@ -121,11 +132,16 @@ def cast_of(
             known = ", ".join(pool.name for pool in pools if pool.multi_instance) or "none"
             raise ConfigError(f"unknown multi-instance pool {name!r}; there are: {known}", file=definitions.file)
     counts = {name.casefold(): count for name, count in robots.items()}
+    found = Library(library)
+    for pool in pools:
+        found.closure(definitions, pool.process)
+    return definitions, found, assign_pools(pools, _names(pools, counts), file=definitions.file)
+
+
+def _names(pools: Sequence[Pool], counts: Mapping[str, int]) -> list[str]:
+    """The robots of some pools; `counts` by name in small letters, where their number is given."""
     names = []
     for pool in pools:
         count = counts.get(pool.name.casefold(), max(FEWEST, pool.minimum))
         names += [f"{pool.name}_{n}" for n in range(1, count + 1)] if pool.multi_instance else [pool.name]
-    found = Library(library)
-    for pool in pools:
-        found.closure(definitions, pool.process)
-    return definitions, found, assign_pools(pools, names, file=definitions.file)
+    return names

@@ -16,6 +16,7 @@ from fame.bpmn.pools import pools_of, shared_topics
 from fame.check.gate import refuse_literals
 from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError
+from fame.gc_tuning import rarely_collected
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.network import Network
 from fame.monitor.services import SERVICES
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
 
 _SLICE = 1.0  # simulated s between two progress reports at most
 _PROGRESS = 0.1  # wall s between two progress reports
-_THRESHOLDS = 100_000, 20, 100
-"""Garbage collection thresholds: the youngest generation holds all messages in flight at an instant."""
+_YOUNG = 100_000
+"""New objects after which garbage is collected: more than all messages in flight at an instant."""
 _RUNS = itertools.count(1)
 """The runs of this process; before each of so many (`_COLLECTED`) its garbage is collected."""
 _COLLECTED = 8
@@ -336,11 +337,9 @@ def seldom_collected() -> Iterator[None]:
     """
     if next(_RUNS) % _COLLECTED == 0:
         gc.collect()
-    former = gc.get_threshold()
     gc.freeze()
-    gc.set_threshold(*_THRESHOLDS)
     try:
-        yield
+        with rarely_collected(_YOUNG):
+            yield
     finally:
-        gc.set_threshold(*former)
         gc.unfreeze()

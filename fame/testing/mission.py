@@ -22,6 +22,7 @@ from fame.config.values import Source
 from fame.engine.state import Trail, scopes_of
 from fame.engine.waiting import check_conditions
 from fame.errors import ConfigError, FameError
+from fame.gc_tuning import rarely_collected
 from fame.log.recorder import About, PutScene, Recorder, recording_to
 from fame.middleware import messages
 from fame.middleware.interface import resolve
@@ -495,12 +496,10 @@ def collected_at_end() -> Iterator[None]:
     A robot and its engine refer to each other, so that missions are garbage when they are closed. If they grew old, the
     collection of a dozen missions would take place in the middle of any test, which would seem to be slow.
     """
-    former = gc.get_threshold()
-    gc.set_threshold(_YOUNG, *former[1:])
     try:
-        yield
+        with rarely_collected(_YOUNG):
+            yield
     finally:
-        gc.set_threshold(*former)
         gc.collect(0)
 
 

@@ -27,6 +27,7 @@ from fame.check.expressions import expressions_in
 from fame.engine import Program
 from fame.engine.snapshot import Data
 from fame.errors import ModelError, expect
+from fame.gc_tuning import rarely_collected
 
 LIMIT = 200_000
 """States of all deliveries together, by default."""
@@ -34,6 +35,8 @@ DELIVERIES: tuple[Delivery, ...] = ("run", "fast")
 """What is explored by default, one after the other."""
 OF_WHOLE_MISSIONS: tuple[Kind, ...] = ("always-lost", "unneeded", "unstarted", "unreachable")
 """Kinds of findings that mean nothing if a mission is explored from its middle."""
+_YOUNG = 50_000
+"""New objects after which garbage is collected: states stay, and engines are freed without it."""
 _NAMES_ITSELF = re.compile(r"\brobot\b(?!\s*\.\s*(?:publish|subscribe|latest|call|act|now|date)\b)")
 """Texts by which a robot may know its own name."""
 
@@ -315,7 +318,8 @@ def _explored(team: Team, begun: float) -> Exploration:
         if left <= 0 or stop():
             searches.append(Searched(delivery, 0, 0, 0.0, (f"no budget is left for delivery {delivery}",)))
             continue
-        searched, found = team.search(delivery, left, stop)
+        with rarely_collected(_YOUNG):
+            searched, found = team.search(delivery, left, stop)
         searches.append(searched)
         left -= searched.states
         for one in found:

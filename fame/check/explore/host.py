@@ -7,6 +7,7 @@ be computed leave unknown variables. Methods without a docstring are those of `f
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Set
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +22,7 @@ from fame.engine.host import BpmnError
 from fame.engine.state import Trail
 from fame.errors import FameError, ModelError
 from fame.iso8601 import parse_duration
-from fame.middleware import typesystem
+from fame.middleware import messages, typesystem
 from fame.scripting import compile_expression, compile_script, script_names
 from fame.scripting.interface import interface
 
@@ -100,7 +101,10 @@ class ExplorationHost:
         self.decisions: tuple[int, ...] = ()
         self.place = ""
         self.kept: Callable[[str], bool] = lambda name: True
-        self._blank: dict[str, tuple[Any, int]] = {}
+        self._blank: dict[str, int] = {}
+        for use in types.values():  # classes of messages are made once, which takes as long as many steps
+            with suppress(FameError):
+                messages.create(use.type)
         self._interface = interface(robot=self._stub(), signal=self._signal, log=lambda level, text: None, budget=STEPS)
         self.reset()
 
@@ -263,10 +267,7 @@ class ExplorationHost:
         if kind != EMPTY_TYPE and topic not in self.matters:
             value = self.values.unknown
         if value is self.values.unknown:
-            if kind not in self._blank:
-                message = self.values.unknown_message(kind)
-                self._blank[kind] = message, self.values.number(message)
-            message, number = self._blank[kind]
+            number = self._blank_of(kind)
             return number, self.values.value(number)
         message = self.values.message(kind, None if value is UNDEFINED else value)
         return self.values.number(message), message
@@ -274,7 +275,13 @@ class ExplorationHost:
     def blank(self, topic: str) -> int:
         """The number of a message on a topic of which nothing is known."""
         use = self.types.get(topic)
-        return self.values.number(self.values.unknown_message(use.type if use is not None else EMPTY_TYPE))
+        return self._blank_of(use.type if use is not None else EMPTY_TYPE)
+
+    def _blank_of(self, kind: str) -> int:
+        number = self._blank.get(kind)
+        if number is None:
+            number = self._blank[kind] = self.values.number(self.values.unknown_message(kind))
+        return number
 
     def _signal(self, name: str, payload: Any = None) -> None:
         self._emit(name if name.startswith(("/", "~/")) else f"/{name}", payload)

@@ -8,9 +8,9 @@ run once for each way: with a longer and longer list of decisions.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from fame.bpmn.model import Definitions, Process
 from fame.check.explore.abstraction import Abstraction
@@ -45,8 +45,7 @@ MOST_WAYS = 300
 """Ways that one step may go."""
 
 
-@dataclass(frozen=True, slots=True)
-class Way:
+class Way(NamedTuple):
     """One way that a step may go: the new state, what was sent, what is to be reported, whether an instance begins.
 
     `quiet`: nothing was published, not even for the robot itself.
@@ -305,9 +304,10 @@ class Local:
 
     def _number(self, engine: Engine) -> int | None:
         """The number of the state that an engine is in; None if it is one that grows without bound."""
-        if self._grows(engine):
+        walk = self.forms.walk(engine)
+        if self._grows(engine, walk.scopes):
             return None
-        form, keys = self.forms.canonical(engine)
+        form, keys = walk.form()
         state = (form, self._timers(keys)) if self.host.timers else (form, ())
         number = self._numbers.get(state)
         if number is None:
@@ -317,12 +317,15 @@ class Local:
             if form[11]:  # keys keep their order while something is suspended
                 keys = _ranked(form, keys)
             self.views.append(self._view(engine, keys))
+        walk.dissolve()
         return number
 
     def _variable(self, name: str, value: Any) -> int:
         """The number of a variable's value; one that has too many of them is unknown from then on."""
         number = self.values.number(value)
-        seen = self._seen.setdefault(name, set())
+        seen = self._seen.get(name)
+        if seen is None:
+            seen = self._seen[name] = set()
         if number not in seen:
             if len(seen) >= MOST_VALUES:
                 self.widened.add(name)
@@ -330,15 +333,14 @@ class Local:
             seen.add(number)
         return number
 
-    def _grows(self, engine: Engine) -> bool:
+    def _grows(self, engine: Engine, scopes: Iterable[Scope]) -> bool:
         if len(engine.instances) > MOST_INSTANCES and self.program.instances is None:
             self.cut.add(f"instances\n{self.program.process}")
             return True
-        for instance in engine.instances.values():
-            for scope in scopes_of(instance.root):
-                if len(scope.children) > MOST_AT_ONE_PLACE and (crowded := _crowded(scope)):
-                    self.cut.add(f"tokens\n{crowded}")
-                    return True
+        for scope in scopes:
+            if len(scope.children) > MOST_AT_ONE_PLACE and (crowded := _crowded(scope)):
+                self.cut.add(f"tokens\n{crowded}")
+                return True
         return False
 
     def _timers(self, keys: Keys) -> tuple[tuple[int, int, float, float | None], ...]:
