@@ -65,6 +65,10 @@ def test_traces_are_tests_that_fail_today_and_pass_once_it_is_mended(broken: Pat
     broken.write_text(text_of({"A": ["throw go", "catch done"], "B": ["work", "queue go", "throw done"]}))
     done = subprocess.run(command, capture_output=True, check=False, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stdout
+    assert "steps left out" not in done.stdout  # it went the way of the run
+    broken.write_text(text_of({"A": ["work"], "B": ["work", "queue go", "throw done"]}))
+    other = subprocess.run([*command, "--pytest=-rA"], capture_output=True, check=False, text=True, cwd=tmp_path)
+    assert "B: expected a message on /go on its way to it" in other.stdout.split("steps left out")[1]
 
 
 def test_traces_are_recordings_of_the_real_engines_and_pictures(tmp_path: Path) -> None:

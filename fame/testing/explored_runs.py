@@ -95,7 +95,8 @@ def play(mission: MissionByHand, steps: Iterable[Step]) -> MissionByHand:
 _TEST = '''"""{title}
 
 Found by `fame check --explore {model}` (delivery {delivery}).
-This fails as long as the mission can get there, and passes once it is mended.
+This fails as long as the mission can get there. It passes once the mission completes: on this way, or on another one
+if a step of it has become impossible. Such steps are left out, and `fame test` names them.
 """
 
 

@@ -11,11 +11,13 @@ import pytest
 
 if TYPE_CHECKING:
     from fame.testing.coverage import Coverage
-    from fame.testing.mission import MissionLoader
+    from fame.testing.mission import MissionLoader, MissionUnderTest
 
 _LOADER = pytest.StashKey["MissionLoader"]()
 _COVERAGE = pytest.StashKey["Coverage"]()
 _FROM_WORKER = "fame_model_coverage"
+_LEFT_OUT = "steps left out"
+"""Property of a test (in JUnit XML, too) whose mission went another way than the test says."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -72,8 +74,15 @@ def mission(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
         if coverage is not None:
             for loaded in loader.loaded:
                 coverage.add(loaded, request.node.nodeid)
+        request.node.user_properties += [(_LEFT_OUT, text) for text in map(_left_out, loader.loaded) if text]
         del request.node.stash[_LOADER]
         loader.close()
+
+
+def _left_out(mission: MissionUnderTest) -> str:
+    """The steps that a mission by hand has left out, since they were not possible; for most missions empty."""
+    skipped: list[str] = getattr(mission, "skipped", [])
+    return f"{len(skipped)} not possible, the first one: {skipped[0]}" if skipped else ""
 
 
 def _folder(factory: pytest.TempPathFactory, name: str) -> Callable[[], Path]:
@@ -147,7 +156,13 @@ def _write_reports(config: pytest.Config, coverage: Coverage) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Print the coverage."""
+    """Name the tests that went another way than they say, and print the coverage."""
+    reports = [one for one in terminalreporter.stats.get("", ()) if isinstance(one, pytest.TestReport)]
+    found = [(one.nodeid, text) for one in reports for name, text in one.user_properties if name == _LEFT_OUT]
+    if found:
+        terminalreporter.section("steps left out")
+        for test, text in found:
+            terminalreporter.line(f"{test}: {text}")
     coverage = config.stash.get(_COVERAGE, None)
     if coverage is None:
         return
