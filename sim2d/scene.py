@@ -7,19 +7,20 @@ draws: ``appearance`` of a robot, ``ground`` of the ground.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.config.values import Point
 from sim2d import style
-from sim2d.ground import ChargerConfig, Circle, Polygon, Shape, Weed, disc
+from sim2d.ground import ChargerConfig, Circle, Polygon, Shape, Thing, Weed, WeedConfig, disc
 from sim2d.record import Record, Things, Track
 from sim2d.robot import Appearance, Cone, Pose, SimulatedRobot, Workpiece
-from sim2d.warehouse import StationConfig
+from sim2d.warehouse import DoorConfig, ParcelConfig, StationConfig
 
 if TYPE_CHECKING:
     from sim2d.config import WorldConfig
@@ -43,8 +44,10 @@ class SceneRecorder:
     def __init__(self, world: World, put: Put, wanted: Callable[[], bool] = lambda: True) -> None:
         self._put, self._wanted = put, wanted
         self._every = max(1, math.floor(1 / (_RATE * world.step) + 0.5))
-        self._text = SceneText([Shown.of(robot, number) for number, robot in enumerate(world.robots.values())])
-        self._last: list[Appearance] = []
+        robots = [Shown.of(robot, number) for number, robot in enumerate(world.robots.values())]
+        # Bound once: where many are pickled together, what they have in common is pickled once.
+        self._scene, self._ground = SceneText(robots).scene, GroundText.of(world).scene
+        self._last: list[_Look] = []
         self._changes: object = None
         world.watchers.append(self._watch)
 
@@ -54,15 +57,29 @@ class SceneRecorder:
         changes = _changes(world)
         if changes != self._changes:
             self._changes = changes
-            text = ground_scene(world)
-            self._put("/fame/ground", world.scheduler.now, partial(str, text))
+            self._put("/fame/ground", world.scheduler.now, partial(self._ground, world.now, GroundState.of(world)))
         if not self._wanted():
             self._last = []
             return
-        looks = [robot.appearance for robot in world.robots.values()]
+        looks = [_plain(robot.appearance) for robot in world.robots.values()]
         if looks != self._last:
             self._last = looks
-            self._put("/fame/world", world.scheduler.now, partial(self._text.scene, world.now, looks))
+            self._put("/fame/world", world.scheduler.now, partial(self._scene, world.now, looks))
+
+
+_Look = tuple[Any, ...]
+"""The fields of an `Appearance` as plain tuples, which are compared and pickled quickly."""
+
+
+def _plain(look: Appearance) -> _Look:
+    pose, altitude, led, cone, *others = look
+    return tuple(pose), altitude, led, cone and (tuple(cone.pose), cone.field_of_view, cone.length), *others
+
+
+def _restored(look: _Look) -> Appearance:
+    """The opposite of `_plain`."""
+    pose, altitude, led, cone, *others = look
+    return Appearance(Pose(*pose), altitude, led, cone and Cone(Pose(*cone[0]), *cone[1:]), *others)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +104,10 @@ class SceneText:
     def __init__(self, robots: Sequence[Shown]) -> None:
         self._robots = robots
 
-    def scene(self, now: float, looks: Sequence[Appearance]) -> str:
+    def scene(self, now: float, looks: Sequence[_Look]) -> str:
         """The message of a time (s)."""
-        time = _time(now)
-        entities = ",".join(self._entity(robot, look, time) for robot, look in zip(self._robots, looks, strict=True))
+        time, pairs = _time(now), zip(self._robots, looks, strict=True)
+        entities = ",".join([self._entity(robot, _restored(look), time) for robot, look in pairs])
         return f'{{"deletions":[],"entities":[{entities}]}}'
 
     def _entity(self, robot: Shown, look: Appearance, now: str) -> str:
@@ -225,75 +242,105 @@ def _points(points: Iterable[Sequence[float]]) -> list[Point]:
     return [(x, y) for x, y in points]
 
 
-def ground_data(world: World) -> dict[str, Any]:
-    """The objects on the ground, as plain data: m."""
-    config = world.config
-    warehouse: dict[str, Any] = {}
-    if config.stations:
-        warehouse["stations"] = [
-            {"name": one.name, "at": list(one.at), "radius": one.radius} for one in config.stations
+class GroundState(NamedTuple):
+    """What changes on the ground: of each weed, when (s) it was cut and by whom; how far each door is open (0 to 1); of
+    each parcel, where it lies, and who carries it."""
+
+    weeds: Sequence[tuple[float | None, str | None]]
+    doors: Sequence[float]
+    parcels: Sequence[tuple[Point, str]]
+
+    @classmethod
+    def of(cls, world: World) -> GroundState:
+        """As it is now."""
+        return cls(
+            [(weed.cut_at, weed.cut_by) for weed in world.weeds.all],
+            [door.opening for door in world.doors],
+            [(parcel.at, parcel.carrier) for parcel in world.parcels.all],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class GroundText:
+    """Makes the messages of the ground. It has what does not change of it."""
+
+    bounds: tuple[float, float, float, float]
+    walls: bool
+    obstacles: Sequence[Thing]
+    targets: Sequence[Thing]
+    chargers: Sequence[ChargerConfig]
+    stations: Sequence[StationConfig]
+    weeds: Sequence[WeedConfig]
+    doors: Sequence[DoorConfig]
+    parcels: Sequence[ParcelConfig]
+
+    @classmethod
+    def of(cls, world: World) -> GroundText:
+        """Of a world."""
+        config = world.config
+        return cls(**{each.name: getattr(config, each.name) for each in dataclasses.fields(cls)})
+
+    def scene(self, now: float, state: GroundState) -> str:
+        """The ground at a time (s), as a SceneUpdate with one entity."""
+        low_x, low_y, high_x, high_y = self.bounds
+        solid = [(thing.shape, style.OBSTACLE, 0.3) for thing in self.obstacles]
+        solid += [(thing.shape, style.TARGET, 0.3) for thing in self.targets]
+        solid += [
+            (Circle(weed.at, weed.radius), style.WEED if cut_at is None else style.STUBBLE, 0.01)
+            for weed, (cut_at, _) in zip(self.weeds, state.weeds, strict=True)
         ]
-    if world.doors:
-        warehouse["doors"] = [
-            {"name": one.name, "from": list(one.start), "to": list(one.end), "opening": round(door.opening, 2)}
-            for door in world.doors
-            for one in (door.config,)
+        solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in self.chargers]
+        solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in self.stations]
+        solid += [
+            (Polygon(tuple(style.parcel(at))), style.PARCEL, style.PARCEL_SIZE)
+            for at, carrier in state.parcels
+            if not carrier
         ]
-    if world.parcels.all:
-        warehouse["parcels"] = [
-            {"name": parcel.name, "at": _rounded([parcel.at])[0], "carrier": parcel.carrier}
-            for parcel in world.parcels.all
+        edge = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
+        leaves = [
+            leaf
+            for door, opening in zip(self.doors, state.doors, strict=True)
+            for leaf in style.door_leaves(door.start, door.end, opening)
         ]
-    return {
-        "bounds": list(config.bounds),
-        "walls": config.walls,
-        "obstacles": [{"name": thing.name, **_shape(thing.shape)} for thing in config.obstacles],
-        "targets": [{"name": thing.name, **_shape(thing.shape)} for thing in config.targets],
-        "chargers": [_flat(charger) for charger in config.chargers],
-        "weeds": [
-            {"name": weed.name, "at": list(weed.at), "radius": weed.radius, "cut": weed.cut_at, "by": weed.cut_by}
-            for weed in world.weeds.all
-        ],
-        **warehouse,
-    }
+        entity = {
+            **_empty_entity("ground", now),
+            "metadata": [{"key": "ground", "value": _encode(self._data(state))}],
+            "lines": [_line(edge, style.LINES, 0.02), *(_line(leaf, style.DOOR, 0.1) for leaf in leaves)],
+            "triangles": [_prism(shape, colour, height) for shape, colour, height in solid],
+        }
+        return _encode({"deletions": [], "entities": [entity]})
+
+    def _data(self, state: GroundState) -> dict[str, Any]:
+        """The objects on the ground, as plain data: m."""
+        warehouse: dict[str, Any] = {}
+        if self.stations:
+            warehouse["stations"] = [_flat(one) for one in self.stations]
+        if self.doors:
+            warehouse["doors"] = [
+                {"name": one.name, "from": list(one.start), "to": list(one.end), "opening": round(opening, 2)}
+                for one, opening in zip(self.doors, state.doors, strict=True)
+            ]
+        if self.parcels:
+            warehouse["parcels"] = [
+                {"name": parcel.name, "at": _rounded([at])[0], "carrier": carrier}
+                for parcel, (at, carrier) in zip(self.parcels, state.parcels, strict=True)
+            ]
+        return {
+            "bounds": list(self.bounds),
+            "walls": self.walls,
+            "obstacles": [{"name": thing.name, **_shape(thing.shape)} for thing in self.obstacles],
+            "targets": [{"name": thing.name, **_shape(thing.shape)} for thing in self.targets],
+            "chargers": [_flat(charger) for charger in self.chargers],
+            "weeds": [
+                {"name": weed.name, "at": list(weed.at), "radius": weed.radius, "cut": cut_at, "by": by}
+                for weed, (cut_at, by) in zip(self.weeds, state.weeds, strict=True)
+            ],
+            **warehouse,
+        }
 
 
 def _flat(place: ChargerConfig | StationConfig) -> dict[str, Any]:
     return {"name": place.name, "at": list(place.at), "radius": place.radius}
-
-
-def ground_scene(world: World) -> str:
-    """The ground as a SceneUpdate with one entity."""
-    config = world.config
-    low_x, low_y, high_x, high_y = config.bounds
-    solid = [(thing.shape, style.OBSTACLE, 0.3) for thing in config.obstacles]
-    solid += [(thing.shape, style.TARGET, 0.3) for thing in config.targets]
-    solid += [
-        (Circle(weed.at, weed.radius), style.WEED if weed.cut_at is None else style.STUBBLE, 0.01)
-        for weed in world.weeds.all
-    ]
-    solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in config.chargers]
-    solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in config.stations]
-    solid += [
-        (Polygon(tuple(style.parcel(parcel.at))), style.PARCEL, style.PARCEL_SIZE)
-        for parcel in world.parcels.all
-        if not parcel.carrier
-    ]
-    edge = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
-    entity = {
-        **_empty_entity("ground", world.now),
-        "metadata": [{"key": "ground", "value": _encode(ground_data(world))}],
-        "lines": [_line(edge, style.LINES, 0.02), *(_line(leaf, style.DOOR, 0.1) for leaf in _leaves(world))],
-        "triangles": [_prism(shape, colour, height) for shape, colour, height in solid],
-    }
-    return _encode({"deletions": [], "entities": [entity]})
-
-
-def _leaves(world: World) -> list[tuple[Point, Point]]:
-    """The leaves of all doors."""
-    return [
-        leaf for door in world.doors for leaf in style.door_leaves(door.config.start, door.config.end, door.opening)
-    ]
 
 
 def _empty_entity(name: str, now: float) -> dict[str, Any]:
