@@ -186,8 +186,12 @@ class Vehicle:
 
     @property
     def appearance(self) -> Appearance:
+        return self._appearance()
+
+    def _appearance(self, **equipment: Any) -> Appearance:
+        """Its appearance; subclasses add the fields of their equipment."""
         pose = self.pose
-        return Appearance(pose, cone=self._ultrasonic.cone(pose))
+        return Appearance(pose, cone=self._ultrasonic.cone(pose), **equipment)
 
     @property
     def status(self) -> Mapping[str, Any]:
@@ -234,9 +238,8 @@ class Car(Vehicle):
         super().__init__(config, world)
         self._led = Led(self.node)
 
-    @property
-    def appearance(self) -> Appearance:
-        return super().appearance._replace(led=self._led.colour)
+    def _appearance(self, **equipment: Any) -> Appearance:
+        return super()._appearance(led=self._led.colour, **equipment)
 
     @property
     def status(self) -> Mapping[str, Any]:
@@ -255,9 +258,8 @@ class BatteryVehicle(Vehicle):
         self._measure, self._drain = period(p.rate, world.step), period(DRAIN_RATE, world.step)
         self._drain_time = self._drain * world.step
 
-    @property
-    def appearance(self) -> Appearance:
-        return super().appearance._replace(charge=self._battery.charge)
+    def _appearance(self, **equipment: Any) -> Appearance:
+        return super()._appearance(charge=self._battery.charge, **equipment)
 
     @property
     def status(self) -> Mapping[str, Any]:
@@ -310,9 +312,8 @@ class Tractor(BatteryVehicle):
     def works(self) -> bool:  # type: ignore[override]
         return self._blade.turns
 
-    @property
-    def appearance(self) -> Appearance:
-        return super().appearance._replace(blade=self._blade.radius if self._blade.turns else 0.0)
+    def _appearance(self, **equipment: Any) -> Appearance:
+        return super()._appearance(blade=self._blade.radius if self._blade.turns else 0.0, **equipment)
 
     @property
     def status(self) -> Mapping[str, Any]:
@@ -352,9 +353,8 @@ class Carrier(BatteryVehicle):
         super().__init__(config, world)
         self._tray = Tray(self.node, config.parameters.tray, config.name, world.parcels, lambda: self.pose[:2])
 
-    @property
-    def appearance(self) -> Appearance:
-        return super().appearance._replace(cargo=self._tray.parcel is not None)
+    def _appearance(self, **equipment: Any) -> Appearance:
+        return super()._appearance(cargo=self._tray.parcel is not None, **equipment)
 
     @property
     def status(self) -> Mapping[str, Any]:

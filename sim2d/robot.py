@@ -60,8 +60,7 @@ class TopicCommand(NamedTuple):
     fields: Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Cone:
+class Cone(NamedTuple):
     """The cone of a range sensor: its pose, opening angle (rad), and length of free ground that it saw (m)."""
 
     pose: Pose

@@ -73,7 +73,7 @@ _Look = tuple[Any, ...]
 
 def _plain(look: Appearance) -> _Look:
     pose, altitude, led, cone, *others = look
-    return tuple(pose), altitude, led, cone and (tuple(cone.pose), cone.field_of_view, cone.length), *others
+    return tuple(pose), altitude, led, cone and (tuple(cone.pose), *cone[1:]), *others
 
 
 def _restored(look: _Look) -> Appearance:

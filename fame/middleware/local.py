@@ -66,6 +66,7 @@ class LocalMiddleware:
         self.warnings: list[EndpointWarning] = []
         self.nodes: list[LocalNode] = []
         self.topics: dict[str, Topic] = {}
+        self.known_graph: tuple[TopicInfo, ...] | None = None  # until an endpoint is made or closed
         self.services: dict[str, LocalService] = {}
         self.taps: list[Callable[[LocalPublisher], Callable[[Message], object] | None]] = []
         self._on_warning = on_warning
@@ -76,8 +77,10 @@ class LocalMiddleware:
         self.nodes.append(node)
         return node
 
-    def graph(self) -> list[TopicInfo]:
-        return [self.topics[name].info() for name in sorted(self.topics)]
+    def graph(self) -> tuple[TopicInfo, ...]:
+        if self.known_graph is None:
+            self.known_graph = tuple(self.topics[name].info() for name in sorted(self.topics))
+        return self.known_graph
 
     def connecting(self, node: LocalNode) -> list[str]:
         return []  # endpoints are connected as they are made
@@ -158,6 +161,7 @@ class LocalNode:
         for subscription in shared.subscriptions:
             self._match(publisher, subscription)
         shared.publishers.append(publisher)
+        self.middleware.known_graph = None
         self.endpoints.append(publisher)
         for tap in self.middleware.taps:
             publisher.add_tap(tap)
@@ -172,6 +176,7 @@ class LocalNode:
             if self._match(publisher, subscription) and qos.durability == "transient_local":
                 publisher.send_history(subscription)
         shared.subscriptions.append(subscription)
+        self.middleware.known_graph = None
         self.endpoints.append(subscription)
         return subscription
 
@@ -195,6 +200,7 @@ class LocalNode:
     def remove(self, end: LocalPublisher | LocalSubscription, topic: Topic) -> None:
         """Remove a closed endpoint. A topic without endpoints is removed, and with it its type."""
         self.endpoints.remove(end)
+        self.middleware.known_graph = None
         if not topic.publishers and not topic.subscriptions:
             del self.middleware.topics[topic.name]
 

@@ -171,37 +171,32 @@ class _ScopeVariables:
 
     def change(self) -> tuple[dict[str, Any], list[str]]:
         """The difference: new values (bytes: JSON), and removed names."""
-        variables = self._variables
+        variables, gone = self._variables, list[str]()
         names, values = list(variables), list(dict.values(variables))
-        gone: list[str] = []
         if names == self._names:
-            changed = list(compress(names, map(is_not, values, self._values)))
+            changed = list(compress(zip(names, values, strict=True), map(is_not, values, self._values)))
         else:
             before = dict(zip(self._names, self._values, strict=True))
-            changed = [name for name, value in zip(names, values, strict=True) if before.get(name, before) is not value]
+            changed = [pair for pair in zip(names, values, strict=True) if before.get(pair[0], before) is not pair[1]]
             gone = [name for name in before if not dict.__contains__(variables, name)]
             self._names = names
             for name in gone:
                 self._changeable.pop(name, None)
         self._values = values
-        if self._changeable:
+        changeable, given = self._changeable, dict[str, Any]()
+        if changeable:
             get = dict.get
-            changed += [name for name, copy in self._changeable.items() if _differs(get(variables, name), copy)]
-        given: dict[str, Any] = {}
-        changeable = self._changeable
-        for name in changed:
-            value: Any = dict.get(variables, name)
+            again = [(name, get(variables, name)) for name, copy in changeable.items()]
+            changed += [(name, value) for name, value in again if _differs(value, changeable[name])]
+        for name, value in changed:
             make = _DIRECT.get(value.__class__, _unknown)
             if name[:2] == "__":
                 continue
-            if make is None:
-                given[name] = value
-            elif make is _unknown:
+            if make is _unknown:
                 self._give(name, value, given)
                 continue
-            else:
-                given[name] = make(value)
-            if name in changeable:
+            given[name] = value if make is None else make(value)
+            if changeable and name in changeable:
                 del changeable[name]
         return given, gone
 

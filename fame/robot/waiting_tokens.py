@@ -20,7 +20,7 @@ from fame.engine import Engine, waiting
 from fame.engine.program import USER, Node as ProgramNode
 from fame.engine.repair import INCIDENT
 from fame.engine.state import Wait, joins_reached
-from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, resolve
+from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, TopicInfo, resolve
 from fame.robot.mission import Mission
 from fame.scripting import Runner, script_names
 from fame.scripting.requests import Act, Call
@@ -98,6 +98,7 @@ class WaitingTokens:
         self._graph: dict[str, tuple[str, ...]] = {}  # who else published on each topic at the last look
         self._robot, self._mission, self._node, self._runner = robot, mission, node, runner
         self._middleware, self._scheduler = middleware, scheduler
+        self._topics: Sequence[TopicInfo] = ()  # what these were taken from
         self._gaps = PublisherGaps()
         self._seen: dict[Hashable, int] = {}  # waiting token -> when `list` saw it first
 
@@ -126,7 +127,10 @@ class WaitingTokens:
 
     def refresh_publishers(self) -> bool:
         """Look up the publishers. Returns whether they have changed."""
-        before = self._graph
+        topics = self._middleware.graph()
+        if topics is self._topics:
+            return False
+        before, self._topics = self._graph, topics
         self._graph = {topic: tuple(sorted(set(names))) for topic, names in self._publishers().items() if names}
         return self._graph != before
 
