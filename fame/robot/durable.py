@@ -49,8 +49,14 @@ class _Request(NamedTuple):
     leave: Callable[[], object]
 
 
-_Effect = tuple[Publisher, Any] | _Request
-"""A signal (publisher, message), or anything else."""
+class _Signals(NamedTuple):
+    """Signals in a row on one topic."""
+
+    publisher: Publisher
+    messages: list[Any]
+
+
+_Effect = _Signals | _Request
 
 
 def _nothing() -> None:
@@ -190,7 +196,11 @@ class Recorder:
 
     def signal(self, publisher: Publisher, message: Any) -> None:
         """Send a signal, or a message to all robots, once its record is on the disk."""
-        self._outbox.append((publisher, message))
+        last = self._outbox[-1] if self._outbox else None
+        if last.__class__ is _Signals and last[0] is publisher:
+            last[1].append(message)
+        else:
+            self._outbox.append(_Signals(publisher, [message]))
 
     def message(self, topic: str, value: Any, robot: Any) -> None:
         """Send a message to one robot, once its record is on the disk. Raises what `DirectMessages.prepare` raises."""
@@ -204,19 +214,26 @@ class Recorder:
         if self._quiet:
             return
         for effect in self._leaving.pop(batch, ()):
-            try:
-                if isinstance(effect, _Request):
+            if isinstance(effect, _Request):
+                try:
                     effect.leave()
-                else:
-                    publisher, message = effect
-                    publisher.publish(message)
-            except FameError as error:
-                self.node.host.report("", f"{' '.join(map(str, _recorded([effect])[0][:2]))} cannot be sent: {error}")
+                except FameError as error:
+                    self._report_unsent(effect, error)
+                continue
+            publish = effect.publisher.publish
+            for message in effect.messages:
+                try:
+                    publish(message)
+                except FameError as error:
+                    self._report_unsent(effect, error)
         if self._recorded.pop(batch, None) is not None and not self._trouble:
             try:
                 self.journal.append({"time": self.now, **self._tables.drop("effects", batch)})
             except OSError as error:
                 self._fail(error)
+
+    def _report_unsent(self, effect: _Effect, error: FameError) -> None:
+        self.node.host.report("", f"{' '.join(map(str, _recorded([effect])[0][:2]))} cannot be sent: {error}")
 
     # ---- requests of tasks (`fame.scripting.runner.Outward`) ---------------------------------------------------------
 
@@ -351,7 +368,7 @@ class Recorder:
             if kind == "signal":
                 type, values = rest
                 publisher = self.node.endpoints.publisher(name, type)
-                yield from ((publisher, messages.create(type, value)) for value in values)
+                yield _Signals(publisher, [messages.create(type, value) for value in values])
             elif kind == "message":
                 robot, value = rest
                 send = partial(self.node.endpoints.direct.send, name, value, robot)
@@ -359,21 +376,14 @@ class Recorder:
 
 
 def _recorded(effects: Sequence[_Effect]) -> list[list[Any]]:
-    """The records of some effects; consecutive signals on one topic share an entry."""
-    found: list[list[Any]] = []
-    last: Publisher | None = None
-    values: list[Any] = []
-    for effect in effects:
-        if isinstance(effect, _Request):
-            found.append(effect.recorded)
-            last = None
-            continue
-        publisher, message = effect
-        if publisher is not last:
-            last, values = publisher, []
-            found.append(["signal", publisher.topic, publisher.type, values])
-        values.append(message)
-    for entry in found:
-        if entry[0] == "signal":
-            entry[3] = plain_messages(entry[2], entry[3])
-    return found
+    """The records of some effects."""
+    return [
+        effect.recorded
+        if isinstance(effect, _Request)
+        else ["signal", effect.publisher.topic, effect.publisher.type, _plain(effect)]
+        for effect in effects
+    ]
+
+
+def _plain(signals: _Signals) -> Any:
+    return plain_messages(signals.publisher.type, signals.messages)
