@@ -264,3 +264,18 @@ def test_a_model_of_an_earlier_version_loads_and_says_that_it_sees_no_orientatio
 def test_parameters_out_of_range_are_refused():
     with pytest.raises(ConfigError, match="expected a bin above 0, got 0"):
         PathDetector(MH5, bin=0)
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+@pytest.mark.parametrize("number", [5, 15, 27])
+def test_samples_lost_at_a_round_corner_are_no_deviation(number: int, stamped: bool):
+    """Two in a row: the way across them is the direction of neither end."""
+    run = recording(BENIGN).select([number])
+    places = MH5.places(run.values)
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    ways = np.diff(places, axis=0) / np.maximum(steps, 1e-9)[:, None]
+    turn = np.where((steps[1:] > 2e-4) & (steps[:-1] > 2e-4), (ways[1:] * ways[:-1]).sum(axis=1), 1.0)
+    corner = int(np.argmin(turn[100:400])) + 101
+    kept = ~np.isin(np.arange(len(run)), (corner - 1, corner))
+    given = replace(run, stamps=0.025 * np.arange(len(run))) if stamped else run
+    assert not any(reading.anomalous for reading in learned().follow(given.rows(kept)))

@@ -5,7 +5,9 @@ a path of the tool. For each point of another run the nearest points of those pa
 in direction of travel and, weakly, in time, which distinguishes the way there from the way back. The vector from them
 to the point, less its part along their direction of travel, is the deviation: it does not depend on when exactly the
 samples were taken. The mean of the last three deviation vectors removes the noise of encoders. The rotation from their
-orientations to that of the point, as a rotation vector and averaged likewise, is the tilt (distance on SO(3)).
+orientations to that of the point, as a rotation vector and averaged likewise, is the tilt (distance on SO(3)). After
+missing samples the direction of travel is not known: the neighbours of deviation and tilt are then near in place and
+time alone.
 
 The time at which benign runs pass the same place is the third score: the lateness, and how it changed over the last
 `WINDOW` samples. A rest shows as lateness that grows by one sample per sample, a speed 20 % lower as 0.25. The clock of
@@ -50,6 +52,8 @@ from fame.monitor.kinematics import Chain, Vector
 NEIGHBOURS = 8
 TURN = 0.02
 """What a unit of difference in direction counts (m): 11 degrees count as 4 mm."""
+_JUMP = 1.5
+"""Samples from one point to the next, from which on some are missing between them."""
 BLOCKS = 3
 MARGIN = 1.5
 
@@ -215,7 +219,9 @@ class Tracker:
         from scipy.spatial import cKDTree
 
         self._lag, self._slow, self._left = parameters.lag, parameters.slow, parameters.left
-        self._tree = cKDTree(np.hstack([paths.places, TURN * paths.directions, self._lag * paths.times[:, None]]))
+        times = self._lag * paths.times[:, None]
+        self._tree = cKDTree(np.hstack([paths.places, TURN * paths.directions, times]))
+        self._tree_of_places = cKDTree(np.hstack([paths.places, times]))
         self._places, self._directions, self._times = paths.places, paths.directions, paths.times
         self._turns = paths.turns if len(paths.turns) else None
         self._limits, self._arrival = detector.limits.tolist(), paths.arrival
@@ -227,6 +233,7 @@ class Tracker:
         self._first: Vector | None = None
         self._offset: float | None = None  # what to add to the time for the clock; None until the tool has left
         self._time: float | None = None
+        self._phase = 0.0
         self._made_up = 0
         self._deviations: deque[Vector] = deque(maxlen=SMOOTH)
         self._tilts: deque[Vector] = deque(maxlen=SMOOTH)
@@ -240,11 +247,17 @@ class Tracker:
         place = self._chain.place(values)
         clock = 0.0 if self._offset is None else time + self._offset
         direction = self._direction(place)
-        query = (*place, *(TURN * part for part in direction), self._lag * clock)
-        _, near = self._tree.query(query, k=NEIGHBOURS)
-        self._deviations.append(self._across(place, near))
-        deviation = _mean(self._deviations)
+        stamped = stamp is not None and self._period > 0 and before is not None
+        step = time - before if stamped and before is not None else None
+        _, near = self._tree.query((*place, *(TURN * part for part in direction), self._lag * clock), k=NEIGHBOURS)
         phase = float(self._times[near].mean())
+        beside = near
+        if self._offset is not None and (phase - self._phase > _JUMP or (step or 0.0) > _JUMP):
+            # The way from the point before leads across missing samples: around a corner it is no direction of the run.
+            _, beside = self._tree_of_places.query((*place, self._lag * clock), k=NEIGHBOURS)
+        self._phase = phase
+        self._deviations.append(self._across(place, beside))
+        deviation = _mean(self._deviations)
         if self._offset is None:
             self._leave(place, phase - time)
             clock = phase
@@ -252,10 +265,9 @@ class Tracker:
         resting = direction == (0.0, 0.0, 0.0) and moving and bool(self._directions[near].any(axis=1).all())
         changes = self._changes
         changes.add(deviation, moving=moving)
-        stamped = stamp is not None and self._period > 0 and before is not None
-        changes.lost.step(phase, time - before if stamped and before is not None else None, moving=moving)
+        changes.lost.step(phase, step, moving=moving)
         late = changes.late(clock, clock - phase if phase < self._arrival else 0.0, resting=resting)
-        return changes.excuse(self._judge(changes.above(deviation), late, phase, self._tilt(values, near)))
+        return changes.excuse(self._judge(changes.above(deviation), late, phase, self._tilt(values, beside)))
 
     def follow(self, run: Recording) -> list[Reading]:
         """Every point of one run."""
