@@ -17,6 +17,7 @@ from fame.errors import ConfigError, FameError
 if TYPE_CHECKING:
     from datetime import datetime
 
+    from fame.bpmn.library import Library
     from fame.clock import WallScheduler
     from fame.deploy import EngineNode
     from fame.log.engine_log import EngineLog
@@ -124,12 +125,7 @@ def _serve(arguments: Namespace) -> None:
         raise FameError(_OPEN)
     safe, suspended = _safe_states(arguments.type)
     state = _state(arguments)
-    library = None
-    if arguments.library:  # without it, an engine needs none before its first process
-        from fame.bpmn.library import Library
-
-        library = Library(arguments.library)
-
+    library = _library(arguments)
     logs: list[EngineLog] = []
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
@@ -164,10 +160,10 @@ def _serve(arguments: Namespace) -> None:
         if time is not None:
             time.on_jump = engine.warn
         preload(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))
-        if engine.resuming:
-            note_ready(f"{arguments.name} continues its mission from {arguments.state}")
-        else:
-            note_ready(f"{arguments.name} waits for its process on /{arguments.name}/bpmn_process")
+        waits = f"waits for its process on /{arguments.name}/bpmn_process"
+        note_ready(
+            f"{arguments.name} " + (f"continues its mission from {arguments.state}" if engine.resuming else waits)
+        )
         return engine
 
     try:
@@ -175,6 +171,15 @@ def _serve(arguments: Namespace) -> None:
     finally:
         for log in logs:
             log.close()
+
+
+def _library(arguments: Namespace) -> Library | None:
+    """The library of --library; without it, an engine loads none before its first process."""
+    if not arguments.library:
+        return None
+    from fame.bpmn.library import Library
+
+    return Library(arguments.library)
 
 
 def _keys(arguments: Namespace) -> tuple[Any, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from numbers import Integral, Real
@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Process, Task
+from fame.bpmn.model import Definitions, Task
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of
 from fame.check.scope import Finding, of_error
 from fame.config.values import Source
@@ -73,8 +73,7 @@ class Scenario(Plan):
         path = Path(path)
         content = _scenario_file(path, changes)
         definitions = read(content.model)
-        if semantics is not None:
-            definitions = with_semantics(definitions, semantics)
+        definitions = with_semantics(definitions, semantics) if semantics is not None else definitions
         folders = Library([*Library(library).folders, *content.library])
         pools = pools_of(definitions)
         for pool in pools:
@@ -82,15 +81,11 @@ class Scenario(Plan):
         seed = content.seed if seed is None else seed
         world, cast = _assign(content, pools, robots, seed, str(path))
         _check_faults(faults, cast, str(path))
-        tasks = {robot: list(_tasks(folders, definitions, pool.process)) for robot, pool in cast.items()}
         wanted = [*content.completions, *((done, "") for done in completions)]
-        for done, place in wanted:
-            _check_completion(done, tasks, content.source, place)
-        joined = _joined(content.network, network)
-        check_network(content.network, list(cast), content.source)
-        check_network(network, list(cast), Source(str(path)))
-        given = _merged(content.variables, variables)
-        cast, chosen = with_parameters(cast, definitions, folders, given, content.source)
+        _check_completions(wanted, {robot: _tasks(folders, definitions, pool) for robot, pool in cast.items()}, content)
+        joined = _joined(content, network, list(cast))
+        values = _merged(content.variables, variables)
+        cast, chosen = with_parameters(cast, definitions, folders, values, content.source)
         return cls(
             file=str(path),
             definitions=definitions,
@@ -129,8 +124,11 @@ class Scenario(Plan):
         return Run(self, real_time, observer, progress, record, strict, on_interrupt, pace=pace).result()
 
 
-def _joined(own: NetworkConfig | None, added: NetworkConfig | None) -> NetworkConfig | None:
-    """The network of a file with links and partitions of its caller."""
+def _joined(content: ScenarioFile, added: NetworkConfig | None, robots: Sequence[str]) -> NetworkConfig | None:
+    """The network of a file with links and partitions of its caller. Raises ConfigError for unknown robots."""
+    own = content.network
+    check_network(own, robots, content.source)
+    check_network(added, robots, Source(content.source.file))
     if own is None or added is None:
         return own or added
     return replace(own, links=(*own.links, *added.links), partitions=(*own.partitions, *added.partitions))
@@ -253,23 +251,24 @@ def _check_numbers(pools: Sequence[Pool], cast: Mapping[str, Pool], file: str) -
             raise ConfigError(text, file=file)
 
 
-def _tasks(library: Library, definitions: Definitions, process: Process) -> Iterator[str]:
-    """The ids of user, manual and receive tasks of a process and all that it calls."""
-    for _, one in library.closure(definitions, process):
-        for node in one.body.walk():
-            if isinstance(node, Task) and node.kind in ("user", "manual", "receive"):
-                yield node.id
+def _tasks(library: Library, definitions: Definitions, pool: Pool) -> list[str]:
+    """The ids of user, manual and receive tasks of a pool's process and all processes that it calls."""
+    nodes = (node for _, process in library.closure(definitions, pool.process) for node in process.body.walk())
+    return [node.id for node in nodes if isinstance(node, Task) and node.kind in ("user", "manual", "receive")]
 
 
-def _check_completion(done: Completion, tasks: Mapping[str, Sequence[str]], source: Source, place: str) -> None:
+def _check_completions(
+    wanted: Sequence[tuple[Completion, str]], tasks: Mapping[str, Sequence[str]], content: ScenarioFile
+) -> None:
     """Raise ConfigError for an unknown robot, and for an element that is not a task to complete."""
-    if done.robot not in tasks:
-        text = f"unknown robot {done.robot!r} in the completion of {done.element}; robots are: {', '.join(tasks)}"
-        raise source.error(f"{place}.robot" if place else "", text)
-    if done.element not in tasks[done.robot]:
-        known = f"it has {', '.join(tasks[done.robot])}" if tasks[done.robot] else "it has none"
-        text = f"expected a user, manual or receive task of {done.robot}, got {done.element!r}; {known}"
-        raise source.error(f"{place}.element" if place else "", text)
+    for done, place in wanted:
+        if done.robot not in tasks:
+            text = f"unknown robot {done.robot!r} in the completion of {done.element}; robots are: {', '.join(tasks)}"
+            raise content.source.error(f"{place}.robot" if place else "", text)
+        if done.element not in tasks[done.robot]:
+            known = f"it has {', '.join(tasks[done.robot])}" if tasks[done.robot] else "it has none"
+            text = f"expected a user, manual or receive task of {done.robot}, got {done.element!r}; {known}"
+            raise content.source.error(f"{place}.element" if place else "", text)
 
 
 def with_semantics(definitions: Definitions, semantics: str) -> Definitions:
