@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from test_layers import FLOORS
+from test_layers import LAYERS
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
@@ -20,7 +20,7 @@ def test_the_drawing_has_the_layers_of_the_rules() -> None:
     drawn = {}
     for number, content in re.findall(r"subgraph layer(\d)(.*?)\n  end", PAGE, re.DOTALL):
         drawn[int(number)] = {name for label in re.findall(r'\w+\["([^"·]+)"\]', content) for name in label.split(", ")}
-    assert drawn == {number: set(rooms) for number, rooms in enumerate(FLOORS)}
+    assert drawn == {number: set(packages) for number, packages in enumerate(LAYERS)}
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,4 +1,4 @@
-"""The floors of the house (docs/architecture.md): who may import whom, and what stays light."""
+"""The layers of the packages (docs/architecture.md): allowed imports, and what start-up may load."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 from domains import PROCESSES
 
 ROOT = Path(__file__).parent.parent
-FLOORS = (
+LAYERS = (
     (
         "fame.bpmn",
         "fame.config",
@@ -33,7 +33,7 @@ FLOORS = (
     ("fame.scenario", "fame.testing", "fame.view"),
     ("fame.cli", "fame", "fame.__main__"),
 )
-FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+LAYER = {package: layer for layer, packages in enumerate(LAYERS) for package in packages}
 HEAVY = {
     "PIL",
     "cyclonedds",
@@ -58,7 +58,7 @@ HEAVY = {
 
 
 class Import(NamedTuple):
-    """One import: who, whom (modules), where, and whether it is done when the module is loaded."""
+    """One import: importing and imported module, line, and whether it happens when the module is loaded."""
 
     source: str
     target: str
@@ -107,7 +107,7 @@ def imports() -> list[Import]:
     return [item for module in MODULES for item in imports_of(module)]
 
 
-def room(module: str) -> str:
+def package_of(module: str) -> str:
     """``fame.bpmn`` of ``fame.bpmn.reader``, ``sim2d`` of ``sim2d.world``."""
     parts = module.split(".")
     return ".".join(parts[:2] if parts[0] == "fame" else parts[:1])
@@ -117,50 +117,52 @@ def ours(module: str) -> bool:
     return module.split(".")[0] in ("fame", "robots", "sim2d")
 
 
-def test_every_module_has_its_floor() -> None:
-    assert {room(module) for module in MODULES} - FLOOR.keys() == set()
+def test_every_module_has_its_layer() -> None:
+    assert {package_of(module) for module in MODULES} - LAYER.keys() == set()
 
 
-def test_imports_run_downhill_only() -> None:
-    own = [item for item in imports() if ours(item.target) and room(item.source) != "fame"]
-    uphill = [str(item) for item in own if FLOOR[room(item.target)] > FLOOR[room(item.source)]]
-    assert uphill == []
+def test_imports_run_downwards_only() -> None:
+    own = [item for item in imports() if ours(item.target) and package_of(item.source) != "fame"]
+    upwards = [str(item) for item in own if LAYER[package_of(item.target)] > LAYER[package_of(item.source)]]
+    assert upwards == []
     assert len(own) > 100  # or nothing was looked at
 
 
-def test_rooms_import_each_other_in_one_direction() -> None:
-    pairs = {(room(item.source), room(item.target)) for item in imports() if ours(item.target)}
-    graph = {name: {target for source, target in pairs if source == name != target} for name in FLOOR}
-    del graph["fame"], graph["fame.__main__"]  # the package itself attaches the names of its rooms
+def test_packages_import_each_other_in_one_direction() -> None:
+    pairs = {(package_of(item.source), package_of(item.target)) for item in imports() if ours(item.target)}
+    graph = {name: {target for source, target in pairs if source == name != target} for name in LAYER}
+    del graph["fame"], graph["fame.__main__"]  # the package itself attaches the names of its packages
     assert list(TopologicalSorter(graph).static_order())
 
 
 def test_the_engine_knows_nothing_but_the_model() -> None:
     allowed = {"fame.bpmn.model", "fame.errors"}
-    outside = [item for item in imports() if room(item.source) == "fame.engine" != room(item.target)]
+    outside = [item for item in imports() if package_of(item.source) == "fame.engine" != package_of(item.target)]
     assert [str(item) for item in outside if ours(item.target) and item.target not in allowed] == []
     foreign = [item for item in outside if not ours(item.target)]
     assert [str(item) for item in foreign if item.target.split(".")[0] not in sys.stdlib_module_names] == []
 
 
 def test_robots_register_themselves_and_are_imported_by_nobody() -> None:
-    users = {str(item) for item in imports() if room(item.target) == "robots" != room(item.source)}
+    users = {str(item) for item in imports() if package_of(item.target) == "robots" != package_of(item.source)}
     tools_of_an_arm = {
         user for user in users if user.startswith(("fame.cli.adm", "fame.cli.anomaly_data"))
     }  # not a robot: its task and envelope
     assert users - tools_of_an_arm == set()
-    assert {room(item.source) for item in imports() if room(item.target) == "sim2d"} == {
+    assert {package_of(item.source) for item in imports() if package_of(item.target) == "sim2d"} == {
         "sim2d", "robots", "fame.scenario", "fame.cli"
     }  # fmt: skip
 
 
 def test_only_reader_and_writer_know_xml() -> None:
-    assert {room(item.source) for item in imports() if item.target.split(".")[0] == "lxml"} == {"fame.bpmn"}
+    assert {package_of(item.source) for item in imports() if item.target.split(".")[0] == "lxml"} == {"fame.bpmn"}
 
 
 def test_the_command_line_imports_heavy_parts_where_it_uses_them() -> None:
-    loaded = [item for item in imports() if item.at_load and room(item.source) == "fame.cli" and ours(item.target)]
-    assert {room(item.target) for item in loaded} == {"fame.cli", "fame.errors", "fame.text"}
+    loaded = [
+        item for item in imports() if item.at_load and package_of(item.source) == "fame.cli" and ours(item.target)
+    ]
+    assert {package_of(item.target) for item in loaded} == {"fame.cli", "fame.errors", "fame.text"}
 
 
 def test_an_engine_without_a_process_has_loaded_nothing_that_only_a_process_needs() -> None:

@@ -110,7 +110,7 @@ def test_a_message_file_is_imported_by_its_path(tmp_path: Path) -> None:
         ({"Inputs": {"X": {**JOINTS, "Field": ["header"]}}}, "the path ends at a message; expected one of its fields"),
         ({"Inputs": {"X": {**JOINTS, "Field": []}}}, "the path ends at a message"),
         ({"Inputs": {"X": {**FLOAT, "Field": ["data", "x"]}}}, "data is a float64; nothing may follow, found x"),
-        ({"Inputs": {"X": {**JOINTS, "MessageType": "JointStates"}}}, "X.MessageType: expected a message type or one of"),
+        ({"Inputs": {"X": {**JOINTS, "MessageType": "JointStates"}}}, "X.MessageType: expected a message type or"),
         ({"Inputs": {"X": {"Topic": "a", "Field": ["data"]}}}, "Inputs.X: expected the key MessageType"),
         ({"Inputs": {"X": {**JOINTS, "Topic": "joint states"}}}, "expected the name of a topic, got 'joint states'"),
         ({"Inputs": {"X": {**JOINTS, "Rate": -3}}}, "Inputs.X.Rate: expected a number from 1e-06 to 1e+06, got -3"),
