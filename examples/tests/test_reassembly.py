@@ -22,7 +22,7 @@ def cell(mission: MissionLoader, *, watching: float = 600) -> tuple[MissionUnder
 def find_ways(m: MissionUnderTest, *ways: dict[str, Any]) -> None:
     """The digital twin answers so many goals of the arm, each with a trajectory."""
     for way in ways:
-        m.run_until("Arm", at="Event_Re_Way")
+        m.run_until("Arm", at="Gateway_Re_Answer")
         m.signal("Arm", "~/joint_trajectory", way)
 
 
@@ -44,6 +44,15 @@ def test_the_jaws_move_only_when_the_arm_is_there(mission: MissionLoader) -> Non
     m.advance(2.3).expect("Arm").waits_at("there").never_entered("Gripper")
     m.advance(0.2).expect("Arm").passed("Gripper").before("jaws at rest")
     assert len(gripper.requests) == 1
+
+
+def test_a_goal_that_gets_no_answer_is_sent_again(mission: MissionLoader) -> None:
+    m, _ = cell(mission)
+    m.run_until("Arm", at="Gateway_Re_Answer")
+    m.advance(6)
+    assert len(m.published("/Arm/goal_pose")) == 2
+    find_ways(m, *[WAY] * 11)
+    m.expect("Arm").completed(within=10).passed("Look at the Way", times=11)
 
 
 def test_without_a_way_it_fails_and_the_monitor_knows(mission: MissionLoader) -> None:
