@@ -8,7 +8,8 @@ start         of one engine, until it is there: processor time, memory
 deployment    from the first word to the last robot's "started", by two phases; the first one of engines apart
 twenty        engines started at once: until all have been found, and until all run their process; beside it how much
               else the machine had to do, and what went over loopback
-hundred       the same with a hundred, only if it is asked for; engines:30 with another number
+hundred       a hundred, all started by one command, only if it is asked for; engines:30 with another number, apart:30
+              each by a command of its own
 messages      how many messages a second go from one process to another
 idle          an engine whose process waits: share of a core, memory
 redeployed    the same engine after 10 and after 1000 new processes: memory, threads, files, DDS entities
@@ -21,6 +22,7 @@ run meanwhile.
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import signal
@@ -29,7 +31,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -52,6 +54,10 @@ ROOT = Path(__file__).resolve().parents[1]
 DOMAIN = 1 + os.getpid() % 90
 ROUNDS, TRIPS = 6, 1000
 PATIENCE = 180.0
+ENDING = 20.0  # s
+LONGEST = 1800  # s
+FIELDS: list[Field] = []
+"""All that were made, to end their engines whatever happens."""
 REST = 5.0  # s after which engines have loaded what they will need
 BYTECODE: dict[str, str] = {}
 MIDDLEWARE = ["dds"]
@@ -119,14 +125,9 @@ def _waiting(name: str, pool: str) -> str:
 class Field:
     """Engines in processes of their own, and a participant that deploys to them and hears them."""
 
-    def __init__(self, domain: int, *robots: str) -> None:
+    def __init__(self, domain: int, *robots: str, together: bool = False) -> None:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         self.scheduler = scheduler_for(MIDDLEWARE[0])
-        self.middleware: Any = connect(MIDDLEWARE[0], self.scheduler, NETWORK[0])
-        self.node = self.middleware.node("benchmark")
-        self.last: dict[str, Report] = {}
-        for robot in robots:
-            self.node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._hear, robot), STATUS_QOS)
         own = {
             "ROS_DOMAIN_ID": str(domain),
             "PYTHONPATH": os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))),
@@ -136,12 +137,20 @@ class Field:
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         self.began = time.monotonic()
         self.engines = {
-            robot: subprocess.Popen(
-                [sys.executable, "-m", "fame", "engine", robot, *_middleware(), *_kind(robot)],
+            names[0]: subprocess.Popen(
+                [sys.executable, "-m", "fame", "engine", *names, *_middleware(), *_kind(names[0])],
                 env=environment,
+                process_group=0,
             )
-            for robot in robots
+            for names in ([robots] if together else zip(robots, strict=True))
         }
+        FIELDS.append(self)
+        # Engines that start together meet in their own process, which is to be the first.
+        self.middleware: Any = connect(MIDDLEWARE[0], self.scheduler, NETWORK[0], crowd=together)
+        self.node = self.middleware.node("benchmark")
+        self.last: dict[str, Report] = {}
+        for robot in robots:
+            self.node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._hear, robot), STATUS_QOS)
         self.until(lambda: len(self.last) == len(robots))
         self.found = time.monotonic() - self.began
 
@@ -181,12 +190,32 @@ class Field:
         sent.close()
         return max(each.took for each in sent.robots.values())
 
+    def processes(self) -> list[int]:
+        """The processes of all engines, and of what has forked them."""
+        own = [engine.pid for engine in self.engines.values()]
+        forked = [Path(f"/proc/{pid}/task/{pid}/children").read_text().split() for pid in own]
+        return own + [int(pid) for pids in forked for pid in pids]
+
     def close(self) -> None:
+        """End all engines: politely, and after a while by force."""
         for engine in self.engines.values():
             engine.send_signal(signal.SIGINT)
-        for engine in self.engines.values():
-            engine.wait()
+        deadline = time.monotonic() + ENDING
+        try:
+            for engine in self.engines.values():
+                engine.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            print(f"engines were ended by force after {ENDING:g} s", file=sys.stderr)
+        finally:
+            self.kill()
         self.middleware.close()
+
+    def kill(self) -> None:
+        """End all engines at once, with what they have forked."""
+        for engine in self.engines.values():
+            with suppress(ProcessLookupError):
+                os.killpg(engine.pid, signal.SIGKILL)
+            engine.wait()
 
 
 def _middleware() -> list[str]:
@@ -200,11 +229,11 @@ def _kind(robot: str) -> list[str]:
 
 
 @contextmanager
-def field(*robots: str) -> Iterator[Field]:
-    """Engines of a domain of their own."""
+def field(*robots: str, together: bool = False) -> Iterator[Field]:
+    """Engines of a domain of their own; started `together`, by one command."""
     global DOMAIN
     DOMAIN += 1
-    made = Field(DOMAIN, *robots)
+    made = Field(DOMAIN, *robots, together=together)
     try:
         yield made
     finally:
@@ -271,8 +300,6 @@ def _trips(team: Field, number: int) -> list[int]:
 
 def rclpy_trips() -> trips.Trips:
     """A ping-pong between two processes of plain rclpy nodes."""
-    import atexit
-
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from std_msgs.msg import String
@@ -353,33 +380,41 @@ def twenty() -> Iterator[Row]:
 
 
 def hundred() -> Iterator[Row]:
-    """A hundred."""
-    yield from _many(100, found=15, running=30)
+    """A hundred, by one command."""
+    yield from engines(100)
 
 
 def engines(number: int) -> Iterator[Row]:
-    """As many as are asked for, with goals in proportion to those for a hundred."""
+    """As many as are asked for, by one command, with goals in proportion to those for a hundred."""
+    found, running = max(5, 15 * number // 100), max(10, 30 * number // 100)
+    yield from _many(number, found=found, running=running, together=True)
+
+
+def apart(number: int) -> Iterator[Row]:
+    """The same, each engine by a command of its own."""
     yield from _many(number, found=max(5, 15 * number // 100), running=max(10, 30 * number // 100))
 
 
-def _many(number: int, found: int, running: int) -> Iterator[Row]:
+def _many(number: int, found: int, running: int, *, together: bool = False) -> Iterator[Row]:
     robots = [f"R_{number}" for number in range(1, number + 1)]
     yield Row("load of the machine before", round(os.getloadavg()[0], 1))
     before = _loopback_bytes()
-    with field(*robots) as team:
+    with field(*robots, together=together) as team:
         sent = (_loopback_bytes() - before) / number
         yield Row(f"{number} engines, until all are found", round(team.found, 1), "s", goal=f"< {found}")
-        used = sum(_cpu(engine.pid) for engine in team.engines.values())
-        yield Row(f"{number} engines, processor time of each until then", round(used / number, 2), "s")
+        used = sum(map(_cpu, team.processes()))
+        yield Row(f"{number} engines, processor time of each until found", round(used / number, 2), "s")
         yield Row(f"{number} engines, discovery traffic of each", round(sent / 1000), "kB")
         yield Row(f"{number} engines, of that for each other engine", round(sent / 1000 / (number - 1), 2), "kB")
         took = team.deploy(read_text(_waiting("here", "R"), file="many.bpmn"))
         team.until(lambda: all(report.instances for report in team.last.values()))
         total = time.monotonic() - team.began
-        held = sum(_memory(engine.pid) for engine in team.engines.values())
+        used = sum(map(_cpu, team.processes()))
+        held = sum(map(_part_of_memory, team.processes()))
         yield Row(f"{number} engines, deployment to all", round(took * 1e3), "ms")
         yield Row(f"{number} engines, until all run their process", round(total, 1), "s", goal=f"< {running}")
-        yield Row(f"{number} engines, memory of each", round(held / number / 1e6, 1), "MB")
+        yield Row(f"{number} engines, processor time of each until they run", round(used / number, 2), "s")
+        yield Row(f"{number} engines, memory of each, shared memory divided", round(held / number / 1e6, 1), "MB")
 
 
 def _loopback_bytes() -> int:
@@ -488,6 +523,12 @@ def _memory(pid: int) -> int:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+def _part_of_memory(pid: int) -> int:
+    """Resident memory (bytes), but of what processes share, only its part."""
+    lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+    return next(1024 * int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+
+
 def write_bytecode() -> None:
     """All that an engine needs, as if it had been installed."""
     with field("Tractor_1") as team:
@@ -520,13 +561,18 @@ def main() -> None:
         rclpy_echo()
         return
     for word in words:
-        if word.startswith("engines:"):
-            CASES[word] = partial(engines, int(word.removeprefix("engines:")))
+        for case in (engines, apart):
+            if word.startswith(f"{case.__name__}:"):
+                CASES[word] = partial(case, int(word.partition(":")[2]))
     unknown = [word for word in words if word not in CASES]
     if unknown:
         print(f"no case {', '.join(unknown)}; there are {', '.join(CASES)}", file=sys.stderr)
         raise SystemExit(2)
     rows = []
+    atexit.register(lambda: [each.kill() for each in FIELDS])
+    for number in (signal.SIGTERM, signal.SIGALRM):
+        signal.signal(number, lambda number, _: sys.exit(f"ended by signal {number}"))
+    signal.alarm(LONGEST)
     with tempfile.TemporaryDirectory() as folder:
         BYTECODE["PYTHONPYCACHEPREFIX"] = folder
         write_bytecode()
@@ -534,7 +580,7 @@ def main() -> None:
             for row in CASES[name]():
                 rows.append(row)
                 if "--json" not in sys.argv:
-                    print(f"{row.case:<46} {f'{row.value:g} {row.unit}':>10}   {row.goal}".rstrip(), flush=True)
+                    print(f"{row.case:<52} {f'{row.value:g} {row.unit}':>10}   {row.goal}".rstrip(), flush=True)
     if "--json" in sys.argv:
         print(json.dumps([asdict(row) for row in rows], indent=2))
 

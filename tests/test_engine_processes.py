@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -184,3 +185,79 @@ def test_drone_and_tractors_work_on_ros_where_the_type_of_a_service_is_missing()
     assert "fame: not over after " in err
     missing = importlib.util.find_spec("tello_msgs") is None
     assert ("Drone offers no service tello_action: tello_msgs/srv/TelloAction: this ROS" in err) == missing
+
+
+# ---- several engines by one command ----------------------------------------------------------------------------------
+
+ROBOTS = ("R_1", "R_2", "R_3")
+
+
+@pytest.fixture
+def engines(middleware: str) -> Iterator[subprocess.Popen[str]]:
+    words = fame("engine", *ROBOTS, "--insecure", "--middleware", middleware)
+    process = subprocess.Popen(words, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True, process_group=0)
+    yield process
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+
+
+def children(process: subprocess.Popen[str]) -> list[int]:
+    return [int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+
+
+def lives(pid: int) -> bool:
+    with suppress(OSError):
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    return False
+
+
+def status(middleware: str) -> dict[str, str]:
+    found = json.loads(told("status", "--json", "--middleware", middleware))
+    return {robot: report["state"] for robot, report in found["robots"].items()}
+
+
+@pytest.mark.processes
+def test_several_engines_of_one_command_are_robots_like_any_and_leave_together(
+    middleware: str, engines: subprocess.Popen[str]
+) -> None:
+    said = {engines.stderr.readline().split()[0] for _ in ROBOTS}  # type: ignore[union-attr]
+    assert said == set(ROBOTS)
+    assert status(middleware) == dict.fromkeys(ROBOTS, "waiting")
+    assert len(children(engines)) == len(ROBOTS)
+    engines.send_signal(signal.SIGINT)
+    _, errors = engines.communicate(timeout=30)
+    assert (engines.returncode, errors) == (0, "")
+
+
+@pytest.mark.processes
+def test_of_several_engines_one_may_be_killed_and_the_others_end_with_what_started_them(
+    middleware: str, engines: subprocess.Popen[str]
+) -> None:
+    for _ in ROBOTS:
+        engines.stderr.readline()  # type: ignore[union-attr]
+    first, *others = children(engines)
+    os.kill(first, signal.SIGKILL)
+    while len(children(engines)) == len(ROBOTS):
+        time.sleep(0.1)
+    assert all(map(lives, others))
+    engines.kill()
+    deadline = time.monotonic() + 30
+    while any(map(lives, others)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not any(map(lives, others))
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["A", "A"], "named twice: A"),
+        (["A", "B", "--state", "state"], "--state belongs to one robot: start each engine by its own command"),
+        (["A", "B", "--trust", "x.pub", "--identity", "a.key"], "--identity belongs to one robot: start each engine"),
+        (["A", "1B"], "expected letters, digits and _, a letter first, got '1B'"),
+    ],
+)
+def test_what_several_engines_cannot_be(words: list[str], complaint: str) -> None:
+    done = subprocess.run(fame("engine", *words), env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert complaint in done.stderr

@@ -220,6 +220,66 @@ def test_another_process_takes_over_where_all_meet(here: WallWorld) -> None:
     here.until(lambda: all(len(middleware.node_names()) == 3 for middleware in here.middlewares))
 
 
+def test_a_crowd_meets_in_one_process_and_talks_through_it(here: WallWorld) -> None:
+    here.node("hall")
+    first, second = (ZenohMiddleware(here.scheduler, domain=DOMAIN, crowd=True) for _ in range(2))
+    here.middlewares += [first, second]
+    here.until(lambda: str(here.middlewares[0].id) in map(str, first.session.info.routers_zid()))
+    assert not list(first.session.info.peers_zid()) + list(second.session.info.peers_zid())
+    heard: list[str] = []
+    second.node("listener").subscription("/x", TEXT, lambda message: heard.append(message.data))
+    publisher = first.node("talker").publisher("/x", TEXT)
+    here.until(publisher.matched)
+    here.until(lambda: publisher.publish(create(TEXT, "through the hall")) or bool(heard))
+    assert set(heard) == {"through the hall"}
+
+
+@pytest.mark.processes
+def test_publishers_with_history_come_and_go_while_their_own_process_listens() -> None:
+    """In a process of its own: what this is about is that nobody waits for ever."""
+    done = subprocess.run(
+        [sys.executable, "-c", COMING_AND_GOING, str(DOMAIN)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), *sys.path))},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.stdout, done.returncode) == ("done\n", 0), done
+
+
+COMING_AND_GOING = """
+import sys, threading
+from fame.middleware.data_scheduler import DataScheduler
+from fame.middleware.interface import LATCHED
+from fame.middleware.messages import create
+from fame.middleware.zenoh import ZenohMiddleware
+
+TEXT = "std_msgs/msg/String"
+scheduler = DataScheduler()
+mine, other = (ZenohMiddleware(each, domain=int(sys.argv[1])) for each in (scheduler, DataScheduler()))
+mine.node("listener").subscription("/x", TEXT, lambda message: None, LATCHED)
+flood, over = other.node("other").publisher("/x", TEXT, LATCHED), threading.Event()
+
+def publish() -> None:
+    while not over.is_set():
+        flood.publish(create(TEXT, "x"))
+
+thread = threading.Thread(target=publish)
+thread.start()
+for _ in range(100):
+    node = mine.node("short")
+    node.publisher("/x", TEXT, LATCHED)
+    scheduler.run(scheduler.now + 1_000_000)
+    node.close()
+over.set()
+thread.join()
+mine.close()
+other.close()
+print("done")
+"""
+
+
 def test_domains_do_not_hear_each_other(here: WallWorld) -> None:
     here.node("a").publisher("/x", TEXT)
     other = ZenohMiddleware(here.scheduler, domain=DOMAIN + 1)
@@ -401,7 +461,7 @@ def test_the_graph_does_not_grow_without_bound(here: WallWorld, monkeypatch: pyt
     from fame.middleware.zenoh import middleware as module
 
     monkeypatch.setattr(module, "_MAX_ENTITIES", 2)
-    graph = module.Graph()
+    graph = module.Graph(lambda: None)
     added = [graph.add(tokens.entity(token_of(number))) for number in range(4)]
     assert added == [True, True, False, False]
     graph.remove(token_of(0))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import gc
 import re
 from argparse import ArgumentTypeError, Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,10 +36,18 @@ def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "engine", run,
-        examples=("fame engine REX --type car", "fame engine Tractor_1 --type tractor --state state/Tractor_1"),
+        examples=(
+            "fame engine REX --type car",
+            "fame engine Tractor_1 --type tractor --state state/Tractor_1",
+            "fame engine Drone_1 Drone_2 Drone_3 --middleware zenoh       three engines, each a process",
+        ),
         help="run one robot's engine: it waits for its process on /NAME/bpmn_process",
     )  # fmt: skip
-    parser.add_argument("name", type=_name, metavar="NAME", help="the robot's name and namespace")
+    parser.add_argument(
+        "names", nargs="+", type=_name, metavar="NAME",
+        help="the robot's name and namespace; of several, each gets a process of its own, which starts faster than by "
+        "a command of its own",
+    )  # fmt: skip
     parser.add_argument("--type", metavar="TYPE", help="kind of robot (car ...), which determines its safe state")
     parser.add_argument(
         "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
@@ -101,6 +110,51 @@ def _name(text: str) -> str:
 
 def run(arguments: Namespace) -> int:
     """Serve until interrupted."""
+    arguments.name = arguments.names[0]
+    if len(arguments.names) > 1:
+        from fame.scenario.forking import fork_each
+
+        _prepare_several(arguments)
+        arguments.name, children = fork_each(arguments.names)
+        if children:
+            return _wait(arguments, children)
+    return _run_one(arguments)
+
+
+def _prepare_several(arguments: Namespace) -> None:
+    """Load what all engines need. Raises ConfigError for what only one engine can have."""
+    from fame.deploy.loading import preload_all
+
+    for option, value in (("--identity", arguments.identity), ("--state", arguments.state)):
+        if value is not None:
+            raise ConfigError(f"{option} belongs to one robot: start each engine by its own command")
+    twice = [name for name in dict.fromkeys(arguments.names) if arguments.names.count(name) > 1]
+    if twice:
+        raise ConfigError(f"named twice: {', '.join(twice)}")
+    import_module(f"fame.middleware.{arguments.middleware}")
+    preload_all()
+
+
+def _wait(arguments: Namespace, children: Mapping[int, str]) -> int:
+    """Wait for the engines, and be the process in which they meet. Their exit code: the first that is not 0."""
+    from fame.clock import SECOND
+    from fame.scenario.forking import wait_for
+    from fame.scenario.process import connect, scheduler_for
+
+    scheduler = scheduler_for(arguments.middleware)
+    middleware = connect("zenoh", scheduler) if arguments.middleware == "zenoh" and arguments.network is None else None
+    try:
+        codes = wait_for(children, lambda time: scheduler.run(scheduler.now + round(time * SECOND)))
+    finally:
+        if middleware is not None:
+            middleware.close()
+    for name, code in codes.items():
+        if code < 0:
+            note(f"fame: engine {name} was ended by signal {-code}")
+    return next((code if code > 0 else 1 for code in codes.values() if code), 0)
+
+
+def _run_one(arguments: Namespace) -> int:
     from fame.scripting.budget import heartbeat
 
     gc.disable()  # what is loaded now stays: to look for garbage in it costs a tenth of the start
@@ -167,7 +221,7 @@ def _serve(arguments: Namespace) -> None:
         return engine
 
     try:
-        serve(arguments.middleware, arguments.network, build)
+        serve(arguments.middleware, arguments.network, build, crowd=len(arguments.names) > 1)
     finally:
         for log in logs:
             log.close()
@@ -273,6 +327,8 @@ def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middl
         if report is not None and proves_presence(report, name, trusted, time.time()):
             reports.append(report)
 
+    if name not in engines(middleware):
+        return False  # nobody to listen to, nothing that all others would have to hear of
     node = middleware.node("_fame_twin", name)
     node.subscription("bpmn_status", STRING, listen, STATUS_QOS)
     until = scheduler.now + round(1.5 * HEARTBEAT * SECOND)

@@ -205,6 +205,12 @@ def preload(scheduler: Scheduler, waits: Callable[[], bool], engines: Callable[[
     wait()
 
 
+def preload_all() -> None:
+    """Load all of that now."""
+    for _ in _steps():
+        pass
+
+
 def _preload(steps: Iterator[str]) -> bool:
     """Do the next step; whether there was one. What it loads stays: no garbage collection has to look at it."""
     gc.disable()

@@ -43,10 +43,19 @@ def is_child() -> bool:
     return PARENT in os.environ
 
 
+_forked_by: list[int] = []
+
+
+def forked(parent: int) -> None:
+    """Note that this process was forked by another one, and is to end with it."""
+    _forked_by[:] = [parent]
+
+
 def orphaned() -> bool:
     """Return whether the FAME process that started this one has ended."""
-    parent = os.environ.get(PARENT)
-    return parent is not None and parent.isdecimal() and os.getppid() != int(parent)
+    parent = os.environ.get(PARENT, "")
+    parents = _forked_by or ([int(parent)] if parent.isdecimal() else [])
+    return any(os.getppid() != each for each in parents)
 
 
 def encode_event(event: Event) -> str:
@@ -111,8 +120,10 @@ def connect(
     scheduler: WallScheduler,
     network: str | None = None,
     on_warning: Callable[[EndpointWarning], object] | None = None,
+    *,
+    crowd: bool = False,
 ) -> Middleware:
-    """Return the middleware of a process.
+    """Return the middleware of a process; with `crowd`, of one of many that were started together.
 
     Raises UnavailableError if its packages are not installed, and ConfigError for a network that is not of its kind.
     """
@@ -130,7 +141,7 @@ def connect(
     if backend == "zenoh":
         from fame.middleware.zenoh import ZenohMiddleware
 
-        return ZenohMiddleware(scheduler, network=network, on_warning=on_warning)
+        return ZenohMiddleware(scheduler, network=network, crowd=crowd, on_warning=on_warning)
     raise ConfigError(f"expected middleware {' or '.join(BACKENDS)}, got {backend!r}")
 
 
@@ -154,15 +165,17 @@ def serve(
     network: str | None,
     build: Callable[[WallScheduler, Middleware], Component],
     on_warning: Callable[[EndpointWarning], object] | None = None,
+    *,
+    crowd: bool = False,
 ) -> None:
     """Build a component and run it until SIGINT or SIGTERM; then stop it safely and close it.
 
-    `on_warning` is called with each warning of the middleware.
+    `on_warning` is called with each warning of the middleware. `crowd`: as for `connect`.
     """
     if is_child():
         warnings.showwarning = _print_warning  # type: ignore[assignment]
     scheduler = scheduler_for(backend)
-    middleware = connect(backend, scheduler, network, on_warning)
+    middleware = connect(backend, scheduler, network, on_warning, crowd=crowd)
     try:
         component = build(scheduler, middleware)
         try:

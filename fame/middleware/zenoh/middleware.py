@@ -1,7 +1,8 @@
 """The backend: nodes in one session of Zenoh, and the graph of all nodes and endpoints of the domain.
 
 Nodes are made and used in the thread of the scheduler (or before it runs). Zenoh calls back in threads of its own:
-these put messages into the queue of their subscription, update the graph, and enter all else in the scheduler.
+these put messages into the queue of their subscription, and enter all else in the scheduler. Tokens wait in Zenoh until
+somebody asks what is there, or for `_LOOK` at most: of a hundred engines that start at once, each gets thousands.
 
 Zenoh connects whatever has the same key expression. That endpoints whose quality of service does not match are not
 connected, as over DDS, is up to the subscription: it knows the publisher of each message from the graph.
@@ -14,7 +15,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from itertools import count
+from itertools import count, islice
 from typing import Any
 
 import zenoh
@@ -30,6 +31,10 @@ from fame.middleware.zenoh.endpoints import ZenohClient, ZenohPublisher, ZenohSe
 from fame.middleware.zenoh.session import open_session, take_over
 from fame.middleware.zenoh.tokens import Entity, Kind
 
+_LOOK = SECOND // 10
+"""Interval at which a process looks who has come and left (ns)."""
+_AT_ONCE = 1000
+"""How many tokens are taken before anything else is done."""
 _MAX_ENTITIES = 100_000
 """How many nodes and endpoints the graph holds: a flood of tokens must not fill the memory."""
 _TAKE_OVER = SECOND
@@ -39,13 +44,19 @@ _FLUSH_PATIENCE = 4.0
 
 
 class Graph:
-    """The nodes and endpoints of a domain, by token. Any thread may use it."""
+    """The nodes and endpoints of a domain, by token. Any thread may use it.
 
-    def __init__(self) -> None:
+    `update` brings it up to date before it says who is there.
+    """
+
+    def __init__(self, update: Callable[[], object]) -> None:
+        self._update = update
         self._lock = threading.RLock()
         self._entities: dict[str, Entity] = {}
         self._names: dict[tuple[str, Kind], dict[str, Entity]] = {}
         self._publishers: dict[bytes, Entity] = {}
+        self._topics: list[TopicInfo] | None = None
+        self._nodes: list[str] | None = None
 
     def add(self, entity: Entity) -> bool:
         """Whether it was not there, and there is room for it."""
@@ -53,6 +64,7 @@ class Graph:
             if entity.token in self._entities or len(self._entities) >= _MAX_ENTITIES:
                 return False
             self._entities[entity.token] = entity
+            self._topics = self._nodes = None
             self._names.setdefault((entity.name, entity.kind), {})[entity.token] = entity
             if entity.kind == tokens.PUBLISHER:
                 self._publishers[entity.gid] = entity
@@ -62,6 +74,7 @@ class Graph:
         with self._lock:
             entity = self._entities.pop(token, None)
             if entity is not None:
+                self._topics = self._nodes = None
                 named = self._names[entity.name, entity.kind]
                 del named[token]
                 if not named:
@@ -71,16 +84,40 @@ class Graph:
 
     def all(self) -> list[Entity]:
         """All nodes and endpoints, in the order in which they came."""
+        self._update()
         with self._lock:
             return list(self._entities.values())
 
+    def topics(self) -> list[TopicInfo]:
+        """All topics, in the order of names; the same list until something changes."""
+        self._update()
+        with self._lock:
+            if self._topics is None:
+                ends: dict[str, list[Entity]] = {}
+                for entity in self._entities.values():
+                    if entity.kind in (tokens.PUBLISHER, tokens.SUBSCRIPTION):
+                        ends.setdefault(entity.name, []).append(entity)
+                self._topics = [_info(name, ends[name]) for name in sorted(ends)]
+            return self._topics
+
+    def nodes(self) -> list[str]:
+        """The names of all nodes, in order; the same list until something changes."""
+        self._update()
+        with self._lock:
+            if self._nodes is None:
+                self._nodes = sorted(each.node for each in self._entities.values() if each.kind == tokens.NODE)
+            return self._nodes
+
     def named(self, name: str, kind: Kind) -> list[Entity]:
         """The endpoints of a topic or service (full name) of one kind."""
+        self._update()
         with self._lock:
             return list(self._names.get((name, kind), {}).values())
 
     def publisher(self, gid: bytes) -> Entity | None:
         """The publisher of that gid."""
+        if gid not in self._publishers:
+            self._update()
         return self._publishers.get(gid)
 
 
@@ -120,7 +157,7 @@ class ZenohMiddleware(WireMiddleware):
     """Nodes on Zenoh. `warnings` are for the user; `on_warning` is called with each of them in the scheduler.
 
     `domain` None is ROS_DOMAIN_ID. `network` None keeps everything on loopback, without a router; else it names routers
-    or a configuration file (`fame.middleware.zenoh.session`). Raises ConfigError.
+    or a configuration file (`fame.middleware.zenoh.session`, where `crowd` is explained, too). Raises ConfigError.
     """
 
     use_sim_time: bool = False
@@ -133,21 +170,25 @@ class ZenohMiddleware(WireMiddleware):
         *,
         domain: int | None = None,
         network: str | None = None,
+        crowd: bool = False,
         on_warning: Callable[[EndpointWarning], object] | None = None,
     ) -> None:
         super().__init__(scheduler, network, on_warning)
         self.domain: int = domain_id(domain)
         self.confined: bool = network is None
-        self.entities: Graph = Graph()
+        self.entities: Graph = Graph(self._take_tokens)
         self.receivers: dict[str, list[ZenohSubscription]] = {}  # by key, those of this session
-        self.session: Any = open_session(self.domain, network)
+        self.session: Any = open_session(self.domain, network, crowd=crowd)
         self.id: str = str(self.session.zid())
         self._ids = count()
         self._barrier: Any = None
         self._meeting: Any = None  # a second session, where processes meet
-        on_token = zenoh.handlers.Callback(self._on_token, indirect=False)
+        waiting: Any = zenoh.handlers.FifoChannel(_MAX_ENTITIES)
         everything = f"{tokens.ROOT}/{self.domain}/**"
-        self._watch = self.session.liveliness().declare_subscriber(everything, on_token, history=True)
+        self._tokens: Any = self.session.liveliness().declare_subscriber(everything, waiting, history=True)
+        self._taking = threading.RLock()
+        self._takes = False
+        self._look()
         if network is None:
             scheduler.after(_TAKE_OVER, self._take_over)
         self.wakeups: Wakeups | None = None
@@ -159,17 +200,13 @@ class ZenohMiddleware(WireMiddleware):
         return ZenohNode(self, name, namespace.strip("/"), part)
 
     def graph(self) -> list[TopicInfo]:
-        topics: dict[str, list[Entity]] = {}
-        for entity in self.entities.all():
-            if entity.kind in (tokens.PUBLISHER, tokens.SUBSCRIPTION):
-                topics.setdefault(entity.name, []).append(entity)
-        return [_info(name, topics[name]) for name in sorted(topics)]
+        return list(self.entities.topics())
 
     def namespaces(self) -> list[str]:
         return sorted({entity.namespace for entity in self.entities.all() if entity.namespace})
 
     def node_names(self) -> list[str]:
-        return sorted(entity.node for entity in self.entities.all() if entity.kind == tokens.NODE)
+        return list(self.entities.nodes())
 
     def offers(self, service: str) -> list[tuple[str, str]]:
         return [(entity.type, entity.node) for entity in self.entities.named(service, tokens.SERVICE)]
@@ -238,8 +275,25 @@ class ZenohMiddleware(WireMiddleware):
     def _barrier_key(self, session: str) -> str:
         return f"fame_lockstep/{self.domain}/{session}"
 
+    def _look(self) -> None:
+        if not self.closed:
+            self._take_tokens()
+            self.scheduler.after(_LOOK, self._look)
+
+    def _take_tokens(self) -> None:
+        """Take the tokens that have come since the last time, in any thread; of a flood, some."""
+        with self._taking:
+            if self._takes or self.closed:
+                return  # to take one asks for others
+            self._takes = True
+            try:
+                for sample in islice(iter(self._tokens.try_recv, None), _AT_ONCE):
+                    self._on_token(sample)
+            finally:
+                self._takes = False
+
     def _on_token(self, sample: zenoh.Sample) -> None:
-        """In a thread of Zenoh. Its own tokens are in the graph already."""
+        """Its own tokens are in the graph already."""
         token = str(sample.key_expr)
         if sample.kind == zenoh.SampleKind.DELETE:
             entity = self.entities.remove(token)

@@ -9,6 +9,9 @@ cannot close.
 The session that listens there is a router of Zenoh, and the others gossip with it alone: if all told all others of
 everybody, discovery would cost each of them the square of their number.
 
+Of a `crowd`, each session has one connection only, to the router: with connections from each to each, a hundred
+processes on a machine would have 4950, and no time for anything else. Then everything goes through that router.
+
 Machines are connected by routers: ``fame router``, `zenohd` or rmw_zenoh's `rmw_zenohd`, one on each machine. The
 sessions of a machine connect to its router, which says to each who else is there; what is for another machine goes
 through the routers. A session never listens on the network itself.
@@ -49,27 +52,37 @@ _SETTINGS: dict[str, Any] = {
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 100_000,  # us, as over DDS
     "transport/link/rx/max_message_size": MAX_MESSAGE_SIZE + _HEADERS,
     "transport/unicast/accept_pending": 1000,
+    "transport/shared_memory/enabled": False,  # two threads in each process, and 16 MB of a /dev/shm that may be small
 }
 _CLIENT: dict[str, Any] = {"connect/timeout_ms": 10_000, "connect/exit_on_failure": True}
 """A client is nothing without its router: Zenoh waits for it before the session is there."""
+_MEMBER: dict[str, Any] = {"mode": "client", "connect/timeout_ms": 60_000, "connect/exit_on_failure": True}
+"""One of a crowd: its router may be in a process that starts at the same time, on a machine with much to do."""
+_CONFINED: dict[str, Any] = {"transport/link/tx/lease": 10_000}
+"""On one machine, connections end with their process; what is silent for a while may only have to wait for its turn."""
 _PEER: dict[str, Any] = {
     "mode": "peer",
+    "scouting/gossip/autoconnect_strategy": {
+        "peer": {"to_router": "always", "to_peer": "greater-zid"}
+    },  # once, not twice
     "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
     "listen/endpoints": ["tcp/127.0.0.1:0"],
 }
 
 
-def open_session(domain: int, network: str | None) -> zenoh.Session:
-    """A session for the processes of a domain.
+def open_session(domain: int, network: str | None, *, crowd: bool = False) -> zenoh.Session:
+    """A session for the processes of a domain; with `crowd`, for one of many of this machine.
 
     `network` None keeps everything on this machine, without a router. Else it names routers, as `locators` takes them,
     or it is the path of a configuration file, which names them. Raises ConfigError.
     """
+    kind = _MEMBER if crowd else _PEER
     if network is None:
-        return take_over(domain) or _open(_SETTINGS | _PEER | {"connect/endpoints": [_meeting_point(domain)]})
+        alone = None if crowd else take_over(domain)
+        return alone or _open(_SETTINGS | _CONFINED | kind | {"connect/endpoints": [_meeting_point(domain)]})
     file = configuration_file(network)
     routers = [f"tcp/127.0.0.1:{ROUTER_PORT}"] if file else locators(network)
-    return _open(_SETTINGS | _PEER | {"connect/endpoints": routers}, file)
+    return _open(_SETTINGS | kind | {"connect/endpoints": routers}, file)
 
 
 def take_over(domain: int) -> zenoh.Session | None:
@@ -81,7 +94,7 @@ def take_over(domain: int) -> zenoh.Session | None:
         except OSError:
             return None
     try:
-        return _open(_SETTINGS | _PEER | {"mode": "router", "listen/endpoints": [_meeting_point(domain)]})
+        return _open(_SETTINGS | _CONFINED | _PEER | {"mode": "router", "listen/endpoints": [_meeting_point(domain)]})
     except ConfigError:
         return None  # another process was faster
 

@@ -1,0 +1,64 @@
+"""Several robots' processes started by one: it imports what they need once, and becomes them by `os.fork`.
+
+A hundred Python processes that each import the same modules need more processor time for that than for all else, and
+each has a copy of them in memory. Nothing may have been started before `fork_each`: no thread, no middleware.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+
+from fame.scenario.process import forked, orphaned
+
+_LOOK = 0.2
+"""How often the parent looks who has ended (s)."""
+
+
+def fork_each(names: Sequence[str]) -> tuple[str, dict[int, str]]:
+    """Make a process for each name. Return its name in each of them, and in this one "" and the name by process id."""
+    gc.freeze()  # what is there stays, in memory that all of them share
+    sys.stdout.flush()
+    sys.stderr.flush()
+    parent, children = os.getpid(), dict[int, str]()
+    for name in names:
+        process = os.fork()
+        if not process:
+            forked(parent)
+            return name, {}
+        children[process] = name
+    return "", children
+
+
+def wait_for(children: Mapping[int, str], rest: Callable[[float], object] = time.sleep) -> dict[str, int]:
+    """Wait until all children have ended, and return the exit code of each; one that a signal ended has a negative one.
+
+    Meanwhile, `rest` is called with a time in s. SIGINT and SIGTERM go to all of them. They end, too, when the FAME
+    process that started this one has ended.
+    """
+    left, codes = dict(children), dict[str, int]()
+
+    def tell(number: int, *_: object) -> None:
+        for process in tuple(left):
+            with suppress(ProcessLookupError):
+                os.kill(process, number)
+
+    former = {number: signal.signal(number, tell) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        while left:
+            process, status = os.waitpid(-1, os.WNOHANG)
+            if process in left:
+                codes[left.pop(process)] = os.waitstatus_to_exitcode(status)
+            elif not process:
+                if orphaned():
+                    tell(signal.SIGTERM)
+                rest(_LOOK)
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
+    return codes
