@@ -27,7 +27,7 @@ def test_robots_whose_sender_died_before_it_told_anybody_to_start_keep_what_they
     field.pass_time(10)
     assert [field.engines[name].running for name in "AB"] == kept
     reasons = [report.reason for report in field.said if report.answer == "aborted"]
-    assert ["before it told any robot to start" in reason for reason in reasons] == [True, True]
+    assert ["before it started any robot" in reason for reason in reasons] == [True, True]
 
 
 def test_a_robot_whose_sender_died_after_it_told_another_to_start_starts_too():
@@ -119,7 +119,7 @@ def test_two_deployments_at_the_same_instant_end_with_one_of_them_everywhere():
 
 
 class Deaf(Deployment):
-    """Nothing that it says to `lost` robots arrives while `words` are left, once they are told to start."""
+    """Nothing that it says to `lost` robots arrives while `words` are left, once they are started."""
 
     lost: tuple[str, ...] = ()
     words = 0

@@ -33,7 +33,7 @@ from fame.deploy.robot_state import (
     ScheduleLoad,
     Stopped,
 )
-from fame.deploy.termination import NOBODY, Answered, Silence
+from fame.deploy.termination import NONE_STARTED, Answered, Silence
 
 FIRST = Envelope(deployment="d1", sequence=1, robot="A", phase="load", team=["A", "B"])
 SECOND = replace(FIRST, deployment="d2", sequence=2)
@@ -96,7 +96,7 @@ HOLDS = (*READY, Silence(), Silence())
         ((*READY, told("ask")), [Reply("ready", "d1")]),
         ((*READY, told("start"), Replaced(), told("ask")), [Reply("started", "d1")]),
         ((*HOLDS, Answered("B", "started")), [Replace()]),
-        ((*HOLDS, Answered("B", "asking")), [Drop(), Reply("aborted", "d1", NOBODY)]),
+        ((*HOLDS, Answered("B", "asking")), [Drop(), Reply("aborted", "d1", NONE_STARTED)]),
     ],
 )
 def test_what_a_robot_does(events, actions):

@@ -143,7 +143,7 @@ def test_with_keys_every_robot_is_heard_before_it_is_loaded():
         ((*LOAD, answered("A", "refused")), ("", "had not answered yet")),
         (
             (*READY, answered("A", "started"), PatienceEnded(10.0)),
-            ("", "was ready, and did not answer when it was told to start"),
+            ("", "was ready, and did not answer the start"),
         ),
         ((*LOAD, TimerFired(LATE)), ("this command was stopped for 100 s and starts no robot",) * 2),
     ],

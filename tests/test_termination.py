@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import pytest
 
 from fame.deploy.termination import (
-    NOBODY,
+    NONE_STARTED,
     Abort,
     Answered,
     Ask,
@@ -31,7 +31,7 @@ ASKING = replace(TWO, asking=True)
         (TWO, Instruction("start"), Start()),
         (TWO, Instruction("abort"), Abort()),
         (TWO, Silence(), Ask()),
-        (Ready(frozenset()), Silence(), Abort(NOBODY)),
+        (Ready(frozenset()), Silence(), Abort(NONE_STARTED)),
         (ASKING, Silence(), Ask()),
         (ASKING, Instruction("hold"), ReportAsking()),
         (ASKING, Instruction("start"), ReportAsking()),
@@ -42,8 +42,8 @@ ASKING = replace(TWO, asking=True)
         (ASKING, Answered("B", "ready"), None),
         (ASKING, Answered("B", "asking"), None),
         (ASKING, Answered("D", "aborted"), None),
-        (replace(ASKING, asked=frozenset({"C"})), Answered("B", "asking"), Abort(NOBODY)),
-        (replace(TWO, asked=frozenset({"B", "C"})), Silence(), Abort(NOBODY)),
+        (replace(ASKING, asked=frozenset({"C"})), Answered("B", "asking"), Abort(NONE_STARTED)),
+        (replace(TWO, asked=frozenset({"B", "C"})), Silence(), Abort(NONE_STARTED)),
     ],
 )
 def test_what_a_robot_that_is_ready_does(state, event, action):

@@ -207,5 +207,5 @@ def person() -> str:
     try:
         user = getpass.getuser()
     except (OSError, KeyError, ImportError):  # no name for this user id
-        user = "somebody"
+        user = "unknown"
     return f"{user}@{socket.gethostname()}"

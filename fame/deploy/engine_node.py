@@ -369,7 +369,7 @@ class EngineNode:
         assert self.running is not None
         envelope = candidate.envelope
         proved = signer(asdict(envelope), self._trusted) if envelope.signature and self._trusted else ""
-        who = proved or f"{printable(envelope.who) or 'somebody'} (unverified)"
+        who = proved or f"{printable(envelope.who) or 'unknown'} (unverified)"
         forced = ", whatever the exploration finds (--force)" if envelope.plan.get("forced") else ""
         text = f"migrated from model {before[:12]} to {envelope.hash[:12]} by {who}{forced}"
         try:

@@ -149,7 +149,7 @@ class TaskServer:
         if node is None:
             reason = "the robot has no process yet"
             return "refused", f"{request.element}: {reason}" if request.element else reason
-        who = signer or f"{printable(request.who) or 'somebody'} (unverified)"
+        who = signer or f"{printable(request.who) or 'unknown'} (unverified)"
         try:
             match request.act:
                 case "activate":

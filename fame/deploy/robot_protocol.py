@@ -4,7 +4,7 @@ Theory of operation. A robot has at most one process that runs, one *candidate* 
 waits to be loaded::
 
     waiting ──> loading ──> matching ──topics are matched──> ready ──start──> replacing ──> running
-       │           │           └──abort, newer one,            └──abort, or nobody was told to start
+       │           │           └──abort, newer one,            └──abort, or no robot was started
        │           │              topic without other end
        └───────────┴──abort, newer one, model is wrong
 
@@ -63,7 +63,7 @@ ASKING = 1.0
 _ANSWERS = 100
 _NOT_LOADED = "no such deployment is loaded here"
 _NOT_READY = "it is not ready: the other ends of its topics are not there yet"
-_NEWER = "a newer one waits; its sender decides, since others may have been told to start"
+_NEWER = "a newer one waits; its sender decides, since others may have been started"
 _NOT_READY_FOR_PEER = "the sender fell silent; it was not ready here"
 _ENDS = "the engine ends"
 _UNDER_WAY = "another deployment is under way; ask again when it is over"

@@ -273,7 +273,7 @@ def _answered(state: SenderState, event: Answered) -> tuple[SenderState, tuple[A
 
 
 def _vote(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
-    """One refusal ends it for all; when all are ready, all are told to start, and that is not taken back."""
+    """One refusal ends it for all; when all are ready, all are started, which is not undone."""
     states = {each.state for each in state.robots}
     if states & (REFUSALS | {"asking"}):
         return _end(state, failed=True)
@@ -312,7 +312,7 @@ def _impatient(state: SenderState, each: RobotProgress, patience: float) -> Robo
     if each.state == "silent" and (state.phase != "discovery" or each.robot not in state.reported):
         return replace(each, reason=f"did not answer within {patience:g} s")
     if state.phase == "start" and each.state == "ready":
-        return replace(each, reason="was ready, and did not answer when it was told to start")
+        return replace(each, reason="was ready, and did not answer the start")
     return each
 
 

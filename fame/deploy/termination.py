@@ -95,7 +95,7 @@ class Abort:
 
 Event = Instruction | Answered | Silence
 Action = Wait | Ask | ReportAsking | Start | Abort
-NOBODY = "the sender fell silent before it told any robot to start"
+NONE_STARTED = "the sender fell silent before it started any robot"
 
 
 def step(state: Ready, event: Event) -> tuple[Ready, Action | None]:
@@ -121,7 +121,7 @@ def step(state: Ready, event: Event) -> tuple[Ready, Action | None]:
 
 
 def _alone_or(state: Ready, action: Action | None) -> tuple[Ready, Action | None]:
-    return state, Abort(NOBODY) if state.asking and not state.unheard else action
+    return state, Abort(NONE_STARTED) if state.asking and not state.unheard else action
 
 
 def reply(state: Ready | None, *, started: bool) -> str:

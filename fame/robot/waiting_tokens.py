@@ -25,7 +25,7 @@ from fame.robot.mission import Mission
 from fame.scripting import Runner, script_names
 from fame.scripting.requests import Act, Call
 
-SOMEBODY = "a person to complete it"
+A_PERSON = "a person to complete it"
 """The reason of user and manual tasks."""
 
 
@@ -249,7 +249,7 @@ class _Describer:
         if catch.timer:
             return f"{catch.timer} timer"
         if catch.trigger is USER:
-            return SOMEBODY
+            return A_PERSON
         if catch.parts:
             return " or ".join(self._trigger(item, variables) for item in catch.parts)
         awaited = self.runner.awaited_topic(wait.key)

@@ -14,7 +14,7 @@ from fame.clock import EPOCH, SECOND, date_text
 from fame.errors import MissionError
 from fame.middleware.interface import TopicInfo
 from fame.robot import Event, PendingStarts, WaitingToken
-from fame.robot.waiting_tokens import SOMEBODY
+from fame.robot.waiting_tokens import A_PERSON
 
 if TYPE_CHECKING:
     from fame.bpmn.pools import Pool
@@ -123,7 +123,7 @@ class Result:
             lines += [f"pool {name} never started: no robot of it ran its process" for name in self.never_started]
             waits = [wait for robot in self.robots for wait in robot.waits]
             lines += [f"{wait.robot} waits at {wait.element} for {wait.text}" for wait in waits]
-            waiting = next((wait for wait in waits if wait.text == SOMEBODY), None)
+            waiting = next((wait for wait in waits if wait.text == A_PERSON), None)
             if waiting is not None:
                 here = f"--complete {waiting.robot}@S:{waiting.element} does it at simulated second S"
                 lines.append(f"{here}; fame complete reaches robots in processes of their own (--middleware dds)")

@@ -146,7 +146,7 @@ class MissionByHand(MissionUnderTest):
         waits = [wait.element for wait in self.node(robot).waiting_tokens() if wait.element in ids]
         if waits:
             self.node(robot).complete(waits[0], values)
-        return self._done(robot, f"to wait at {element!r} for somebody", bool(waits))
+        return self._done(robot, f"to wait at {element!r} for a person", bool(waits))
 
     def decide(self, robot: str, element: str, *ways: bool | int) -> MissionByHand:
         """Say what is decided at an element about something unknown, for the next times: True, False, or a number.

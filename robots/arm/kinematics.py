@@ -42,7 +42,7 @@ def inverse(chain: Chain, places: Floats, orientations: Floats, seed: Floats) ->
         angles = angles + step[:, :, 0]
     worst = int(np.abs(error).max(axis=1).argmax())
     x, y, z = places[worst]
-    raise MissionError(f"the arm cannot reach x {x:.4f}, y {y:.4f}, z {z:.4f} m in the orientation asked for")
+    raise MissionError(f"the arm cannot reach x {x:.4f}, y {y:.4f}, z {z:.4f} m in the given orientation")
 
 
 def forward(chain: Chain, angles: Floats) -> tuple[Floats, Floats, Floats]:
