@@ -226,7 +226,7 @@ def _branch(arguments: Namespace) -> int:
 def _recorded_run(recording: Recording) -> tuple[Namespace, Scenario]:
     """The command line of a recorded run, and its scenario. Raises ConfigError for what cannot be run again."""
     from fame.cli import parser
-    from fame.cli.run import scenario_of
+    from fame.cli.scenarios import scenario_of
 
     command = shlex.split(recording.metadata.get("command", ""))
     if command[:2] != ["fame", "run"]:
