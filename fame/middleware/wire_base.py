@@ -46,11 +46,11 @@ _MAX_WARNINGS = 1000
 _POLL = 0.002
 """Interval of the checks of `wait_matched` (s)."""
 
-_PARAMETERS_DELAY, _LATEST_PARAMETERS = SECOND // 4, 15 * SECOND
-"""How long the domain has no new node before a node offers its parameters, and when it does so at the latest (ns): many
-engines that start at once find each other first."""
+_PARAMETERS_DELAY, _LATEST_PARAMETERS = SECOND // 4, 60 * SECOND
+"""How long the domain has no new node before a node offers its parameters, for each ten nodes, and when it does so at
+the latest (ns): many engines that start at once find each other, and get their processes, first."""
 _STEP = SECOND // 100
-"""The time between two of their services (ns)."""
+"""The time between two of their services, for each node of the domain (ns): all may be on one machine."""
 _PARAMETERS = "parameters"
 """The part of a node that offers them."""
 
@@ -260,7 +260,7 @@ class WireNode(ABC):
             return
         scheduler, now = self.middleware.scheduler, len(self.middleware.node_names())
         if now != nodes and scheduler.now < until:
-            scheduler.after(_PARAMETERS_DELAY, partial(self._await_quiet, now, until))
+            scheduler.after(_PARAMETERS_DELAY * (1 + now // 10), partial(self._await_quiet, now, until))
         elif self in self.middleware.nodes or self.others():
             # On a part that lives as long as any other.
             home = self.middleware.node(self.name, self.namespace, _PARAMETERS) if self.part else self
@@ -271,7 +271,8 @@ class WireNode(ABC):
         if kinds and home in self.middleware.nodes:
             with suppress(MessageError):  # another node of the same name offers it
                 self.parameters.offer(home, kinds[:1])
-            self.middleware.scheduler.after(_STEP, partial(self._offer_parameters, home, kinds[1:]))
+            pause = _STEP * len(self.middleware.node_names())
+            self.middleware.scheduler.after(pause, partial(self._offer_parameters, home, kinds[1:]))
 
     def _full(self, name: str) -> str:
         full = resolve(name, self.namespace)

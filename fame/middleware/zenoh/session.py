@@ -56,7 +56,7 @@ _SETTINGS: dict[str, Any] = {
 }
 _CLIENT: dict[str, Any] = {"connect/timeout_ms": 10_000, "connect/exit_on_failure": True}
 """A client is nothing without its router: Zenoh waits for it before the session is there."""
-_MEMBER: dict[str, Any] = {"mode": "client", "connect/timeout_ms": 60_000, "connect/exit_on_failure": True}
+_MEMBER: dict[str, Any] = {"mode": "client", "connect/timeout_ms": 30_000, "connect/exit_on_failure": True}
 """One of a crowd: its router may be in a process that starts at the same time, on a machine with much to do."""
 _CONFINED: dict[str, Any] = {"transport/link/tx/lease": 10_000}
 """On one machine, connections end with their process; what is silent for a while may only have to wait for its turn."""

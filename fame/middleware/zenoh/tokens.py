@@ -16,6 +16,7 @@ from __future__ import annotations
 import struct
 import time
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, NamedTuple, cast, get_args
 
 import xxhash
@@ -162,6 +163,7 @@ def qos_text(qos: QoS) -> str:
     return f"{reliability}:{durability}:{history},{qos.depth}:{deadline}:{lifespan}:{liveliness},{lease}"
 
 
+@lru_cache(maxsize=1000)
 def read_qos(text: str) -> QoS:
     """The inverse of `qos_text`. Raises ValueError."""
     reliability, durability, history, deadline, lifespan, liveliness = text.split(":")[:6]
