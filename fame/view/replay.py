@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 from fame.bpmn.model import Definitions
@@ -80,11 +82,21 @@ class Replay:
         return list(dict.fromkeys((*seen, *self._recording.robots)))
 
     def _read(self) -> None:
+        former = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH)
+        try:
+            self._read_all()
+        finally:
+            sys.setswitchinterval(former)
+
+    def _read_all(self) -> None:
         recording, packer, first = self._recording, self._packer, self._offset
         length = max(recording.end - recording.start, 1)
         try:
             begun = False
             for number, message in enumerate(recording.messages()):
+                while self._ahead_lock.locked() and not self._closed:  # somebody waits for an answer
+                    sleep(0.001)
                 if self._closed:
                     return
                 if message.topic == KEY:  # the first has what was before the recording; most others repeat the rest
@@ -219,5 +231,7 @@ _GAPS = b'{"gaps"'
 """How a key begins that has more than the changes before it: of a robot that is new, or after batches were lost."""
 _MALFORMED = (LookupError, TypeError, ValueError, AttributeError)
 """What messages of another form raise."""
+_SWITCH = 0.0005
+"""Seconds after which the reader lets other threads go on: an answer to the page needs several of them."""
 _LONGEST = 365 * 24 * 3600 * SECOND
 """A recording whose times are later than this (ns) counts from another epoch: the page counts from its start."""

@@ -20,6 +20,11 @@ from urllib.parse import urlsplit
 from fame.errors import ConfigError, FameError
 from fame.imports import require
 
+try:
+    import orjson
+except ImportError:  # a workspace of ROS that was built by colcon alone
+    orjson = None  # type: ignore[assignment]
+
 if TYPE_CHECKING:
     import uvicorn
     from starlette.applications import Starlette
@@ -300,6 +305,15 @@ _encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), default=st
 def to_json(value: Any) -> str:
     """JSON on one line; what JSON does not have is text."""
     try:
+        if orjson is not None:  # many times faster: other requests wait meanwhile
+            return orjson.dumps(value, _other, orjson.OPT_NON_STR_KEYS).decode()
+    except TypeError:  # large numbers, and texts that are not Unicode
+        pass
+    try:
         return _encode(value)
     except ValueError:  # a value that contains itself
         return _encode({"error": "not JSON"})
+
+
+def _other(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else str(value)

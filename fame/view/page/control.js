@@ -1,6 +1,6 @@
 // Control of a simulated run: pause, step, breakpoints, speed, complete, signal, set, fault, branch. Absent where read-only.
 
-import { h, icon, show } from "./dom.js";
+import { h, icon, renew } from "./dom.js";
 
 export class Control {
   constructor(root, app) {
@@ -29,7 +29,7 @@ export class Control {
     if (key === this.key) return;
     this.key = key;
     if (!can.size || status?.over) {
-      show(this.root, can.has("branch") ? this.branchButton() : null);
+      renew(this.root, can.has("branch") ? this.branchButton() : null);
       return;
     }
     const paused = status?.paused, parts = [];
@@ -42,7 +42,7 @@ export class Control {
     if (can.has("set")) parts.push(h("button", { cls: "text", onclick: () => this.set() }, "Set"));
     if (can.has("fault")) parts.push(h("button", { cls: "text", onclick: () => this.fault() }, icon("bolt"), "Fault"));
     if (can.has("branch")) parts.push(this.branchButton());
-    show(this.root, parts);
+    renew(this.root, parts);
   }
 
   branchButton() {
@@ -51,7 +51,7 @@ export class Control {
   }
 
   speed(now) {
-    const pick = h("select", { title: "Speed of the run", "aria-label": "Speed of the run", onchange: () => this.send({ do: "speed", speed: Number(pick.value) }) },
+    const pick = h("select", { title: "Speed of the run", "aria-label": "Speed of the run", onchange: ({ currentTarget }) => this.send({ do: "speed", speed: Number(currentTarget.value) }) },
       [0.1, 0.5, 1, 2, 5, 10, 50, 0].map((speed) => h("option", { value: speed }, speed ? `run ${speed}×` : "run at once")));
     pick.value = String(now);
     return pick;

@@ -2,10 +2,17 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 
+/** What an element does at an event. It is looked up when the event comes: `renew` gives an element what a later one does. */
+function listen(element, type, action) {
+  element.actions ??= new Map();
+  if (!element.actions.has(type)) element.addEventListener(type, (event) => element.actions.get(type)?.(event));
+  element.actions.set(type, action);
+}
+
 function fill(element, attributes, children) {
   for (const [name, value] of Object.entries(attributes ?? {})) {
     if (value === undefined || value === null || value === false) continue;
-    if (typeof value === "function") element.addEventListener(name.slice(2), value);
+    if (typeof value === "function") listen(element, name.slice(2), value);
     else if (name === "dataset") Object.assign(element.dataset, value);
     else element.setAttribute(name === "cls" ? "class" : name, value === true ? "" : String(value));
   }
@@ -56,9 +63,53 @@ export function icon(name) {
   return s("svg", { viewBox: "0 0 24 24", cls: "icon", "aria-hidden": "true" }, path);
 }
 
+const present = (children) => children.flat().filter((child) => child !== null && child !== undefined && child !== false);
+
 /** Replace the children of an element. */
 export function show(element, ...children) {
-  element.replaceChildren(...children.flat().filter((child) => child !== null && child !== undefined && child !== false));
+  element.replaceChildren(...present(children));
+}
+
+/** Give an element other children, but keep those that it has: what somebody is clicking at must not be replaced.
+
+Children of the same kind are the same, one after the other; those with `data-key`, wherever they are. Their listeners
+are those of the new ones, which may not refer to their own element but by `event.currentTarget`. */
+export function renew(element, ...children) {
+  renewChildren(element, present(children).map((child) => (child instanceof Node ? child : document.createTextNode(child))));
+}
+
+const kindOf = (node) => (node.nodeType === Node.ELEMENT_NODE ? `${node.localName} ${node.dataset.key ?? ""}` : "text");
+
+function renewChildren(element, fresh) {
+  const known = new Map();
+  for (const node of element.childNodes) {
+    const kind = kindOf(node);
+    if (known.has(kind)) known.get(kind).push(node);
+    else known.set(kind, [node]);
+  }
+  let place = element.firstChild;
+  for (const node of fresh) {
+    const kept = known.get(kindOf(node))?.shift();
+    if (kept !== undefined) renewNode(kept, node);
+    const child = kept ?? node;
+    if (child === place) place = place.nextSibling;
+    else element.insertBefore(child, place);
+  }
+  for (const nodes of known.values()) for (const node of nodes) node.remove();
+}
+
+function renewNode(node, fresh) {
+  if (node.nodeType !== Node.ELEMENT_NODE) {
+    if (node.nodeValue !== fresh.nodeValue) node.nodeValue = fresh.nodeValue;
+    return;
+  }
+  for (const { name } of [...node.attributes]) if (!fresh.hasAttribute(name) && !(name === "open" && node.localName === "details")) node.removeAttribute(name);
+  for (const { name, value } of fresh.attributes) if (node.getAttribute(name) !== value) node.setAttribute(name, value);
+  for (const type of node.actions?.keys() ?? []) node.actions.set(type, null);
+  for (const [type, action] of fresh.actions ?? []) listen(node, type, action);
+  const { value } = fresh; // before its options are moved
+  renewChildren(node, [...fresh.childNodes]);
+  if (node.localName === "select" && node.value !== value && node !== document.activeElement) node.value = value;
 }
 
 /** Nanoseconds as m:ss.mmm, or h:mm:ss.mmm. */

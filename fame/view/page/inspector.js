@@ -1,6 +1,6 @@
 // The inspector: of the chosen robot (or all) at the cursor, what its tokens wait for, its variables, its messages and log.
 
-import { h, icon, clock, duration, robotColour, show } from "./dom.js";
+import { h, icon, clock, duration, robotColour, renew } from "./dom.js";
 import { FAIL, LOG, REPORT, END, after } from "./store.js";
 
 const RECENT = 2e9, LINES = 200;
@@ -49,10 +49,10 @@ export class Inspector {
     const { robots } = this.app.mission, { robot } = this.app.selected, key = `${robots.length}|${robot}|${document.documentElement.dataset.theme}`;
     if (key === this.pickerKey) return;
     this.pickerKey = key;
-    const pick = h("select", { "aria-label": "Robot", onchange: () => this.app.select({ robot: Number(pick.value) }) },
+    const pick = h("select", { "aria-label": "Robot", onchange: ({ currentTarget }) => this.app.select({ robot: Number(currentTarget.value) }) },
       h("option", { value: -1 }, "All robots"), robots.map((one, r) => h("option", { value: r }, one.name)));
     pick.value = String(robot);
-    show(this.robots, pick);
+    renew(this.robots, pick);
   }
 
   update(state, time) {
@@ -68,16 +68,14 @@ export class Inspector {
     this.key = key;
     this.last = now;
     if (this.app.mission.kind === "model") {
-      show(this.body, this.found());
+      renew(this.body, this.found());
       return;
     }
     if (state === null) {
-      show(this.body, h("p", { cls: "quiet" }, "Loading this part of the run …"));
+      renew(this.body, h("p", { cls: "quiet" }, "Loading this part of the run …"));
       return;
     }
-    const top = this.body.scrollTop;
-    show(this.body, { state: () => this.state(state, time), topics: () => this.topics(state, time), log: () => this.log(time) }[this.tab]());
-    this.body.scrollTop = top;
+    renew(this.body, { state: () => this.state(state, time), topics: () => this.topics(state, time), log: () => this.log(time) }[this.tab]());
     this.pause = Math.min(400, Math.max(90, 6 * (performance.now() - now))); // of a large team it takes longer
   }
 
@@ -119,7 +117,7 @@ export class Inspector {
     mission.robots.forEach((robot, r) => {
       if (!this.chosen(r)) return;
       const body = [...this.waits(state, r, time), ...this.variables(state, r, time)];
-      if (selected.robot < 0) parts.push(h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))));
+      if (selected.robot < 0) parts.push(h("h3", { dataset: { key: r } }, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))));
       else if (this.status(state, r)) parts.push(h("p", { cls: "status" }, this.status(state, r)));
       parts.push(...body);
     });
@@ -138,7 +136,7 @@ export class Inspector {
   waits(state, r, time) {
     const rows = [...(state.waits.get(r)?.values() ?? [])];
     if (!rows.length) return [];
-    return [h("h4", null, "Waits for"), h("ul", { cls: "waits" }, rows.map((wait) => this.wait(state, r, wait, time)))];
+    return [h("h4", null, "Waits for"), h("ul", { cls: "waits", dataset: { key: r } }, rows.map((wait) => this.wait(state, r, wait, time)))];
   }
 
   wait(state, r, wait, time) {
@@ -146,7 +144,7 @@ export class Inspector {
     const topics = (wait.topics ?? []).map((topic) => this.whyTopic(topic, wait, time));
     const conditions = (wait.conditions ?? []).map((condition) => h("div", { cls: "why" }, h("code", null, condition.text),
       (condition.reads ?? []).map((name) => h("div", null, name, " = ", this.valueOf(state, r, wait.scope, name)))));
-    return h("li", null, h("div", null, wait.e >= 0 ? this.element(wait.e, openers) : h("b", null, wait.element), wait.suspended ? h("em", null, "suspended") : null,
+    return h("li", { dataset: { key: `${r}/${wait.key}` } }, h("div", null, wait.e >= 0 ? this.element(wait.e, openers) : h("b", null, wait.element), wait.suspended ? h("em", null, "suspended") : null,
       h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`)), h("div", { cls: "reason" }, wait.text), topics, conditions, this.app.control.forWait(r, wait));
   }
 
@@ -182,7 +180,7 @@ export class Inspector {
     return scopes.flatMap(({ s, values }) => {
       const openers = state.openers(r, s), where = openers.length ? this.app.mission.elements[openers.at(-1)]?.name : "";
       const rows = [...values].sort(([a], [b]) => a.localeCompare(b)).map(([name, [value, since]]) => this.variable(r, s, name, value, since, time));
-      return [h("h4", null, where ? `Variables in ${where}` : "Variables"), h("table", { cls: "variables" }, h("tbody", null, rows))];
+      return [h("h4", null, where ? `Variables in ${where}` : "Variables"), h("table", { cls: "variables", dataset: { key: `${r}/${s}` } }, h("tbody", null, rows))];
     });
   }
 
@@ -197,7 +195,7 @@ export class Inspector {
       this.key = "";
       this.app.redraw();
     } }, text) : text;
-    return h("tr", { cls: fresh ? "fresh" : "" }, h("th", { scope: "row", title: `set ${clock(since)}` }, fresh ? h("span", { cls: "mark", title: `changed ${clock(since)}` }, "●") : null, name), h("td", null, toggle), h("td", { cls: "act" }, plot));
+    return h("tr", { cls: fresh ? "fresh" : "", dataset: { key: name } }, h("th", { scope: "row", title: `set ${clock(since)}` }, fresh ? h("span", { cls: "mark", title: `changed ${clock(since)}` }, "●") : null, name), h("td", null, toggle), h("td", { cls: "act" }, plot));
   }
 
   plotButton(plot, text = null) {
@@ -206,11 +204,10 @@ export class Inspector {
   }
 
   plotMenu(r, name, paths, topic = "") {
-    const pick = h("select", { cls: "plots", title: "Plot a field over time", "aria-label": `Plot a field of ${name}`, onchange: () => {
+    return h("select", { cls: "plots", title: "Plot a field over time", "aria-label": `Plot a field of ${name}`, onchange: ({ currentTarget: pick }) => {
       if (pick.value !== "") this.app.plots.toggle({ r, name, topic, path: paths[Number(pick.value)] });
       pick.value = "";
     } }, h("option", { value: "" }, "plot"), paths.map((path, at) => h("option", { value: at }, `${this.app.plots.has({ r, name, topic, path }) ? "✓ " : ""}${path.join(".")}`)));
-    return pick;
   }
 
   // ---- one element -------------------------------------------------------------------------------
@@ -252,7 +249,7 @@ export class Inspector {
     if (!last.size) return [h("p", { cls: "quiet" }, mission.messages ? "No message so far." : "This run has no recorded messages.")];
     return [h("table", { cls: "variables" }, h("tbody", null, [...last.values()].sort((a, b) => a[1].localeCompare(b[1])).map(([t, topic, sender, content]) => {
       const paths = numbers(content);
-      return h("tr", { cls: time - t < RECENT ? "fresh" : "" }, h("th", { scope: "row" }, topic, h("small", null, this.instant(t), sender ? ` ${sender}` : "")),
+      return h("tr", { cls: time - t < RECENT ? "fresh" : "", dataset: { key: topic } }, h("th", { scope: "row" }, topic, h("small", null, this.instant(t), sender ? ` ${sender}` : "")),
         h("td", null, h("code", null, brief(content, 200))), h("td", { cls: "act" }, paths.length ? this.plotMenu(-1, "", paths, topic) : null));
     })))];
   }
@@ -267,7 +264,7 @@ export class Inspector {
       for (let at = after(t, time) - 1; at >= 0 && found.length < LINES; at -= 1) {
         if (![LOG, REPORT, FAIL, END].includes(w[at]) || !this.chosen(r[at])) continue;
         const word = { [LOG]: "", [REPORT]: "report", [FAIL]: "failed", [END]: "ended" }[w[at]];
-        found.push(h("li", { cls: w[at] === FAIL ? "failed" : w[at] === REPORT ? "report" : "" }, this.instant(t[at]), this.robot(r[at]),
+        found.push(h("li", { cls: w[at] === FAIL ? "failed" : w[at] === REPORT ? "report" : "", dataset: { key: `${number}/${at}` } }, this.instant(t[at]), this.robot(r[at]),
           h("span", { cls: "line" }, word ? h("b", null, word) : null, e[at] >= 0 && w[at] !== END ? [" ", this.element(e[at])] : null, ` ${data.details.get(at) ?? ""}`)));
       }
     }

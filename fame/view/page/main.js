@@ -162,6 +162,7 @@ class App {
     this.fetching = true;
     try {
       for (;;) {
+        await this.store.peeked; // what is wanted now comes first
         const missing = this.store.blocks.filter((block) => block && block.data === null);
         if (!missing.length || this.store.blocks.reduce((sum, block) => sum + (block.data ? block.events : 0), 0) > 4e6) break;
         const here = this.store.numberAt(this.player.time);

@@ -7,9 +7,12 @@ const LATEST = 5e9; // ns between a throw and the catch that it is the cause of
 /** A topic as one robot means it: `~/x` is its own. */
 const full = (topic, robot) => (topic.startsWith("~/") ? `/${robot}/${topic.slice(2)}` : topic);
 
+/** Whether a block has events that `signalsOf` has not seen. */
+export const signalsAreNew = (block) => block.signals?.length !== block.columns.t.length;
+
 /** The throws and catches in a block: [time, robot, topic, thrown]. */
 export function signalsOf(block, mission) {
-  if (block.signals?.length === block.columns.t.length) return block.signals.found;
+  if (!signalsAreNew(block)) return block.signals.found;
   const { t, r, e, w } = block.columns, found = [];
   for (let at = 0; at < t.length; at += 1) {
     if (w[at] !== LEAVE) continue;

@@ -147,6 +147,7 @@ export class Store {
     this.ahead = null; // the last such block, its state, and whether one is on its way
     this.aheadState = null;
     this.peeking = false;
+    this.peeked = Promise.resolve(); // when the last of them has come
     this.blocks = []; // {number, start, end, events, data or null, loading}
     this.listeners = new Set();
     this.cursor = null;
@@ -233,7 +234,7 @@ export class Store {
     }
     if (!this.peeking) { // one at a time: what is wanted meanwhile is asked for afterwards
       this.peeking = true;
-      this.peek(time).then((data) => {
+      this.peeked = this.peek(time).then((data) => {
         this.ahead = prepared(data);
         this.ahead.until = data.until;
       }, () => { this.peek = null; }).finally(() => {

@@ -4,10 +4,11 @@ import { h, clock, duration, robotColour, show, sharp, css, isDark } from "./dom
 import { CANCEL, FAIL, LEAVE, REPORT, spansOf } from "./store.js";
 import { Axis, step } from "./axis.js";
 import { Transport } from "./transport.js";
-import { link, signalsOf } from "./signals.js";
+import { link, signalsAreNew, signalsOf } from "./signals.js";
 import { Plots } from "./plots.js";
 
 const GUTTER = 148, ROW = 17, PAD = 6, MOST_ROWS = 4;
+const SLICE = 8; // ms of a frame
 
 export class Timeline {
   constructor(root, app) {
@@ -31,6 +32,9 @@ export class Timeline {
     root.append(this.box);
     this.layer = document.createElement("canvas");
     this.layerKey = "";
+    this.layerPause = 0;
+    this.painting = null; // what has been painted of it
+    this.hits = [];
     this.listen();
     new ResizeObserver(() => app.redraw()).observe(this.box);
   }
@@ -176,31 +180,59 @@ export class Timeline {
   bars(lanes, plotsTop) {
     const { store, selected } = this.app, height = this.scroller.clientHeight, scroll = this.scroller.scrollTop;
     const key = [this.from, this.until, this.width, height, scroll, selected.robot, selected.element, this.levels, isDark(), this.plots.key, window.devicePixelRatio].join();
-    if ((key === this.layerKey && store.version === this.layerVersion) || height < 2) return;
-    const begun = performance.now();
-    if (key === this.layerKey && begun < (this.layerPause ?? 0)) { // a long run is being loaded: not for each of its blocks
-      this.app.later(() => this.app.redraw(), 200);
+    if (height < 2) return;
+    const begun = performance.now(), same = key === this.layerKey;
+    if (!same || (this.painting === null && store.version !== this.layerVersion)) {
+      if (same && begun < this.layerPause) { // a long run is being loaded: not for each of its blocks
+        this.app.later(() => this.app.redraw(), 200);
+        return;
+      }
+      this.layerKey = key;
+      this.layerVersion = store.version;
+      this.paintCost = 0;
+      this.painting = this.paint(lanes, plotsTop, height, scroll);
+    }
+    if (this.painting === null) return;
+    // What only has more in it is painted in slices, so that no jump waits for it; what was asked for, at once.
+    let done = false;
+    do ({ done } = this.painting.next()); while (!done && (!same || performance.now() < begun + SLICE));
+    this.paintCost += performance.now() - begun;
+    if (!done) {
+      this.app.redraw();
       return;
     }
-    this.layerKey = key;
-    this.layerVersion = store.version;
-    const context = sharp(this.canvas, this.width, height);
-    context.clearRect(0, 0, this.width, height);
+    this.painting = null;
+    this.layerPause = begun + (this.paintCost > 8 ? Math.min(2000, 10 * this.paintCost) : 0);
+  }
+
+  /** Paint on a canvas that is not shown, with a pause after each block; then show all of it. */
+  *paint(lanes, plotsTop, height, scroll) {
+    const { store } = this.app, { width } = this, context = sharp(this.layer, width, height), hits = [];
+    context.clearRect(0, 0, width, height);
     context.save();
     context.translate(0, -scroll);
     this.drawLanes(context, lanes, scroll, height);
-    this.hits = [];
     const last = new Map();
     for (const block of store.within(this.from, this.until)) {
-      if (block.data) this.drawSpans(context, block, lanes, last);
+      if (block.data) this.drawSpans(context, block, lanes, last, hits);
       else this.drawMissing(context, block, plotsTop);
+      yield;
     }
-    this.drawArrows(context, lanes);
-    this.drawMarks(context, lanes);
+    for (const block of store.blocks) {
+      if (block.data && signalsAreNew(block.data)) {
+        signalsOf(block.data, this.app.mission);
+        yield;
+      }
+    }
+    this.drawArrows(context, lanes, hits);
+    yield;
+    this.drawMarks(context, lanes, hits);
     this.plots.draw(context, plotsTop);
     context.restore();
-    const cost = performance.now() - begun;
-    this.layerPause = begun + (cost > 8 ? Math.min(2000, 10 * cost) : 0);
+    const shown = sharp(this.canvas, width, height);
+    shown.clearRect(0, 0, width, height);
+    shown.drawImage(this.layer, 0, 0, width, height);
+    this.hits = hits;
   }
 
   drawLanes(context, lanes, scroll, height) {
@@ -224,7 +256,7 @@ export class Timeline {
     context.fillRect(left, 0, Math.max(1, right - left), height);
   }
 
-  drawSpans(context, { data, end, number }, lanes, last) {
+  drawSpans(context, { data, end, number }, lanes, last, hits) {
     const following = this.app.store.blocks[number + 1];
     const goesOn = Boolean(following?.data) && following.start <= this.until; // then the next block draws what is under way
     const { elements } = this.app.mission, { element: chosen } = this.app.selected, width = this.width;
@@ -253,7 +285,7 @@ export class Timeline {
       } else this.bar(context, left, y + 1, wide, ROW - 3, { colour, activity, how: span.how, failed, sheet });
       context.globalAlpha = chosen >= 0 && chosen !== span.e ? 0.5 : 1;
       if (wide > 26) this.text(context, element.name || element.id, Math.max(left, 0) + 5, y + ROW / 2, Math.min(right, width) - Math.max(left, 0) - 8, ink);
-      if (wide > 2) this.hits.push([left, y, wide, ROW, span]);
+      if (wide > 2) hits.push([left, y, wide, ROW, span]);
       if (span.how === -1 && span.until === Infinity && end >= this.app.store.end && wide > 6) {
         context.fillStyle = open;
         context.fillRect(right - 2, y + 1, 2, ROW - 3);
@@ -308,9 +340,8 @@ export class Timeline {
     context.fillText(shown, x, y + 0.5);
   }
 
-  drawArrows(context, lanes) {
+  drawArrows(context, lanes, hits) {
     const ink = css("--arrow"), { store, mission, selected } = this.app;
-    for (const block of store.blocks) if (block.data) signalsOf(block.data, mission);
     if (this.arrowsVersion !== store.version) {
       this.arrowsVersion = store.version;
       this.arrows = link(store.blocks, mission);
@@ -341,7 +372,7 @@ export class Timeline {
       context.lineTo(x1 - 7 * Math.cos(angle - 0.45), y1 - 7 * Math.sin(angle - 0.45));
       context.lineTo(x1 - 7 * Math.cos(angle + 0.45), y1 - 7 * Math.sin(angle + 0.45));
       context.fill();
-      this.hits.push([x1 - 4, Math.min(y0, y1), 8, Math.abs(y1 - y0), null, arrow]);
+      hits.push([x1 - 4, Math.min(y0, y1), 8, Math.abs(y1 - y0), null, arrow]);
       texts.push([arrow, x0, y0, down]);
     }
     context.globalAlpha = 1;
@@ -359,7 +390,7 @@ export class Timeline {
   }
 
   /** Errors are crosses, reports are triangles, above the bars. */
-  drawMarks(context, lanes) {
+  drawMarks(context, lanes, hits) {
     const { store } = this.app, failed = css("--failed"), warning = css("--warning");
     for (const { data } of store.within(this.from, this.until)) {
       if (!data) continue;
@@ -384,7 +415,7 @@ export class Timeline {
           context.lineTo(x - 4, y + 3);
           context.fill();
         }
-        this.hits.push([x - 5, lane.top, 10, 11, null, null, [data, at]]);
+        hits.push([x - 5, lane.top, 10, 11, null, null, [data, at]]);
       }
     }
   }
