@@ -225,6 +225,18 @@ def test_the_page_follows_a_run_and_controls_it(porter: Scenario) -> None:
         assert page.get_by_role("button", name="Pause run").count() == 0
 
 
+def test_a_button_stays_under_the_finger_while_the_page_follows_the_run(porter: Scenario) -> None:
+    since = "document.querySelector('#inspector .waits .quiet').textContent"
+    with browser() as chromium, running(porter, RunControl(speed=1.0)) as (live, _), opened(chromium, live) as page:
+        page.get_by_role("button", name="Complete").hover()
+        page.mouse.down()
+        before = page.evaluate(since)
+        until(page, f"{since} !== {before!r}")
+        page.mouse.up()
+        page.get_by_role("textbox").press("Enter")
+        until(page, "[...fame.state.waits.get(0).values()].some((one) => one.element === 'Wait')")
+
+
 def test_the_command_serves_the_page_of_a_run_until_it_is_interrupted(tmp_path: Path) -> None:
     model = tmp_path / "porter.bpmn"
     model.write_text(PORTER, encoding="utf-8")

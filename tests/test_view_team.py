@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from view_page import browser, until
+from view_page import browser, opened, until
 
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.deploy import EngineNode
@@ -194,6 +194,36 @@ def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> No
         with pytest.raises(FameError, match=text):
             field.view.control({"robot": "REX", **wrong})
     field.close()
+
+
+def test_people_retry_set_and_move_with_the_buttons_of_the_page() -> None:
+    field = Field(WallScheduler(), control=True)
+    field.engines.append(EngineNode("REX", scheduler=field.scheduler, middleware=field.middleware, hold_errors=True))
+    field.run(1)
+    field.deploy("REX", REPAIRED)
+    thread = threading.Thread(target=field.run, args=(600,))
+    with browser() as chromium:
+        thread.start()
+        try:
+            with opened(chromium, field.view) as page:
+                waits = "[...fame.state.waits.get(0).values()].map((one) => one.element).join()"
+                page.get_by_role("button", name="Retry").click()
+                page.get_by_label("Variables").fill('{"speed": 4}')
+                page.get_by_label("Variables").press("Enter")
+                until(page, f"{waits} === 'Sign'")
+                page.get_by_role("button", name="Set", exact=True).click()
+                page.get_by_label("Name").fill("load")
+                page.get_by_label("Value").fill("2.5")
+                page.get_by_label("Value").press("Enter")
+                until(page, "[...fame.state.variables.values()].some((one) => one.values.get('load')?.[0] === 2.5)")
+                page.get_by_role("button", name="Move").click()
+                page.locator("dialog select").select_option("Rest")
+                page.get_by_role("button", name="Move", exact=True).click()
+                until(page, f"{waits} === 'Rest'")
+        finally:
+            field.scheduler.stop()
+            thread.join(60)
+            field.close()
 
 
 def test_a_recording_with_lost_batches_goes_on_from_the_next_key(field: Field, tmp_path: Path) -> None:
