@@ -3,7 +3,8 @@
     python benchmarks/view_costs.py [recording] [watched] [live] [large] [--pairs N] [--missions A,B]
 
 recording  `fame run` with and without ``--log``, alternately: wall clock and CPU (of all its processes), medians
-watched    CPU of an engine over DDS with 10 steps a second, in alternate spans with and without somebody who watches
+watched    CPU of engines over DDS in alternate spans with and without a page: one that waits, one with 10 steps a
+           second, one of the ground vehicles
 large      a recording of 4 GB: time and memory of opening it and of a state in its middle (needs 4 GB of disk)
 live       from a script in an engine over DDS until the page has drawn its result: median and 95th percentile
 """
@@ -36,6 +37,12 @@ stamp = time.time()</script></scriptTask>
   <intermediateCatchEvent id="Wait"><incoming>f1</incoming><outgoing>f2</outgoing>
     <timerEventDefinition id="t"><timeDuration>PT0.1S</timeDuration></timerEventDefinition></intermediateCatchEvent>
   <sequenceFlow id="f2" sourceRef="Wait" targetRef="Stamp" />
+</process></definitions>"""
+WAITING = """<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" id="d" targetNamespace="t">
+<process id="REX" isExecutable="true">
+  <startEvent id="Start"><outgoing>f0</outgoing></startEvent>
+  <sequenceFlow id="f0" sourceRef="Start" targetRef="Wait" />
+  <userTask id="Wait"><incoming>f0</incoming></userTask>
 </process></definitions>"""
 SEEN = """() => {
   fame.ages = [];
@@ -87,32 +94,54 @@ def process(*words: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
 
 
 @contextmanager
-def engine() -> Iterator[subprocess.Popen[str]]:
-    """An engine that stamps the time ten times a second."""
+def engine(text: str = STAMPING) -> Iterator[subprocess.Popen[str]]:
+    """An engine of REX that runs a process; by default, it stamps the time ten times a second."""
     with tempfile.TemporaryDirectory() as folder:
         model = Path(folder) / "stamping.bpmn"
-        model.write_text(STAMPING)
+        model.write_text(text)
         with process("engine", "REX", stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as child:
             subprocess.run([*FAME, "deploy", str(model)], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
             yield child
 
 
-def watched(pairs: int, span: float = 10.0) -> None:
-    """CPU of an engine in alternate spans."""
-    with engine() as child:
-        time.sleep(2)
-        rates: list[tuple[float, float]] = []
-        for _ in range(pairs):
-            alone = rate(child.pid, span)
-            with process("view", "--no-open", stdout=subprocess.DEVNULL):
-                time.sleep(5)
-                rates.append((alone, rate(child.pid, span)))
-            time.sleep(1)
-        plain, more = statistics.median(one for one, _ in rates), statistics.median(two - one for one, two in rates)
-        print(
-            f"engine with 10 steps a second over DDS: {plain:.2%} of a core, watched {more:+.2%} of a core "
-            f"({more / plain:+.0%} of its own; median of {pairs} spans of {span:g} s)"
-        )
+def watched(pairs: int, span: float = 8.0) -> None:
+    """CPU of engines in alternate spans: one that waits, one with 10 steps a second, one of the ground vehicles."""
+    for what, text in (("that waits", WAITING), ("with 10 steps a second", STAMPING)):
+        with engine(text) as child:
+            time.sleep(2)
+            compare(f"engine {what}", child.pid, pairs, span)
+    words = ("run", "examples/ground_vehicles.yaml", "--middleware", "dds", "--quiet")
+    with process(*words, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as child:
+        while (pid := engine_of(child.pid, "REX")) is None:
+            time.sleep(0.1)
+        time.sleep(3)
+        compare("engine of a ground vehicle", pid, min(pairs, 4), span)  # the mission takes 97 s
+
+
+def compare(what: str, pid: int, pairs: int, span: float) -> None:
+    """Print the CPU of a process over DDS without and with a page."""
+    rates: list[tuple[float, float]] = []
+    for _ in range(pairs):
+        alone = rate(pid, span)
+        with process("view", "--no-open", stdout=subprocess.DEVNULL):
+            time.sleep(4)
+            rates.append((alone, rate(pid, span)))
+        time.sleep(1)
+    plain, more = statistics.median(one for one, _ in rates), statistics.median(two - one for one, two in rates)
+    print(
+        f"{what}, over DDS: {plain:.2%} of a core, watched {more:+.2%} of a core "
+        f"({more / plain:+.0%} of its own; median of {pairs} spans of {span:g} s)",
+        flush=True,
+    )
+
+
+def engine_of(pid: int, robot: str) -> int | None:
+    """The process of a robot's engine that a run has started."""
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        words = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
+        if b"engine" in words and robot.encode() in words:
+            return int(child)
+    return None
 
 
 def rate(pid: int, span: float) -> float:

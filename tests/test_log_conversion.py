@@ -134,3 +134,16 @@ def test_other_ends_are_refused_in_one_line(run: Path, capsys: pytest.CaptureFix
     assert main(["log", "convert", str(run / "run.jsonl"), "-o", str(run / "y.csv")]) == 2
     assert "is not an MCAP file" in capsys.readouterr().err
     assert not (run / "y.csv").exists()
+
+
+def test_a_recording_that_was_cut_short_is_converted_and_drawn_as_far_as_it_is_whole(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut, data = tmp_path / "cut.mcap", (run / "run.mcap").read_bytes()
+    cut.write_bytes(data[: len(data) // 2])
+    model = Path(__file__).parent.parent / "models" / "agriculture.bpmn"
+    for words in (["log", "convert", str(cut)], ["draw", str(model), "--log", str(cut)]):
+        output = tmp_path / ("out.csv" if words[0] == "log" else "out.svg")
+        assert main([*words, "-o", str(output)]) == 0
+        assert f"fame: {cut}: is incomplete" in capsys.readouterr().err
+        assert output.stat().st_size > 0

@@ -85,3 +85,14 @@ def test_ctrl_c_does_not_reach_it(tmp_path: Path) -> None:
     with logging_to(tmp_path / "run.mcap", [], own_process=True) as log:
         writer = log.begin()  # type: ignore[attr-defined]
         assert os.getpgid(writer._process.pid) != os.getpgid(0)
+
+
+def test_a_full_disk_ends_the_run_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    words = [sys.executable, "-m", "fame", "run", "examples/ground_vehicles.yaml", "--quiet", "--log", str(path)]
+    limited = ["sh", "-c", 'ulimit -f 400; exec "$@"', "sh", *words]
+    found = subprocess.run(limited, cwd=EXAMPLES.parent, stderr=subprocess.PIPE, text=True, check=False)
+    assert found.returncode == 2
+    assert found.stderr == f"fame: error: {path}: cannot be written: File too large\n"
+    with Recording(path) as recording:
+        assert recording.duration > 1

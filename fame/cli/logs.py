@@ -116,11 +116,13 @@ def convert(arguments: Namespace) -> int:
     from fame.log.conversion import convert as convert_recording
 
     with progress_line(sys.stderr) as line:
-        convert_recording(
+        warnings = convert_recording(
             arguments.recording,
             arguments.output,
             lambda done: line.write(f"converting {arguments.recording}: {done:.0%}") if line is not None else None,
         )
+    for warning in warnings:
+        note(f"fame: {warning}")
     return 0
 
 

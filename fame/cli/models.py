@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, command
-from fame.cli.output import print_json
+from fame.cli.output import note, print_json
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -128,9 +128,11 @@ def run_draw(arguments: Namespace) -> int:
         raise ConfigError(f"expected a file with the ending .svg, got {output.suffix!r}", file=str(output))
     definitions = read(arguments.model)
     if arguments.log is not None:
-        from fame.log.reading import run_outcomes
+        from fame.log.reading import damage, run_outcomes
 
         run = run_outcomes(arguments.log, definitions, robots=arguments.robot)
+        for warning in damage(arguments.log):
+            note(f"fame: {warning}")
         drawing = draw(definitions, run.tallies, notes=run.notes(definitions))
     elif arguments.robot:
         raise ConfigError("--robot needs --log")

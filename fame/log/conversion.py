@@ -42,8 +42,8 @@ def models_of(recording: Recording) -> list[Definitions]:
     return found
 
 
-def convert(source: str | Path, target: str | Path, on_progress: OnProgress = lambda done: None) -> None:
-    """Convert a recording to the format given by the suffix of the target.
+def convert(source: str | Path, target: str | Path, on_progress: OnProgress = lambda done: None) -> list[str]:
+    """Convert a recording to the format given by the suffix of the target. Returns the warnings of the recording.
 
     Raises ConfigError for a name with another end, a file that is no recording, and one that cannot be written.
     """
@@ -56,7 +56,7 @@ def convert(source: str | Path, target: str | Path, on_progress: OnProgress = la
         if target.name.lower().endswith(OCEL):
             with new_file(target) as begin:
                 write_ocel(recording, element_info(models), begin())
-            return
+            return list(recording.warnings)
         with logging_to(target, models) as log:
             epoch = parse_datetime(recording.metadata.get("epoch", "1970-01-01T00:00:00Z"))
             if epoch != EPOCH:
@@ -68,6 +68,7 @@ def convert(source: str | Path, target: str | Path, on_progress: OnProgress = la
                 if done >= reported + 0.01:
                     reported = done
                     on_progress(done)
+        return list(recording.warnings)
 
 
 def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProgress = lambda done: None) -> list[str]:

@@ -159,6 +159,14 @@ def _check_same_model(instances: Iterable[_Instance], definitions: Definitions, 
         raise ConfigError(f"belongs to another model: it mentions no element of {definitions.file}", file=file)
 
 
+def damage(path: Path) -> Sequence[str]:
+    """What is wrong with a recording that can be read in part; nothing of other logs."""
+    if path.suffix.lower() != ".mcap":
+        return ()
+    with Recording(path) as recording:
+        return recording.warnings
+
+
 @contextmanager
 def _rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
     """The rows of a log. Raises ConfigError if the file cannot be read, or if the block fails on malformed rows."""

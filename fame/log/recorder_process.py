@@ -51,6 +51,7 @@ class RecorderProcess:
         self._calls: list[tuple[Any, ...]] = []
         self._scenes: list[Callable[[], str]] = []
         self._channels = 0
+        self._error: ConfigError | None = None  # why there is no process any more
 
     def describe(self, metadata: Mapping[str, str]) -> None:
         """Write the metadata of the recording."""
@@ -100,6 +101,8 @@ class RecorderProcess:
         self._end()
 
     def _send(self) -> None:
+        if self._error is not None:
+            raise self._error
         try:
             calls = marshal.dumps(self._calls)
         except ValueError:  # a detail of an event that is no plain data
@@ -120,13 +123,12 @@ class RecorderProcess:
         with self._process.stdout as output:
             error = output.read().decode("utf-8", "replace").strip()
         code = self._process.wait()
-        if error:
-            raise ConfigError(error, file=self._path)
-        if code:
+        if code and not error:
             why = f"signal {-code}" if code < 0 else f"exit code {code}"
-            raise ConfigError(
-                f"is cut short: the process that writes it ended with {why}; run again to record all", file=self._path
-            )
+            error = f"is cut short: the process that writes it ended with {why}; run again to record all"
+        if error:
+            self._error = ConfigError(error, file=self._path)
+            raise self._error
 
     def close(self) -> None:
         """End the process if it runs."""
