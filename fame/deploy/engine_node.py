@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -28,7 +27,8 @@ from fame.deploy.envelope import (
 from fame.deploy.loading import LEAVING, Candidate, Task, Work, load
 from fame.deploy.machine import Machine
 from fame.deploy.migration import Foreseen, foresee, take_over
-from fame.deploy.requests import TaskRequest, TaskServer
+from fame.deploy.request_verifier import RequestVerifier
+from fame.deploy.requests import TaskServer
 from fame.deploy.resumed_mission import ResumedMission
 from fame.deploy.resumption import StateKeeper
 from fame.deploy.robot_protocol import step
@@ -59,12 +59,11 @@ from fame.deploy.robot_state import (
     Stopped,
     resumed,
 )
-from fame.deploy.signing import Identity, signer, verify, verify_signature
+from fame.deploy.signing import Identity
 from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
 from fame.deploy.termination import Silence
 from fame.errors import DeploymentError, FameError, MissionError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
-from fame.text import printable
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -118,7 +117,6 @@ class EngineNode:
         log: FeedLog | None = None,
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
-        self._task_signers = () if unsigned_tasks else trusted
         self.robot: str = robot
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
@@ -137,6 +135,7 @@ class EngineNode:
         }
         self._on_report = on_report or (lambda event: None)
         self.born: int = round(wall_time() * SECOND)
+        self._verifier = RequestVerifier(robot, self.born, trusted, wall_time, unsigned_tasks=unsigned_tasks)
         self.running: RobotNode | None = None
         self.candidate: Candidate | None = None
         self._loaded: RobotNode | None = None  # on its way to be a candidate
@@ -180,7 +179,7 @@ class EngineNode:
         self._refusals = {
             kind: RateLimiter(self.scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
         }  # of senders that wait for an answer, and of bare models
-        self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
+        self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verifier.verify_task)
         self._resume()
         self.status.begin()
 
@@ -249,35 +248,11 @@ class EngineNode:
         try:
             envelope = read_envelope(message.data, self.robot, self._wall_time())
             deployment = envelope.deployment
-            if self._trusted:
-                self._verify(envelope)
+            self._verifier.verify_deployment(envelope)
         except DeploymentError as error:
             self.status.publish("refused", deployment, str(error), cause=error.cause)
             return
         self._protocol.handle(Received(envelope))
-
-    def _verify(self, envelope: Envelope) -> None:
-        """Raise DeploymentError unless a trusted key signed it; another robot asks with what its own sender signed."""
-        if envelope.phase != "ask":
-            verify(asdict(envelope), self._trusted, self._wall_time(), self.born)
-            return
-        verify_signature(envelope.proof, self._trusted)
-        if (envelope.proof.get("deployment"), envelope.proof.get("sequence")) != (
-            envelope.deployment,
-            envelope.sequence,
-        ):
-            raise DeploymentError("asks about another deployment than the signed one", cause="signature")
-
-    def _verify_task(self, request: TaskRequest) -> str:
-        """Give the fingerprint of the key that signed a request.
-
-        Raises DeploymentError for a person's request if keys are used and it was not signed for this robot.
-        """
-        if self._task_signers:
-            verify(asdict(request), self._task_signers, self._wall_time(), self.born)
-            if request.robot != self.robot:
-                raise DeploymentError(f"meant for robot {request.robot!r}, not for {self.robot!r}", cause="robot")
-        return signer(asdict(request), self._trusted) if request.signature and self._trusted else ""
 
     # ---- what it does ----------------------------------------------------------------------------------------------
 
@@ -368,10 +343,8 @@ class EngineNode:
         """Give the candidate's process the state of what runs, of the model `before`. Returns what lets it go on."""
         assert self.running is not None
         envelope = candidate.envelope
-        proved = signer(asdict(envelope), self._trusted) if envelope.signature and self._trusted else ""
-        who = proved or f"{printable(envelope.who) or 'unknown'} (unverified)"
         forced = ", whatever the exploration finds (--force)" if envelope.plan.get("forced") else ""
-        text = f"migrated from model {before[:12]} to {envelope.hash[:12]} by {who}{forced}"
+        text = f"migrated from model {before[:12]} to {envelope.hash[:12]} by {self._verifier.sender(envelope)}{forced}"
         try:
             return take_over(candidate.process, self.running, envelope.plan, text)
         except MissionError as error:  # somebody has moved a token since it was found to fit

@@ -1,0 +1,66 @@
+"""Verification of what an engine is asked to do: deployments, and requests on its tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from fame.deploy.envelope import Envelope
+from fame.deploy.requests import TaskRequest
+from fame.deploy.signing import signer, verify, verify_signature
+from fame.errors import DeploymentError
+from fame.text import printable
+
+
+class RequestVerifier:
+    """Verifies the signatures of requests to the engine of `robot`, which started at `born` (ns since 1970).
+
+    trusted         public keys; without any, nothing need be signed
+    unsigned_tasks  requests on tasks need not be signed
+    wall_time       gives s since 1970
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        born: int,
+        trusted: Sequence[Any],
+        wall_time: Callable[[], float],
+        *,
+        unsigned_tasks: bool = False,
+    ) -> None:
+        self._robot, self._born, self._trusted, self._wall_time = robot, born, trusted, wall_time
+        self._task_signers = () if unsigned_tasks else trusted
+
+    def verify_deployment(self, envelope: Envelope) -> None:
+        """Raise DeploymentError unless a trusted key signed it; another robot asks with what its own sender signed."""
+        if not self._trusted:
+            return
+        if envelope.phase != "ask":
+            verify(asdict(envelope), self._trusted, self._wall_time(), self._born)
+            return
+        verify_signature(envelope.proof, self._trusted)
+        if (envelope.proof.get("deployment"), envelope.proof.get("sequence")) != (
+            envelope.deployment,
+            envelope.sequence,
+        ):
+            raise DeploymentError("asks about another deployment than the signed one", cause="signature")
+
+    def verify_task(self, request: TaskRequest) -> str:
+        """Give the fingerprint of the key that signed a request.
+
+        Raises DeploymentError for a person's request if keys are used and it was not signed for this robot.
+        """
+        if self._task_signers:
+            verify(asdict(request), self._task_signers, self._wall_time(), self._born)
+            if request.robot != self._robot:
+                raise DeploymentError(f"meant for robot {request.robot!r}, not for {self._robot!r}", cause="robot")
+        return self._signer(request)
+
+    def sender(self, envelope: Envelope) -> str:
+        """Give who sent a deployment, for people: the fingerprint of the key, or the name that the sender gave."""
+        return self._signer(envelope) or f"{printable(envelope.who) or 'unknown'} (unverified)"
+
+    def _signer(self, message: Envelope | TaskRequest) -> str:
+        return signer(asdict(message), self._trusted) if message.signature and self._trusted else ""
