@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from itertools import compress
-from operator import is_not
+from operator import is_, is_not
 from typing import TYPE_CHECKING, Any
 
 from fame.engine.data import Variables
@@ -25,15 +25,30 @@ class Content:
 
     known   all codes
     values  the immutable values
-    codes   codes of the mutable values, decoded for each engine
+    lists   the items of lists of immutable values, which are copied for each engine
+    codes   codes of the other mutable values, decoded for each engine
     """
 
-    __slots__ = ("codes", "known", "number", "values")
+    __slots__ = ("codes", "known", "lists", "number", "values")
 
     def __init__(self, number: int, own: Form, forms: Forms) -> None:
         self.number, self.known = number, dict(own)
-        self.values = {name: forms.decode(code) for name, code in own if forms.constant(code)}
-        self.codes = {name: code for name, code in own if name not in self.values}
+        self.values: dict[str, Any] = {}
+        self.lists: dict[str, Sequence[Any]] = {}
+        self.codes: dict[str, Any] = {}
+        for name, code in own:
+            value = forms.decode(code)
+            if forms.constant(code):
+                self.values[name] = value
+            elif value.__class__ is list and all(forms.constant(forms.encode(item)) for item in value):
+                self.lists[name] = tuple(value)
+            else:
+                self.codes[name] = code
+
+    def made(self, forms: Forms) -> dict[str, Any]:
+        """The variables of a new engine."""
+        copies = {name: list(items) for name, items in self.lists.items()}
+        return self.values | copies | {name: forms.decode(code) for name, code in self.codes.items()}
 
 
 class Given:
@@ -50,7 +65,11 @@ class Given:
         names, count = list(self.variables), len(self.names)
         if names[:count] != self.names:
             return None
-        found = dict.fromkeys(compress(names, map(is_not, dict.values(self.variables), self.values)))
+        found: dict[str, Any] = dict.fromkeys(compress(names, map(is_not, dict.values(self.variables), self.values)))
+        for name, items in self.content.lists.items():
+            value = self.variables[name]
+            if name not in found and not (len(value) == len(items) and all(map(is_, value, items))):
+                found[name] = None
         return found | dict.fromkeys(names[count:]) | self.content.codes
 
 
@@ -89,14 +108,8 @@ class Revival:
             self._starts(waiting, gathered)
 
     def _dict(self, outer: int, content: Content) -> dict[str, Any]:
-        if outer >= 0:
-            values = content.values | {name: self.forms.decode(code) for name, code in content.codes.items()}
-            variables: dict[str, Any] = Variables(self.dicts[outer], values)
-        else:
-            variables = self.engine.new_variables()
-            variables.update(content.values)
-            for name, code in content.codes.items():
-                variables[name] = self.forms.decode(code)
+        values = content.made(self.forms)
+        variables = self.engine.new_variables() | values if outer < 0 else Variables(self.dicts[outer], values)
         self.forms.given[id(variables)] = Given(variables, content)
         return variables
 
