@@ -38,8 +38,12 @@ def _without_waiting(code: int) -> int:
 
 
 def _is_plain(thread: threading.Thread) -> bool:
-    """Whether no library's own kind of thread: those (of joblib, for one) are ended by their library at exit."""
-    return type(thread) is threading.Thread or type(thread).__module__ not in sys.modules
+    """Whether no library's own kind of thread: those (of joblib, for one) are ended by their library at exit.
+
+    The JavaScript engine starts a plain one when it is imported, which does nothing and ends at exit, too.
+    """
+    plain = type(thread) is threading.Thread or type(thread).__module__ not in sys.modules
+    return plain and not thread.name.startswith("quickjs-worker")
 
 
 if __name__ == "__main__":

@@ -162,6 +162,26 @@ def test_an_impossible_world_is_counted_apart(tmp_path: Path, scenario: Path) ->
     assert rows[0]["distance"] == 0
 
 
+@pytest.mark.parametrize(
+    ("path", "code", "text"),
+    [
+        ("variables.P.sped", 2, "P has no variable 'sped'; did you mean 'speed'?"),
+        ("variables.sped", 2, "the mission has no variable 'sped'; did you mean 'speed'?"),
+        ("variables.Q.speed", 2, "unknown robot 'Q' in variables"),
+        ("world.robots.P.at", 1, "2 x impossible"),
+    ],
+)
+def test_what_cannot_be_varied_is_refused_and_a_campaign_without_a_possible_run_fails(
+    path: str, code: int, text: str, tmp_path: Path, scenario: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario.write_text("model: m.bpmn\nworld:\n  size: [6, 4]\n  robots:\n    P: {type: car, at: [1, 1]}\n")
+    (tmp_path / "vary.yaml").write_text(f"vary:\n  {path}: {{choice: [[9, 9]]}}\n")
+    options = ["--runs", "2", "--jobs", "1", "--vary", str(tmp_path / "vary.yaml"), "-o", str(tmp_path / "out")]
+    assert main(["campaign", str(scenario), *options]) == code
+    shown = capsys.readouterr()
+    assert text in shown.out + shown.err
+
+
 def test_the_way_that_robots_go_is_measured(tmp_path: Path) -> None:
     campaign = Campaign(scenario=str(ROOT / "examples" / "ground_vehicles.yaml"), runs=1, duration=20, workers=1)
     (row,) = rows_of(campaign, tmp_path / "out")

@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from bpmn_text import process
 from collaborations import Steps, philosophers, team
 
+import fame
 from fame.check.explore import Exploration
 from fame.errors import ConfigError
 from fame.scenario.exploration import explore
@@ -269,6 +271,23 @@ def test_a_condition_that_raises_is_an_error_finding() -> None:
     result = found({"A": ["run n = 0", ("if", "1 // n == 1", ["work"], ["work"])]})
     (one,) = (one for one in result.findings if one.kind == "error")
     assert "ZeroDivisionError" in one.text
+
+
+GATEWAY = process(
+    '<startEvent id="s"/><scriptTask id="t"><script>x = open("level").read()</script></scriptTask>'
+    '<exclusiveGateway id="g"/><endEvent id="high"/><endEvent id="low"/><sequenceFlow id="a" sourceRef="s" '
+    'targetRef="t"/><sequenceFlow id="b" sourceRef="t" targetRef="g"/><sequenceFlow id="c" sourceRef="g" '
+    'targetRef="high"><conditionExpression>x &gt; 0</conditionExpression></sequenceFlow><sequenceFlow id="d" '
+    'sourceRef="g" targetRef="low"><conditionExpression>OTHERWISE</conditionExpression></sequenceFlow>'
+)
+
+
+@pytest.mark.parametrize(("otherwise", "kinds"), [("x &lt;= 0", []), ("not x &gt; 0", []), ("x &lt; 0", ["error"])])
+def test_conditions_of_which_one_is_always_true_leave_no_way_out_of_the_gateway(
+    otherwise: str, kinds: list[str]
+) -> None:
+    result = explore(fame.read(GATEWAY.replace("OTHERWISE", otherwise).encode()))
+    assert [one.kind for one in result.findings] == kinds  # and both ends are reached
 
 
 def test_an_unknown_value_may_be_unpacked() -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
-from javascript_models import ROOT, flows, task
+from javascript_models import ROOT, chain, flows, task
 
 import fame
 from fame.scenario import Scenario
@@ -113,3 +115,10 @@ def test_a_syntax_error_is_told_before_anything_moves(text: str, line: int, comp
         Scenario.load(path).run()
     assert (caught.value.file, caught.value.element, caught.value.line) == (str(path), "t", 5 + line)
     assert complaint in caught.value.text
+
+
+def test_a_command_ends_in_silence_though_the_engine_of_javascript_has_a_thread(tmp_path: Path) -> None:
+    path = tmp_path / "m.bpmn"
+    path.write_bytes(chain("next();").source)
+    done = subprocess.run([sys.executable, "-m", "fame", "run", str(path)], capture_output=True, text=True, check=True)
+    assert done.stderr == ""

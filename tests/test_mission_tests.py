@@ -385,3 +385,23 @@ def test_a_model_is_found_beside_the_test(pytester: pytest.Pytester) -> None:
     one(folder, '<startEvent id="s"/>')
     (folder / "test_it.py").write_text("def test_it(mission):\n    mission.load('mission.bpmn').expect().completed()\n")
     pytester.runpytest_inprocess("-p", "fame.testing.plugin", str(folder)).assert_outcomes(passed=1)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ([(-1, {"x": 1.0})], "expected times from 0 s on, got -1"),
+        ({float("nan"): {"x": 1.0}}, "expected times from 0 s on, got nan"),
+        ({"soon": {"x": 1.0}}, "expected times from 0 s on, got 'soon'"),
+        ([1, 2], "expected (seconds, message) pairs, got [1, 2]"),
+    ],
+)
+def test_a_series_has_times_from_the_start_on(vehicles: MissionUnderTest, given: object, text: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        vehicles.fake_topic("/target_found", series=given)
+    assert text in str(error.value)
+
+
+def test_a_network_that_is_none_is_refused(mission: MissionLoader) -> None:
+    with pytest.raises(ConfigError, match=r"network: expected a .*NetworkConfig, got 0"):
+        mission.load(VEHICLES, network=0.1)

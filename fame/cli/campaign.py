@@ -99,7 +99,9 @@ def run(arguments: Namespace) -> int:
         print("\n".join(map(str, written)))
         if interrupted:
             print(_goes_on(folder))
-    return 130 if interrupted else 0
+    if interrupted:
+        return 130
+    return 1 if all(row["status"] == "impossible" for row in rows) else 0  # nothing was measured
 
 
 def _goes_on(folder: Folder) -> str:

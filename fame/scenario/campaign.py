@@ -10,7 +10,8 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +19,7 @@ from typing import Any, Literal
 from fame.errors import ConfigError, FameError, display_name
 from fame.imports import require
 from fame.scenario.plan import Fault
+from fame.scenario.settings import ALL
 from fame.scenario.variation import FAULTS, Variation, points
 
 ROWS, ABOUT = "runs.jsonl", "campaign.json"
@@ -209,6 +211,7 @@ class Campaign:
         paths = [one.path for one in self.variation.distributions if one.path != FAULTS]
         if paths and Path(self.scenario).suffix.lower() in (".yaml", ".yml"):
             changed(read_document(self.scenario).data, dict.fromkeys(paths), self.scenario)
+            Scenario.load(self.scenario, library=self.library, variables=_varied_variables(paths))
         Run(Scenario.load(self.scenario, duration=self.duration, library=self.library), False, None, None).close()
 
     def rows(self, done: Sequence[int] = ()) -> Iterator[Row]:
@@ -218,6 +221,16 @@ class Campaign:
             yield from _local(pending, self.workers)
         else:
             yield from _on_cluster(pending, self.backend, self.address)
+
+
+def _varied_variables(paths: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """The variables that are varied, by robot, as `Scenario.load` takes them; it refuses those that no model has."""
+    found: dict[str, dict[str, Any]] = {}
+    for path in paths:
+        first, *robot, name = path.split(".")
+        if first == "variables" and len(robot) < 2:
+            found.setdefault(robot[0] if robot else ALL, {})[name] = None
+    return found
 
 
 def _local(pending: Sequence[Job], workers: int) -> Iterator[Row]:
@@ -367,7 +380,9 @@ def run_campaign(
                 if high - low <= width:
                     break
     finally:
-        runs.close()  # type: ignore[attr-defined]
+        with warnings.catch_warnings():  # joblib says that runs were cancelled, which is meant
+            warnings.simplefilter("ignore", UserWarning)
+            runs.close()  # type: ignore[attr-defined]
     return rows
 
 

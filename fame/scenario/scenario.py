@@ -70,6 +70,10 @@ class Scenario(Plan):
         from fame.bpmn.reader import read
 
         _expect_arguments(path, seed, duration, epoch, robots, faults, completions)
+        if network is not None:
+            from fame.middleware.network import NetworkConfig
+
+            expect(isinstance(network, NetworkConfig), "network", network, "a fame.middleware.network.NetworkConfig")
         path = Path(path)
         content = _scenario_file(path, changes)
         definitions = read(content.model)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
@@ -97,8 +98,13 @@ class FakeTopic:
         self._series: list[tuple[float, Any]] = [(number * every, value) for number, value in enumerate(values or ())]
         if series is not None:
             self._series = list(series.items() if isinstance(series, Mapping) else series)
+            if not all(isinstance(pair, tuple) and len(pair) == 2 for pair in self._series):
+                raise ConfigError(f"fake_topic({topic!r}): series: expected (seconds, message) pairs, got {series!r}")
         elif csv is not None:
             self._series = read_series(Path(csv))
+        for time, _ in self._series:
+            if not (isinstance(time, int | float) and 0 <= time < math.inf):
+                raise ConfigError(f"fake_topic({topic!r}): expected times from 0 s on, got {time!r}")
         self._bag = bag
 
     def begin(self, node: Node) -> None:

@@ -16,7 +16,7 @@ from fame.bpmn.pools import Pool
 from fame.bpmn.topics import TopicUse, topics_of
 from fame.check.events import raised_codes
 from fame.check.explore.semantics import with_counts, with_time
-from fame.check.expressions import expressions_in, names_of
+from fame.check.expressions import cover_all, expressions_in, names_of
 from fame.engine.data import variable_name
 from fame.errors import FameError
 from fame.scripting import code_names, script_topics
@@ -105,6 +105,8 @@ class Abstraction:
                 node = replace(node, body=self._body(node.body, home))
             elif isinstance(node, model.CallActivity):
                 node = self._call(node, body, home)
+            elif isinstance(node, model.Gateway):
+                node = _with_way_out(node, body)
             nodes.append(node)
         made = replace(body, nodes=tuple(nodes))
         if self.timed:
@@ -154,6 +156,15 @@ def abstraction(
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
     _keep_what_decides(found, bodies)
     return found
+
+
+def _with_way_out(gateway: model.Gateway, body: model.Body) -> model.Gateway:
+    """A gateway of which one condition is always true: if no other one is, the last one is, on unknown values, too."""
+    flows = [flow for flow in body.flows if flow.source == gateway.id]
+    conditions = [flow.condition for flow in flows if flow.condition is not None]
+    if gateway.kind != "exclusive" or gateway.default or len(conditions) < len(flows) or not cover_all(conditions):
+        return gateway
+    return replace(gateway, default=flows[-1].id)
 
 
 # ---- topics and codes of behaviours ----------------------------------------------------------------------------------
