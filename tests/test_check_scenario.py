@@ -38,8 +38,8 @@ def test_nothing_of_it_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 
 WRONG = {
     "a key": (f"{GOOD}sed: 3", "s.yaml:5: error: sed: unknown key"),
-    "no robot for a pool": (GOOD.replace("REX", "TIM"), "s.yaml: error: "),
-    "no such model": (GOOD.replace("m.bpmn", "n.bpmn"), "n.bpmn: error: "),
+    "no robot for a pool": (GOOD.replace("REX", "TIM"), "s.yaml:4: error: world.robots.TIM: "),
+    "no such model": (GOOD.replace("m.bpmn", "n.bpmn"), "s.yaml:1: error: model: expected a file"),
     "a robot that stands outside": (GOOD.replace("[1, 1]", "[9, 1]"), "s.yaml:4: error: world.robots.REX.at: "),
     "not YAML": ("model: [", "s.yaml:1: error: is not valid YAML: "),
     "another file": ("Files: {}", "s.yaml: error: is a learning file, which is for fame adm learn"),

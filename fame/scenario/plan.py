@@ -130,7 +130,7 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
     if changes:
         document = replace(document, data=changed(document.data, changes, str(path)))
     keys = document.mapping(_KEYS)
-    model = _beside(path, document.required("model", "FILE.bpmn"))
+    model = document.required("model", "FILE.bpmn")
     world = None
     if "world" in keys and isinstance(keys["world"].data, str):
         world = read_world(_beside(path, keys["world"]))
@@ -138,7 +138,7 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
         world = world_config(keys["world"])
     folders = keys["library"].items() if "library" in keys else []
     return ScenarioFile(
-        model=model,
+        model=_beside(path, model),
         world=world,
         computers=_computers(keys["computers"], world) if "computers" in keys else (),
         seed=keys["seed"].integer(minimum=0) if "seed" in keys else 0,
