@@ -548,6 +548,17 @@ CASES: dict[str, Callable[[], Iterator[Row]]] = {
 ON_REQUEST = ("hundred",)
 
 
+def kill_all() -> None:
+    for each in FIELDS:
+        each.kill()
+
+
+def give_up(number: int, _: object) -> None:
+    """End at once, and all engines."""
+    kill_all()
+    raise SystemExit(f"ended by signal {number}")
+
+
 def main() -> None:
     words = [word for word in sys.argv[1:] if word != "--json"]
     if words[:1] == ["count"]:
@@ -569,9 +580,9 @@ def main() -> None:
         print(f"no case {', '.join(unknown)}; there are {', '.join(CASES)}", file=sys.stderr)
         raise SystemExit(2)
     rows = []
-    atexit.register(lambda: [each.kill() for each in FIELDS])
+    atexit.register(kill_all)
     for number in (signal.SIGTERM, signal.SIGALRM):
-        signal.signal(number, lambda number, _: sys.exit(f"ended by signal {number}"))
+        signal.signal(number, give_up)
     signal.alarm(LONGEST)
     with tempfile.TemporaryDirectory() as folder:
         BYTECODE["PYTHONPYCACHEPREFIX"] = folder

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
 from fame.deploy.authentication import ReportReader
-from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope
+from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope
 from fame.deploy.robot_state import MATCHING
 from fame.deploy.termination import Answered
 from fame.errors import FameError, ModelError
@@ -337,9 +337,8 @@ class Peers:
         self._envelope, self._answered = envelope, answered
         self._out = {robot: node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in others}
         self._in = [
-            node.subscription(
-                f"/{robot}/bpmn_status", STRING, partial(self._on_report, self._reader(robot)), STATUS_QOS
-            )
+            # Without history: each robot repeats its report, and of a large team each would ask each for it.
+            node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._on_report, self._reader(robot)))
             for robot in self._out
         ]
 

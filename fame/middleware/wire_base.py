@@ -47,8 +47,8 @@ _POLL = 0.002
 """Interval of the checks of `wait_matched` (s)."""
 
 _PARAMETERS_DELAY, _LATEST_PARAMETERS = SECOND // 4, 60 * SECOND
-"""How long the domain has no new node before a node offers its parameters, for each ten nodes, and when it does so at
-the latest (ns): many engines that start at once find each other, and get their processes, first."""
+"""How long the domain has no new node before a node offers its parameters, for each node, and when it does so at the
+latest (ns): many engines that start at once find each other, and get their processes, first."""
 _STEP = SECOND // 100
 """The time between two of their services, for each node of the domain (ns): all may be on one machine."""
 _PARAMETERS = "parameters"
@@ -260,7 +260,7 @@ class WireNode(ABC):
             return
         scheduler, now = self.middleware.scheduler, len(self.middleware.node_names())
         if now != nodes and scheduler.now < until:
-            scheduler.after(_PARAMETERS_DELAY * (1 + now // 10), partial(self._await_quiet, now, until))
+            scheduler.after(_PARAMETERS_DELAY * max(1, now), partial(self._await_quiet, now, until))
         elif self in self.middleware.nodes or self.others():
             # On a part that lives as long as any other.
             home = self.middleware.node(self.name, self.namespace, _PARAMETERS) if self.part else self
