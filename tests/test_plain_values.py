@@ -15,6 +15,10 @@ VALUES = [
     messages.create("std_msgs/String", {"data": 'a "quoted" line\nand ÿ'}),
     messages.create("sensor_msgs/Range", {"range": float("inf"), "max_range": 4.0}),
     messages.create("std_msgs/ColorRGBA", {"r": 0.25}),
+    messages.create("geometry_msgs/PoseArray", {"poses": [{"position": {"x": 0.1, "y": 1e-7}}] * 3}),
+    messages.create("geometry_msgs/PoseArray", {"poses": [{"position": {"x": float("nan")}}]}),
+    messages.create("geometry_msgs/PoseArray", {"poses": [{}] * (plain_values.ITEMS + 1)}),
+    messages.create("sensor_msgs/BatteryState", {"cell_voltage": [0.1, 0.2]}),
 ]
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from functools import cache
 from itertools import islice
@@ -156,7 +157,14 @@ def _object(value: Any, depth: int) -> str:
 
 
 def _message(value: Any, depth: int) -> str:
-    """A message of a type with lists: field by field, since they may be long."""
+    """A message of a type with lists: field by field if one of them is long."""
+    sequences = _sequences(value.__msgtype__)
+    if depth == _DEPTH and sequences and orjson is not None:
+        with suppress(TypeError):  # what was put into its fields does not fit
+            if max(len(getattr(value, name)) for name in sequences) <= ITEMS:
+                text: str = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+                if "null" not in text:
+                    return text
     fields = _message_fields(value.__msgtype__)
     return _mapping(((name, getattr(value, name)) for name in fields), type(value).__name__, len(fields), depth)
 
@@ -198,6 +206,18 @@ def _has_lists(type: str) -> bool:
         field.shape == "sequence" or field.size > _LONG or (field.is_message and _has_lists(field.base))
         for field in fields
     )
+
+
+@cache
+def _sequences(type: str) -> list[str]:
+    """The fields of a type of messages that are sequences, if they are of messages and nothing else has lists."""
+    fields = typesystem.definition(type).fields
+    sequences = [field for field in fields if field.shape == "sequence"]
+    others = [field for field in fields if field.shape != "sequence"]
+    simple = not any(field.size > _LONG or (field.is_message and _has_lists(field.base)) for field in others)
+    if simple and all(field.is_message and not _has_lists(field.base) for field in sequences):
+        return [field.attribute for field in sequences]
+    return []
 
 
 def _cut(text: str, first: str = "") -> str:
