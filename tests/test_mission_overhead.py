@@ -11,6 +11,7 @@ import pytest
 
 from fame.bpmn.library import Library
 from fame.bpmn.reader import read
+from fame.middleware import messages
 from fame.testing import MissionLoader, late_recording
 from fame.testing.mission import collected_at_end
 
@@ -80,3 +81,13 @@ def test_a_called_process_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) ->
     first = len(searched)
     assert found == [library.closure(definitions, process) for process in definitions.processes]
     assert len(searched) == first > 0
+
+
+def test_a_value_that_is_repeated_is_one_message(mission: MissionLoader, monkeypatch: pytest.MonkeyPatch) -> None:
+    place, other, made = {"x": 1.0}, {"x": 2.0}, list[object]()
+    m = mission.load(VEHICLES)
+    create = messages.create
+    monkeypatch.setattr(messages, "create", lambda type, value=None: made.append(value) or create(type, value))
+    m.fake_topic("/target_found", values=[*[place] * 50, other, place])
+    m.advance(0)
+    assert [one for one in made if one in (place, other)] == [place, other, place]

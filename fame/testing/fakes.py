@@ -113,7 +113,12 @@ class FakeTopic:
         self._publisher = node.publisher(self.topic, type, self._qos)
         if self._bag is not None:
             self._series = read_recorded(Path(self._bag), self.topic, type)
-        made = [(time, messages.create(self._publisher.type, value)) for time, value in self._series]
+        made: list[tuple[float, Message]] = []
+        former: Any = self  # no value
+        for time, value in self._series:
+            if value is not former:  # ``values=[place] * 1000`` is one message
+                former, message = value, messages.create(self._publisher.type, value)
+            made.append((time, message))
         scheduler = self._mission.run.scheduler
         for time, message in made:
             scheduler.after(round(time * SECOND), partial(self._publisher.publish, message))
