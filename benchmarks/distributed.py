@@ -316,7 +316,7 @@ def rclpy_trips() -> trips.Trips:
     while not (publisher.get_subscription_count() and node.count_publishers("/rclpy_pong")):
         executor.spin_once(timeout_sec=0.1)
 
-    def trips(number: int) -> list[int]:
+    def ask(number: int) -> list[int]:
         taken = []
         for _ in range(number):
             began = time.perf_counter_ns()
@@ -327,7 +327,7 @@ def rclpy_trips() -> trips.Trips:
             taken.append(time.perf_counter_ns() - began)
         return taken
 
-    return trips
+    return ask
 
 
 def rclpy_echo() -> None:
