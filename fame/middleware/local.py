@@ -14,7 +14,7 @@ one after the other. Everything happens in the thread of the scheduler; other th
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -66,7 +66,7 @@ class LocalMiddleware:
         self.warnings: list[EndpointWarning] = []
         self.nodes: list[LocalNode] = []
         self.topics: dict[str, Topic] = {}
-        self.known_graph: tuple[TopicInfo, ...] | None = None  # until an endpoint is made or closed
+        self.known_graph: list[TopicInfo] | None = None  # until an endpoint is made or closed
         self.services: dict[str, LocalService] = {}
         self.taps: list[Callable[[LocalPublisher], Callable[[Message], object] | None]] = []
         self._on_warning = on_warning
@@ -77,9 +77,9 @@ class LocalMiddleware:
         self.nodes.append(node)
         return node
 
-    def graph(self) -> tuple[TopicInfo, ...]:
+    def graph(self) -> Sequence[TopicInfo]:
         if self.known_graph is None:
-            self.known_graph = tuple(self.topics[name].info() for name in sorted(self.topics))
+            self.known_graph = [self.topics[name].info() for name in sorted(self.topics)]
         return self.known_graph
 
     def connecting(self, node: LocalNode) -> list[str]:
