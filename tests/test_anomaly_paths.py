@@ -279,3 +279,11 @@ def test_samples_lost_at_a_round_corner_are_no_deviation(number: int, stamped: b
     kept = ~np.isin(np.arange(len(run)), (corner - 1, corner))
     given = replace(run, stamps=0.025 * np.arange(len(run))) if stamped else run
     assert not any(reading.anomalous for reading in learned().follow(given.rows(kept)))
+
+
+def test_what_the_tool_turns_on_its_way_is_no_tilt():
+    """On fast ways it turns by degrees from one sample to the next, which come at other times in each run."""
+    detector = PathDetector(MH5).fit(of_runs(simulated_runs(recording(BENIGN), 12, 7, MH5), 1, MH5.joints))
+    assert (detector.limits[:, 3] == detector.parameters.floor_tilt).all()
+    runs = of_runs(simulated_runs(recording(BENIGN), 6, 8, MH5), 1, MH5.joints)
+    assert max(reading.tilt for run in runs for reading in detector.follow(run)) < 1e-3

@@ -5,9 +5,9 @@ a path of the tool. For each point of another run the nearest points of those pa
 in direction of travel and, weakly, in time, which distinguishes the way there from the way back. The vector from them
 to the point, less its part along their direction of travel, is the deviation: it does not depend on when exactly the
 samples were taken. The mean of the last three deviation vectors removes the noise of encoders. The rotation from their
-orientations to that of the point, as a rotation vector and averaged likewise, is the tilt (distance on SO(3)). After
-missing samples the direction of travel is not known: the neighbours of deviation and tilt are then near in place and
-time alone.
+orientations to that of the point, as a rotation vector and averaged likewise, is the tilt (distance on SO(3)), less
+what benign paths turn themselves along that part. After missing samples the direction of travel is not known: the
+neighbours of deviation and tilt are then near in place and time alone.
 
 The time at which benign runs pass the same place is the third score: the lateness, and how it changed over the last
 `WINDOW` samples. A rest shows as lateness that grows by one sample per sample, a speed 20 % lower as 0.25. The clock of
@@ -224,6 +224,7 @@ class Tracker:
         self._tree_of_places = cKDTree(np.hstack([paths.places, times]))
         self._places, self._directions, self._times = paths.places, paths.directions, paths.times
         self._turns = paths.turns if len(paths.turns) else None
+        self._turning = turning(paths, self._slow) if len(paths.turns) else np.zeros((0, 3))
         self._limits, self._arrival = detector.limits.tolist(), paths.arrival
         self.reset()
 
@@ -256,7 +257,8 @@ class Tracker:
             # The way from the point before leads across missing samples: around a corner it is no direction of the run.
             _, beside = self._tree_of_places.query((*place, self._lag * clock), k=NEIGHBOURS)
         self._phase = phase
-        self._deviations.append(self._across(place, beside))
+        away, along = self._away(place, beside)
+        self._deviations.append(away)
         deviation = _mean(self._deviations)
         if self._offset is None:
             self._leave(place, phase - time)
@@ -267,7 +269,7 @@ class Tracker:
         changes.add(deviation, moving=moving)
         changes.lost.step(phase, step, moving=moving)
         late = changes.late(clock, clock - phase if phase < self._arrival else 0.0, resting=resting)
-        return changes.excuse(self._judge(changes.above(deviation), late, phase, self._tilt(values, beside)))
+        return changes.excuse(self._judge(changes.above(deviation), late, phase, self._tilt(values, beside, along)))
 
     def follow(self, run: Recording) -> list[Reading]:
         """Every point of one run."""
@@ -319,25 +321,43 @@ class Tracker:
         length = (x * x + y * y + z * z) ** 0.5
         return (x / length, y / length, z / length) if length > self._slow else (0.0, 0.0, 0.0)
 
-    def _across(self, place: Vector, near: Any) -> Vector:
-        """The mean vector from the neighbours to the place, without its parts along their directions."""
+    def _away(self, place: Vector, near: Any) -> tuple[Vector, Any]:
+        """The mean vector from the neighbours to the place, without its parts along their directions; and these, m."""
         away = np.subtract(place, self._places[near])
-        along = self._directions[near]
-        away -= (away * along).sum(axis=1, keepdims=True) * along
-        x, y, z = (away.sum(axis=0) / NEIGHBOURS).tolist()
-        return x, y, z
+        directions = self._directions[near]
+        along = (away * directions).sum(axis=1, keepdims=True)
+        x, y, z = ((away - along * directions).sum(axis=0) / NEIGHBOURS).tolist()
+        return (x, y, z), along
 
-    def _tilt(self, values: Sequence[float], near: Any) -> float:
-        """The angle (rad) from the neighbours' orientations: the mean rotation vector, to first order."""
+    def _tilt(self, values: Sequence[float], near: Any, along: Any) -> float:
+        """The angle (rad) from the neighbours' orientations: the mean rotation vector, to first order, without what
+        they turn themselves on the way `along` to the point."""
         if self._turns is None:
             return 0.0
-        w, x, y, z = self._chain.quaternion(values)
-        # The product of a conjugate neighbour and the point; its sign makes the angle at most pi.
-        product = self._turns[near] @ ((w, -x, -y, -z), (x, w, z, -y), (y, -z, w, x), (z, y, -x, w))
-        signs = np.where(product[:, 0] < 0, -2.0, 2.0)
-        self._tilts.append(tuple((signs @ product[:, 1:] / NEIGHBOURS).tolist()))
+        product = _relative(self._turns[near], self._chain.quaternion(values)) - self._turning[near] * along
+        self._tilts.append(tuple((product.sum(axis=0) / NEIGHBOURS).tolist()))
         x, y, z = _mean(self._tilts)
         return math.sqrt(x * x + y * y + z * z)
+
+
+def _relative(turns: Floats, turn: Any) -> Floats:
+    """The rotation vectors (n, 3) from orientations (n, 4) to one, to first order."""
+    w, x, y, z = turn
+    # The product of a conjugate neighbour and the point; its sign makes the angle at most pi.
+    product = turns @ ((w, -x, -y, -z), (x, w, z, -y), (y, -z, w, x), (z, y, -x, w))
+    return np.asarray(np.where(product[:, :1] < 0, -2.0, 2.0) * product[:, 1:])
+
+
+def turning(paths: Paths, slow: float) -> Floats:
+    """How the benign paths turn, per metre of their way: rotation vectors (points, 3) by the points before and after,
+    zero where the tool rests."""
+    found = np.zeros((len(paths.places), 3))
+    same = paths.runs[2:] == paths.runs[:-2]
+    for index in (np.flatnonzero(same) + 1).tolist():
+        way = float(np.linalg.norm(paths.places[index + 1] - paths.places[index - 1]))
+        if way > 2 * slow:
+            found[index] = _relative(paths.turns[index - 1 : index], paths.turns[index + 1])[0] / way
+    return found
 
 
 def _mean(vectors: Collection[Vector]) -> Vector:
