@@ -323,10 +323,9 @@ class Tracker:
 
     def _away(self, place: Vector, near: Any) -> tuple[Vector, Any]:
         """The mean vector from the neighbours to the place, without its parts along their directions; and these, m."""
-        away = np.subtract(place, self._places[near])
-        directions = self._directions[near]
-        along = (away * directions).sum(axis=1, keepdims=True)
-        x, y, z = ((away - along * directions).sum(axis=0) / NEIGHBOURS).tolist()
+        away, directions = np.subtract(place, self._places[near]), self._directions[near]
+        along = (away * directions).sum(axis=1)
+        x, y, z = ((away.sum(axis=0) - along @ directions) / NEIGHBOURS).tolist()
         return (x, y, z), along
 
     def _tilt(self, values: Sequence[float], near: Any, along: Any) -> float:
@@ -334,29 +333,33 @@ class Tracker:
         they turn themselves on the way `along` to the point."""
         if self._turns is None:
             return 0.0
-        product = _relative(self._turns[near], self._chain.quaternion(values)) - self._turning[near] * along
-        self._tilts.append(tuple((product.sum(axis=0) / NEIGHBOURS).tolist()))
+        turned = _turned(self._turns[near], self._chain.quaternion(values)) - along @ self._turning[near]
+        self._tilts.append(tuple((turned / NEIGHBOURS).tolist()))
         x, y, z = _mean(self._tilts)
         return math.sqrt(x * x + y * y + z * z)
 
 
-def _relative(turns: Floats, turn: Any) -> Floats:
-    """The rotation vectors (n, 3) from orientations (n, 4) to one, to first order."""
+def _product(turn: Any) -> Any:
+    """The matrix that turns a quaternion into the product of its conjugate and `turn`."""
     w, x, y, z = turn
-    # The product of a conjugate neighbour and the point; its sign makes the angle at most pi.
-    product = turns @ ((w, -x, -y, -z), (x, w, z, -y), (y, -z, w, x), (z, y, -x, w))
-    return np.asarray(np.where(product[:, :1] < 0, -2.0, 2.0) * product[:, 1:])
+    return (w, -x, -y, -z), (x, w, z, -y), (y, -z, w, x), (z, y, -x, w)
+
+
+def _turned(turns: Floats, turn: Any) -> Any:
+    """The sum of the rotation vectors from orientations (n, 4) to one, to first order; angles are at most pi."""
+    product = turns @ _product(turn)
+    return np.where(product[:, 0] < 0, -2.0, 2.0) @ product[:, 1:]
 
 
 def turning(paths: Paths, slow: float) -> Floats:
     """How the benign paths turn, per metre of their way: rotation vectors (points, 3) by the points before and after,
     zero where the tool rests."""
     found = np.zeros((len(paths.places), 3))
-    same = paths.runs[2:] == paths.runs[:-2]
-    for index in (np.flatnonzero(same) + 1).tolist():
-        way = float(np.linalg.norm(paths.places[index + 1] - paths.places[index - 1]))
-        if way > 2 * slow:
-            found[index] = _relative(paths.turns[index - 1 : index], paths.turns[index + 1])[0] / way
+    ways = np.linalg.norm(paths.places[2:] - paths.places[:-2], axis=1)
+    moving = (paths.runs[2:] == paths.runs[:-2]) & (ways > 2 * slow)
+    product = np.einsum("ni,ijn->nj", paths.turns[:-2], np.array(_product(paths.turns[2:].T)))
+    vectors = np.where(product[:, :1] < 0, -2.0, 2.0) * product[:, 1:]
+    found[1:-1][moving] = vectors[moving] / ways[moving, None]
     return found
 
 
