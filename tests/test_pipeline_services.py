@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from pathlib import Path
 
@@ -73,14 +74,14 @@ def handler(signal: str) -> str:
     )
 
 
-def arm(sim: fame.Simulation, seconds: float, push: float = 0.0, *, rate: int = 500) -> None:
-    """Efforts of an arm at rest, somebody pushing joint 3."""
+def arm(sim: fame.Simulation, seconds: float, push: float = 0.0, *, sway: float = 0.0, rate: int = 500) -> None:
+    """Efforts of an arm at rest, somebody pushing joint 3; joint 0 may sway."""
     node = sim.middleware.node("driver")
     publisher = node.publisher(f"/{ROBOT}/joint_states", JOINT_STATE)
     begin = sim.now
     for number in range(1, round(seconds * rate) + 1):
         sim.run(until=begin + number / rate)
-        efforts = [0.1, 0.1, 0.1, 0.1 + push, 0.1, 0.1]
+        efforts = [0.1 + sway * math.sin(0.1 * number), 0.1, 0.1, 0.1 + push, 0.1, 0.1]
         content = {"header": {"stamp": sim.now}, "name": JOINTS, "effort": efforts}
         publisher.publish(messages.create(JOINT_STATE, content))
     node.close()
@@ -182,7 +183,7 @@ def test_a_record_unit_has_everything_on_disk_when_its_scope_ends_and_train_lear
             f'<startEvent id="s"/>{recorder}{flow("s", "R")}', "enough"
         ))  # fmt: skip
         sim.run(until=0.1)
-        arm(sim, 0.2)
+        arm(sim, 0.2, sway=0.05)
         sim.signal("enough")
         sim.run(until=sim.now + 1)
         assert sim.instances[0].status == "completed"

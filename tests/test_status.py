@@ -30,10 +30,10 @@ def test_a_cell_cannot_make_a_row():
     assert table(("a", "b"), [("x\ny", "\x1b[2J")]).splitlines() == ["a     b", r"x\ny  \x1b[2J"]
 
 
-def test_a_line_that_was_heard_cannot_draw_on_the_terminal(capsys):
+def test_a_received_line_cannot_draw_on_the_terminal(capsys):
     import sys
 
-    LiveTable(sys.stdout).say("REX\x1b[2J\nDINGO  running")
+    LiveTable(sys.stdout).write("REX\x1b[2J\nDINGO  running")
     assert capsys.readouterr().out == "REX\\x1b[2J\\nDINGO  running\n"
 
 
