@@ -20,7 +20,6 @@ from fame.log.lines import jsonl, table
 from fame.log.recorder import About, LogTopics, Recorder, recording_to
 from fame.log.recorder_process import RecorderProcess, emptied, is_useful
 from fame.log.recording_file import FileWriter, RecordingFile, RunWriter
-from fame.log.xes import xes
 from fame.robot.events import Event, Observer, trail_handler
 
 _BUFFER = 1 << 16
@@ -31,10 +30,17 @@ RECORDING = ".mcap"
 _Form: TypeAlias = Callable[[BinaryIO, Mapping[str, ElementInfo]], AbstractContextManager[Observer]]
 """Creates an observer that writes events to a stream in one format."""
 
+
+def _xes(stream: BinaryIO, elements: Mapping[str, ElementInfo]) -> AbstractContextManager[Observer]:
+    from fame.log.xes import xes  # with the XML of the standard library, which loads urllib and ssl
+
+    return xes(stream, elements)
+
+
 _FORMS: Mapping[str, _Form] = {
     ".jsonl": jsonl,
     ".csv": table,
-    ".xes": xes,
+    ".xes": _xes,
 }
 
 
