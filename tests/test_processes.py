@@ -27,7 +27,8 @@ from fame.deploy import STATUS_QOS, STRING, Report
 from fame.deploy.splitter_node import DIAGRAM, STATUS
 from fame.middleware import messages
 from fame.middleware.dds import DdsMiddleware, DdsScheduler, wire
-from fame.middleware.interface import LATCHED, Publisher
+from fame.middleware.interface import ENGINE, LATCHED, Publisher
+from fame.middleware.parameters import KINDS, service_name
 
 pytestmark = pytest.mark.processes
 
@@ -340,12 +341,18 @@ def test_after_many_redeployments_an_engine_holds_what_it_held_after_ten(team):
             team.publish("A", waiting(name))
             team.until(lambda name=name: team.at("A") == [name], "the next one")
         team.alive("A")
+        team.until(lambda: offers_parameters(team, "A"), "the services of its parameters, which come late")
         return held_by(team, "A")
 
     after_ten, after_many = redeploy(*(f"x{n}" for n in range(10))), redeploy(*(f"y{n}" for n in range(100)))
     grown = after_many.pop("memory") - after_ten.pop("memory")
     assert after_many == after_ten
     assert grown < 8_000_000
+
+
+def offers_parameters(team: Field, robot: str) -> bool:
+    """Whether its engine offers all services of its parameters."""
+    return all(team.middleware.offers(f"/{robot}/{ENGINE}/{service_name(kind)}") for kind in KINDS)
 
 
 def held_by(team: Field, robot: str) -> dict[str, int]:
