@@ -243,8 +243,12 @@ def _points(points: Iterable[Sequence[float]]) -> list[Point]:
 
 
 class GroundState(NamedTuple):
-    """What changes on the ground: of each weed, when (s) it was cut and by whom; how far each door is open (0 to 1); of
-    each parcel, where it lies, and who carries it."""
+    """The changeable part of the ground.
+
+    weeds    time of the cut (s) and the robot that cut it, or None and None, of each weed
+    doors    opening of each door, 0 to 1
+    parcels  position (m) of each parcel, and the robot that carries it, or ""
+    """
 
     weeds: Sequence[tuple[float | None, str | None]]
     doors: Sequence[float]
@@ -252,7 +256,7 @@ class GroundState(NamedTuple):
 
     @classmethod
     def of(cls, world: World) -> GroundState:
-        """As it is now."""
+        """Return the current state of a world."""
         return cls(
             [(weed.cut_at, weed.cut_by) for weed in world.weeds.all],
             [door.opening for door in world.doors],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import re
-from argparse import ArgumentTypeError, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -78,6 +78,13 @@ def add(commands: Commands) -> None:
         "--files", type=Path, metavar="DIR",
         help="folder of the files that service tasks use, such as learned models (default: the current folder)",
     )  # fmt: skip
+    _add_storage(parser)
+    add_network(parser)
+    add_library(parser)
+
+
+def _add_storage(parser: ArgumentParser) -> None:
+    """Declare the options on state, errors and recordings."""
     parser.add_argument(
         "--state", type=Path, metavar="DIR",
         help="keep the mission on disk: after a crash the same command continues it (docs/durability.md)",
@@ -97,8 +104,6 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--fame-dt", action="store_true", help="publish every step on /fame_dt, for the viewer of the original FaMe"
     )
-    add_network(parser)
-    add_library(parser)
 
 
 def _name(text: str) -> str:

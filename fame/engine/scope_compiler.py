@@ -345,7 +345,7 @@ def _of(kind: str, nodes: list[Node]) -> tuple[Node, ...]:
 
 
 def boundary_of(activity: Node) -> Boundary:
-    """The boundary events of an activity, made if there are none."""
+    """Return the boundary events of an activity; the first call creates them."""
     if activity.boundary is None:
         activity.boundary = Boundary()
     return activity.boundary
