@@ -16,6 +16,7 @@ from fame.cli import main
 from fame.errors import ConfigError
 from fame.log import About, Recording, TeamState, logging_to
 from fame.log.channels import EVENTS, VARIABLES, WAITING
+from fame.log.recording_file import RecordingFile
 from fame.middleware import messages
 from fame.robot.events import EventLog, combine_observers
 from fame.robot.plain_values import json_text
@@ -213,6 +214,25 @@ def test_a_newer_format_and_a_foreign_file_are_refused(tmp_path: Path) -> None:
         Recording(tmp_path / "newer.mcap")
     with pytest.raises(ConfigError, match="expected a recording of FAME"):
         Recording(tmp_path / "foreign.mcap")
+
+
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_a_newer_format_without_a_message_is_refused_as_newer(tmp_path: Path, is_whole: bool) -> None:
+    with (tmp_path / "newer.mcap").open("wb") as stream:
+        file = RecordingFile(stream)
+        file.describe({"format": "99"})
+        (file.finish if is_whole else file.flush)()
+    with pytest.raises(ConfigError, match="expected format 1 or older, got format 99"):
+        Recording(tmp_path / "newer.mcap")
+
+
+def test_a_recording_without_a_message_is_empty(tmp_path: Path) -> None:
+    with (tmp_path / "empty.mcap").open("wb") as stream:
+        file = RecordingFile(stream)
+        file.describe({})
+        file.finish()
+    with Recording(tmp_path / "empty.mcap") as recording:
+        assert (recording.robots, recording.duration, recording.warnings) == ([], 0.0, [])
 
 
 @pytest.mark.parametrize(

@@ -60,8 +60,6 @@ def read_index(stream: BinaryIO, file: str) -> McapIndex:
         index = None
     if index is None:
         index = _scan(stream)
-        if not index.chunks:
-            raise ConfigError("was cut short before anything was recorded", file=file)
         index.warnings.append(f"{file}: is incomplete; it is read up to the damaged place")
     index.chunks = sorted(index.chunks, key=attrgetter("start"))
     return index
@@ -99,7 +97,7 @@ def _read_summary(stream: BinaryIO) -> McapIndex | None:
     stream.seek(0)
     reader = SeekingReader(stream)
     summary = reader.get_summary()
-    if summary is None or (not summary.chunk_indexes and not summary.channels):
+    if summary is None:
         return None
     index = McapIndex(channels=summary.channels, schemas=summary.schemas)
     index.chunks = [

@@ -112,17 +112,19 @@ class Recording:
         self.robots = sorted(last.robots)
 
     def _check_format(self) -> None:
-        known = [channel.topic for channel in self._channels.values() if channel.topic in CHANNELS]
-        if not known and "format" not in self.metadata:
-            found = ", ".join(sorted({channel.topic for channel in self._channels.values()})[:5]) or "no topic"
-            raise ConfigError(
-                f"expected a recording of FAME, got an MCAP file without {EVENTS}; it has {found}", file=self.file
-            )
         written = self.metadata.get("format", "1")
         if not written.isdecimal() or int(written) > FORMAT:
             by = self.metadata.get("fame", "")
             text = f"expected format {FORMAT} or older, got format {written}" + (f" of FAME {by}" if by else "")
             raise ConfigError(f"{text}: update FAME to read it", file=self.file)
+        if self.warnings and not self._chunks:
+            raise ConfigError("was cut short before anything was recorded", file=self.file)
+        topics = {channel.topic for channel in self._channels.values()}
+        if not topics & CHANNELS.keys() and "format" not in self.metadata:
+            found = ", ".join(sorted(topics)[:5]) or "no topic"
+            raise ConfigError(
+                f"expected a recording of FAME, got an MCAP file without {EVENTS}; it has {found}", file=self.file
+            )
 
     # ---- content -----------------------------------------------------------------------------------------------------
 
