@@ -20,6 +20,12 @@ from fame.errors import ConfigError
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
+_RECORD = struct.Struct("<BQ")
+"""The head of a record: opcode, length of the rest."""
+_MESSAGE_OPCODE = 5
+_MESSAGE, _MESSAGE_HEAD = struct.Struct("<H4xQ"), 22
+"""The head of a message: channel, (sequence number,) log time (, publish time); and its length."""
+
 
 @dataclass(frozen=True, slots=True)
 class ChunkPlace:
@@ -70,17 +76,30 @@ def chunk_messages(stream: BinaryIO, offset: int, file: str) -> Iterator[tuple[i
 
     Raises ConfigError if it is damaged.
     """
-    from mcap.records import Message
-    from mcap.stream_reader import StreamReader, breakup_chunk
+    from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
     try:
         stream.seek(offset)
         chunk: Any = next(StreamReader(stream, skip_magic=True, emit_chunks=True).records)
-        for record in breakup_chunk(chunk):
-            if isinstance(record, Message):
-                yield record.log_time, record.channel_id, record.data
+        source, size = get_chunk_data_stream(chunk)
+        yield from _messages(source.read(size))
     except _broken() as error:
         raise ConfigError(f"is damaged at byte {offset}: {error}", file=file) from None
+
+
+def _messages(records: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """The messages among the records of a chunk. (Those of the package `mcap` are many times slower to read.)"""
+    begin = 0
+    while begin < len(records):
+        opcode, length = _RECORD.unpack_from(records, begin)
+        begin += _RECORD.size
+        end = begin + length
+        if end > len(records):
+            raise ValueError("a record is longer than its chunk")
+        if opcode == _MESSAGE_OPCODE:
+            channel, time = _MESSAGE.unpack_from(records, begin)
+            yield time, channel, records[begin + _MESSAGE_HEAD : end]
+        begin = end
 
 
 def _broken() -> tuple[type[Exception], ...]:

@@ -234,10 +234,11 @@ class Recording:
 
     def _read_chunk(self, chunk: ChunkPlace) -> list[Message]:
         """The messages of a chunk, by time."""
-        found = [
-            Message(time, self._channels[channel].topic, data, self._channels[channel].metadata.get("node", ""))
-            for time, channel, data in chunk_messages(self._stream, chunk.offset, self.file)
-        ]
+        ends = {number: (one.topic, one.metadata.get("node", "")) for number, one in self._channels.items()}
+        found = []
+        for time, channel, data in chunk_messages(self._stream, chunk.offset, self.file):
+            topic, node = ends[channel]
+            found.append(Message(time, topic, data, node))
         found.sort(key=attrgetter("time"))
         return found
 

@@ -10,6 +10,7 @@ import { Timeline } from "./timeline.js";
 import { World } from "./world.js";
 
 const base = new URL(".", location.href);
+const PATIENCE = 250; // ms until the page says that it loads a part of the run
 
 class App {
   constructor() {
@@ -31,6 +32,7 @@ class App {
     this.keys();
     this.waiting = false;
     this.timer = null;
+    this.missing = null; // since when the state at the cursor is being loaded (ms)
   }
 
   async fetch(path) {
@@ -255,19 +257,37 @@ class App {
   }
 
   draw(now) {
-    const moved = this.player.frame(now), { time } = this.player;
+    const begun = performance.now(), moved = this.player.frame(now), { time } = this.player;
     this.state = this.store.stateAt(time);
+    if (moved) this.saveLink();
+    if (this.player.playing || this.player.following) this.redraw();
+    const jumped = this.missing !== null;
+    if (this.isMissing(begun)) { // it comes soon: whatever is drawn meanwhile would delay it
+      this.timeline.point(time);
+      return;
+    }
     if (this.mission.kind === "model") this.selected.element = this.mission.elements[this.selected.element] ? this.selected.element : -1;
     if (this.state !== null) {
       this.world.update(this.state, time);
       this.diagram.update(this.state, this.player.playing);
     } else if (this.mission.kind === "model") this.diagram.update(null, false);
     this.inspector.update(this.state, time);
-    this.timeline.update(time);
+    if (jumped) { // the bars have been there before
+      this.timeline.follow(time);
+      this.redraw();
+    } else this.timeline.update(time, begun);
     this.control.update();
-    if (this.player.playing || this.player.following) this.redraw();
-    if (moved) this.saveLink();
     this.frames = (this.frames ?? 0) + 1;
+  }
+
+  /** Whether the state at the cursor is being loaded, and has been for a moment only. */
+  isMissing(now) {
+    if (this.state !== null || this.mission.kind === "model") this.missing = null;
+    else {
+      this.missing ??= now;
+      if (now - this.missing < PATIENCE) this.later(() => this.redraw(), PATIENCE);
+    }
+    return this.missing !== null && now - this.missing < PATIENCE;
   }
 
   // ---- page --------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ export class Timeline {
     this.app = app;
     this.from = 0;
     this.until = 1e9;
+    this.width = 10; // of the lanes, when they were drawn last
     this.whole = true;
     this.levels = 2;
     this.rows = new Map(); // "robot/depth" -> Map element -> row
@@ -40,10 +41,6 @@ export class Timeline {
   }
 
   // ---- where things are --------------------------------------------------------------------------
-
-  get width() {
-    return Math.max(10, this.box.clientWidth - GUTTER);
-  }
 
   x(time) {
     return ((time - this.from) / (this.until - this.from)) * this.width;
@@ -118,8 +115,10 @@ export class Timeline {
 
   // ---- drawing -----------------------------------------------------------------------------------
 
-  update(time) {
+  /** `begun`: when the frame began (ms). */
+  update(time, begun) {
     const { store, mission } = this.app, end = this.whole && this.app.isLive() ? this.roomy(store.end) : Math.max(store.end, 1e9);
+    this.width = Math.max(10, this.box.clientWidth - GUTTER);
     if (this.whole) {
       this.from = 0;
       this.until = end;
@@ -128,7 +127,6 @@ export class Timeline {
       this.from = Math.max(0, Math.min(time - (this.app.player.following ? span * 0.95 : 0), end - span));
       this.until = this.from + span;
     }
-    this.transport.now.value = clock(time);
     this.transport.total.textContent = clock(store.end);
     const missing = store.blocks.filter((block) => block.data === null).length;
     const reading = mission.reading < 1 ? `reading ${Math.round(mission.reading * 100)} %` : missing > 1 ? `loading ${Math.round((1 - missing / store.blocks.length) * 100)} %` : "";
@@ -136,9 +134,26 @@ export class Timeline {
     for (const block of store.within(this.from, this.until)) if (block.data) this.settle(block.data);
     const lanes = this.lanes(), plotsTop = lanes.length ? lanes.at(-1).top + lanes.at(-1).height : 0, total = plotsTop + this.plots.height;
     this.spacer.style.height = `${total}px`;
-    this.label(lanes, plotsTop, time);
-    this.bars(lanes, plotsTop);
+    this.label(lanes, plotsTop);
+    this.follow(time);
+    this.bars(lanes, plotsTop, begun);
     this.axis.draw(time);
+  }
+
+  /** Show the instant of the cursor: what the robots do then, and the values of the plots. Bars do not depend on it. */
+  follow(time) {
+    const { state } = this.app;
+    if (state !== null) (this.captions ?? []).forEach((caption, r) => {
+      const text = this.app.doing(state, r);
+      if (caption.textContent !== text) caption.textContent = text;
+    });
+    this.plots.values(time);
+    this.point(time);
+  }
+
+  /** Show where the cursor is. */
+  point(time) {
+    this.transport.now.value = clock(time);
     const x = this.x(time), visible = x >= -1 && x <= this.width + 1;
     this.cursor.hidden = !visible;
     this.cursor.style.transform = `translateX(${GUTTER + x}px)`;
@@ -151,7 +166,7 @@ export class Timeline {
     return span;
   }
 
-  label(lanes, plotsTop, time) {
+  label(lanes, plotsTop) {
     const { mission, selected } = this.app, key = `${lanes.map(({ top, height }) => `${top}+${height}`)}|${selected.robot}|${isDark()}|${mission.robots.length}|${this.plots.key}`;
     if (key !== this.labelKey) {
       this.labelKey = key;
@@ -168,16 +183,10 @@ export class Timeline {
         return lane;
       }), this.plots.labels(plotsTop));
     }
-    const state = this.app.state;
-    if (state !== null) lanes.forEach(({ r }) => {
-      const text = this.app.doing(state, r);
-      if (this.captions[r].textContent !== text) this.captions[r].textContent = text;
-    });
-    this.plots.values(time);
   }
 
   /** Bars, arrows, marks and plots, in a picture that is kept until something other than the cursor changes. */
-  bars(lanes, plotsTop) {
+  bars(lanes, plotsTop, frame) {
     const { store, selected } = this.app, height = this.scroller.clientHeight, scroll = this.scroller.scrollTop;
     const key = [this.from, this.until, this.width, height, scroll, selected.robot, selected.element, this.levels, isDark(), this.plots.key, window.devicePixelRatio].join();
     if (height < 2) return;
@@ -195,7 +204,7 @@ export class Timeline {
     if (this.painting === null) return;
     // What only has more in it is painted in slices, so that no jump waits for it; what was asked for, at once.
     let done = false;
-    do ({ done } = this.painting.next()); while (!done && (!same || performance.now() < begun + SLICE));
+    do ({ done } = this.painting.next()); while (!done && (!same || performance.now() < frame + SLICE));
     this.paintCost += performance.now() - begun;
     if (!done) {
       this.app.redraw();
