@@ -178,6 +178,21 @@ def test_a_recording_that_was_cut_short_opens_as_far_as_it_is_whole(run: tuple[P
         assert list(cut.events()) == list(whole.events(end=cut.end))[: len(list(cut.events()))]
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_damaged_recording_is_read_or_refused_in_one_line(
+    run: tuple[Path, EventLog], tmp_path: Path, seed: int
+) -> None:
+    data, chance, path = bytearray(run[0].read_bytes()), random.Random(seed), tmp_path / "damaged.mcap"
+    for _ in range(chance.choice((1, 20))):
+        data[chance.randrange(len(data))] = chance.randrange(256)
+    path.write_bytes(data)
+    try:
+        with Recording(path) as recording:
+            assert list(recording.events())
+    except ConfigError as error:
+        assert "damaged" in str(error) or "cut short" in str(error)
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a full disk to try")
 def test_a_full_disk_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "run.mcap").symlink_to("/dev/full")

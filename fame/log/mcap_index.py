@@ -81,7 +81,7 @@ def chunk_messages(stream: BinaryIO, offset: int, file: str) -> Iterator[tuple[i
     try:
         stream.seek(offset)
         chunk: Any = next(StreamReader(stream, skip_magic=True, emit_chunks=True).records)
-        source, size = get_chunk_data_stream(chunk)
+        source, size = get_chunk_data_stream(chunk, validate_crc=True)
         yield from _messages(source.read(size))
     except _broken() as error:
         raise ConfigError(f"is damaged at byte {offset}: {error}", file=file) from None
@@ -105,8 +105,10 @@ def _messages(records: bytes) -> Iterator[tuple[int, int, bytes]]:
 def _broken() -> tuple[type[Exception], ...]:
     """Errors raised by reading damaged bytes."""
     from mcap.exceptions import McapError
+    from zstandard import ZstdError
 
-    return McapError, struct.error, zlib.error, ValueError, OSError, EOFError, StopIteration, MemoryError, KeyError
+    damaged = (McapError, ZstdError, zlib.error, struct.error, ValueError, KeyError)
+    return *damaged, OSError, EOFError, StopIteration, MemoryError
 
 
 def _read_summary(stream: BinaryIO) -> McapIndex | None:

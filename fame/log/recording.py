@@ -237,6 +237,8 @@ class Recording:
         ends = {number: (one.topic, one.metadata.get("node", "")) for number, one in self._channels.items()}
         found = []
         for time, channel, data in chunk_messages(self._stream, chunk.offset, self.file):
+            if channel not in ends:
+                raise ConfigError(f"is damaged: a message of the unknown channel {channel}", file=self.file)
             topic, node = ends[channel]
             found.append(Message(time, topic, data, node))
         found.sort(key=attrgetter("time"))
