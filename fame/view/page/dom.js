@@ -104,7 +104,11 @@ function renewNode(node, fresh) {
     return;
   }
   for (const { name } of [...node.attributes]) if (!fresh.hasAttribute(name) && !(name === "open" && node.localName === "details")) node.removeAttribute(name);
-  for (const { name, value } of fresh.attributes) if (node.getAttribute(name) !== value) node.setAttribute(name, value);
+  for (const { name, value } of fresh.attributes) {
+    if (node.getAttribute(name) === value) continue;
+    if (name === "style") node.style.cssText = value; // the policy of the page forbids the attribute
+    else node.setAttribute(name, value);
+  }
   for (const type of node.actions?.keys() ?? []) node.actions.set(type, null);
   for (const [type, action] of fresh.actions ?? []) listen(node, type, action);
   const { value } = fresh; // before its options are moved

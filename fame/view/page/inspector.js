@@ -1,6 +1,6 @@
 // The inspector: of the chosen robot (or all) at the cursor, what its tokens wait for, its variables, its messages and log.
 
-import { h, icon, clock, duration, robotColour, renew } from "./dom.js";
+import { h, icon, clock, duration, isDark, robotColour, renew } from "./dom.js";
 import { FAIL, LOG, REPORT, END, after } from "./store.js";
 
 const RECENT = 2e9, LINES = 200;
@@ -46,7 +46,7 @@ export class Inspector {
   }
 
   picker() {
-    const { robots } = this.app.mission, { robot } = this.app.selected, key = `${robots.length}|${robot}|${document.documentElement.dataset.theme}`;
+    const { robots } = this.app.mission, { robot } = this.app.selected, key = `${robots.length}|${robot}|${isDark()}`;
     if (key === this.pickerKey) return;
     this.pickerKey = key;
     const pick = h("select", { "aria-label": "Robot", onchange: ({ currentTarget }) => this.app.select({ robot: Number(currentTarget.value) }) },
@@ -58,7 +58,7 @@ export class Inspector {
   update(state, time) {
     this.picker();
     const { selected, store, plots } = this.app;
-    const key = [this.tab, selected.robot, selected.element, time, store.version, plots.key, state === null, this.app.controlKey(), this.app.mission.version].join();
+    const key = [this.tab, selected.robot, selected.element, time, store.version, plots.key, state === null, this.app.controlKey(), this.app.mission.version, isDark()].join();
     if (key === this.key) return;
     const now = performance.now();
     if (now - (this.last ?? 0) < this.pause) { // a few times a second is as much as anybody reads
@@ -141,20 +141,27 @@ export class Inspector {
 
   wait(state, r, wait, time) {
     const openers = state.openers(r, wait.scope), since = time - wait.since;
-    const topics = (wait.topics ?? []).map((topic) => this.whyTopic(topic, wait, time));
+    const topics = (wait.topics ?? []).map((topic) => this.publishers(topic, wait));
     const conditions = (wait.conditions ?? []).map((condition) => h("div", { cls: "why" }, h("code", null, condition.text),
       (condition.reads ?? []).map((name) => h("div", null, name, " = ", this.valueOf(state, r, wait.scope, name)))));
     return h("li", { dataset: { key: `${r}/${wait.key}` } }, h("div", null, wait.e >= 0 ? this.element(wait.e, openers) : h("b", null, wait.element), wait.suspended ? h("em", null, "suspended") : null,
-      h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`)), h("div", { cls: "reason" }, wait.text), topics, conditions, this.app.control.forWait(r, wait));
+      h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`)), h("div", { cls: "reason" }, wait.text), topics, this.lastMessages(wait, time), conditions, this.app.control.forWait(r, wait));
   }
 
-  /** The last message on a topic, and why it did not move the token. */
-  whyTopic(topic, wait, time) {
-    const last = this.lastMessage(topic, time);
-    const own = this.app.mission.robots.some((robot) => topic.startsWith(`/${robot.name}/`)); // sensors are not recorded by default
-    if (last === null) return this.app.mission.messages && !own ? h("div", { cls: "why" }, `no message on ${topic} so far`) : null;
-    const early = last[0] < wait.since;
-    return h("div", { cls: "why" }, `last message `, this.instant(last[0]), last[2] ? ` from ${last[2]}` : "", early ? ", before this token waited: it does not count" : "");
+  /** Who publishes on a topic that a token waits for. */
+  publishers(topic, wait) {
+    const nodes = wait.publishers?.[topic] ?? [];
+    return h("div", { cls: "why" }, h("code", null, topic), nodes.length ? ` is published by ${nodes.join(", ")}` : " has no publisher");
+  }
+
+  /** When the last message came that a token might have received, and why it did not count. */
+  lastMessages(wait, time) {
+    if (!wait.topics?.length) return null;
+    if (wait.missed) return h("div", { cls: "why" }, "last message ", this.instant(wait.missed.time), ` did not count: ${wait.missed.why}`);
+    const found = wait.topics.map((topic) => this.lastMessage(topic, time)).filter((one) => one !== null);
+    if (!found.length) return h("div", { cls: "why" }, "no message has come since the token waits");
+    return found.map(([at, topic, sender]) => h("div", { cls: "why" }, "last message ", this.instant(at), wait.topics.length > 1 ? ` on ${topic}` : "", sender ? ` from ${sender}` : "",
+      at < wait.since ? ", before this token waited: it does not count" : ""));
   }
 
   lastMessage(topic, time) {
