@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from fame.bpmn.reader import read
 from fame.log import Recording, logging_to
+from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
+from fame.robot.events import combine_observers
 from fame.scenario import Scenario
-from fame.view.blocks import CANCELLED, COLUMNS, COMPLETED, FAILED, WHATS, Block, Packer, ScopeInfo, State, TokenKey
+from fame.view import LiveRun, RunControl
+from fame.view.blocks import COLUMNS, Block, Packer
 from fame.view.catalogue import Catalogue
 from fame.view.replay import Replay
+from fame.view.state import CANCELLED, COMPLETED, FAILED, WHATS, ScopeInfo, State, TokenKey
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 MODELS = Path(__file__).parent.parent / "models"
@@ -147,6 +152,47 @@ def test_a_page_that_knows_part_of_a_block_gets_the_rest() -> None:
 def test_the_state_at_the_start_of_a_block_is_not_changed_by_what_comes_later() -> None:
     packer = Packer(Catalogue([]), ["REX"])
     packer.variables(0, "REX", 1, {"x": 1})
-    packer.key(5, {"robots": {"REX": {"tokens": [], "counts": {}, "variables": [{"scope": 1, "set": {"x": 2}}]}}})
+    change = {"instance": 1, "scope": 1, "path": [], "set": {"x": 2}}
+    packer.key(5, {"robots": {"REX": {"instances": [], "tokens": [], "counts": {}, "variables": [change]}}})
     packer.variables(7, "REX", 1, {"x": 3})
     assert packer.blocks[-1].to_json()["key"]["variables"] == [[0, 1, {"x": [2, 5]}]]
+
+
+def places(packer: Packer) -> dict[tuple[str, int, str], int]:
+    """How many tokens are where: robot, instance, id of the element."""
+    found: Counter[tuple[str, int, str]] = Counter()
+    for key, (number, _) in packer.state.tokens.items():
+        found[packer.robots[key.robot], key.instance, packer.catalogue.elements[key.element].element.id] += number
+    return dict(found)
+
+
+def test_a_run_that_lasts_has_the_blocks_of_its_recording(tmp_path: Path) -> None:
+    scenario = Scenario.load(EXAMPLES / "agriculture.yaml", duration=20)
+    live = LiveRun(scenario, RunControl(speed=0))
+    with logging_to(tmp_path / "run.mcap", scenario.closures()) as log:
+        result = scenario.run(observer=combine_observers([log, live.observer]), pace=live)
+    live.finish(result.status)
+    replay = Replay(tmp_path / "run.mcap")
+    replay.wait()
+    assert [block.to_json() for block in live._packer.blocks] == [block.to_json() for block in replay._packer.blocks]
+    assert live._packer.blocks[-1].key["tokens"]
+    replay.close()
+
+
+@pytest.mark.parametrize("name", ["agriculture", "ground_vehicles", "warehouse"])
+def test_a_key_alone_gives_the_tokens_of_activities_too(name: str, tmp_path: Path) -> None:
+    scenario = Scenario.load(EXAMPLES / f"{name}.yaml", duration=30)
+    with logging_to(tmp_path / "run.mcap", scenario.closures()) as log:
+        scenario.run(observer=log)
+    states = []
+    with Recording(tmp_path / "run.mcap") as recording:
+        middle = recording.last(KEY, 15 * 10**9)
+        assert middle is not None
+        files = [read(source, file=name) for name, source in recording.models.items()]
+        for start in (0, middle.time):
+            packer = Packer(Catalogue(files), recording.robots)
+            for message in recording.messages((KEY, EVENTS, VARIABLES, WAITING), start, 25 * 10**9):
+                packer.put(message.topic, message.time, message.json())
+            states.append((places(packer), {key: one for key, one in packer.state.counts.items() if any(one)}))
+    assert states[0] == states[1]
+    assert states[0][0]

@@ -23,7 +23,7 @@ from fame.errors import ConfigError, FameError
 from fame.log import About, Recording, logging_to
 from fame.scenario import Fault, Result, Scenario
 from fame.view import LiveRun, RunControl, SameRun
-from fame.view.blocks import WHATS
+from fame.view.state import WHATS
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 PORTER = """<?xml version="1.0" encoding="UTF-8"?>

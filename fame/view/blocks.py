@@ -10,132 +10,24 @@ Times are ns since the start of the run. Robots, elements and kinds of events ar
 from __future__ import annotations
 
 import json
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from fame.bpmn.model import CallActivity, SubProcess
 from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
 from fame.robot.plain_values import json_text
 from fame.view.catalogue import NOWHERE, Catalogue
+from fame.view.state import END, START, WHATS, ScopeInfo, State, TokenKey, scope_row
 
-WHATS: tuple[str, ...] = ("start", "enter", "leave", "take", "cancel", "fail", "end", "log", "report", "answer")
-"""Kinds of events; an event has the number of its kind."""
-_WHAT = {what: number for number, what in enumerate(WHATS)}
-_START, _ENTER, _LEAVE, _TAKE, _CANCEL, _FAIL, _END = range(7)
-COMPLETED, FAILED, CANCELLED = range(3)
 SIZE = 3000
 """Events after which a block is full. Replaying one takes the page less than a millisecond."""
 ITEMS = 4000
 """Changes of variables, waits and poses after which a block is full."""
+_WHAT = {what: number for number, what in enumerate(WHATS)}
 
 Change = list[Any]
-
-
-class TokenKey(NamedTuple):
-    """Where tokens are: robot, instance, scope and element, by number."""
-
-    robot: int
-    instance: int
-    scope: int
-    element: int
-
-
-@dataclass(slots=True)
-class ScopeInfo:
-    """A scope: the file of its elements, the scope around it, the element that opened it, how deep it is."""
-
-    instance: int
-    file: int
-    parent: int = NOWHERE
-    opener: int = NOWHERE
-    depth: int = 0
-
-
-@dataclass(slots=True)
-class State:
-    """The state of a run at an instant.
-
-    tokens     where -> [number of tokens, since when]
-    counts     (robot, element) -> [completed, failed, cancelled]
-    scopes     (robot, scope) -> what is known of it
-    variables  (robot, scope) -> name -> [value, since when]
-    waits      robot -> key of a waiting token -> what it waits for
-    instances  (robot, instance) -> its root scope; ``poses``: robot -> its last pose; ``world``: name -> what changed
-    """
-
-    tokens: dict[TokenKey, list[int]] = field(default_factory=dict)
-    counts: defaultdict[tuple[int, int], list[int]] = field(default_factory=lambda: defaultdict(lambda: [0, 0, 0]))
-    scopes: dict[tuple[int, int], ScopeInfo] = field(default_factory=dict)
-    variables: dict[tuple[int, int], dict[str, list[Any]]] = field(default_factory=dict)
-    waits: dict[int, dict[str, Any]] = field(default_factory=dict)
-    poses: dict[int, Mapping[str, Any]] = field(default_factory=dict)
-    world: dict[str, Any] = field(default_factory=dict)
-
-    def count(self, robot: int, element: int, outcome: int, by: int = 1) -> None:
-        """One more execution of an element with an outcome."""
-        self.counts[robot, element][outcome] += by
-
-    def event(self, time: int, key: TokenKey, what: int) -> None:
-        """An event happened."""
-        held = self.tokens.get(key)
-        if what == _ENTER:
-            if held is None:
-                self.tokens[key] = [1, time]
-            else:
-                held[0] += 1
-        elif what == _TAKE:
-            self.count(key.robot, key.element, COMPLETED)
-        elif what in (_LEAVE, _CANCEL, _FAIL):
-            self._left(key, held, what)
-        elif what == _END:
-            self._ended(key)
-
-    def _left(self, key: TokenKey, held: list[int] | None, what: int) -> None:
-        if held is not None:
-            held[0] -= 1
-            if not held[0]:
-                del self.tokens[key]
-        elif what == _FAIL:  # an error end event has completed and then fails: it counts as a failure
-            self.count(key.robot, key.element, COMPLETED, -1)
-        outcome = {_LEAVE: COMPLETED, _CANCEL: CANCELLED, _FAIL: FAILED}[what]
-        self.count(key.robot, key.element, outcome)
-
-    def _ended(self, key: TokenKey) -> None:
-        """An instance ended, and with it whatever it still did."""
-        for other in [other for other in self.tokens if other[:2] == key[:2]]:
-            self.count(other.robot, other.element, CANCELLED, self.tokens.pop(other)[0])
-        for place in [place for place, info in self.scopes.items() if (place[0], info.instance) == key[:2]]:
-            del self.scopes[place]
-
-    def forget_closed_scopes(self) -> None:
-        """Drop the scopes that hold no token, and whose inner scopes hold none."""
-        needed: set[tuple[int, int]] = set()
-        for key in self.tokens:
-            place = (key.robot, key.scope)
-            while place in self.scopes and place not in needed:
-                needed.add(place)
-                place = (key.robot, self.scopes[place].parent)
-        roots = {place for place, info in self.scopes.items() if info.parent == NOWHERE}
-        self.scopes = {place: info for place, info in self.scopes.items() if place in needed or place in roots}
-
-    def to_json(self) -> dict[str, Any]:
-        """The state, fit for JSON."""
-        return {
-            "tokens": [[*key, *held] for key, held in self.tokens.items()],
-            "counts": [[*key, *counts] for key, counts in self.counts.items() if any(counts)],
-            "scopes": [_scope_row(place, info) for place, info in self.scopes.items()],
-            "variables": [[*place, dict(values)] for place, values in self.variables.items()],
-            "waits": [[robot, list(waits.values())] for robot, waits in self.waits.items()],
-            "poses": [[robot, pose] for robot, pose in self.poses.items()],
-            "world": dict(self.world),
-        }
-
-
-def _scope_row(place: tuple[int, int], info: ScopeInfo) -> list[int]:
-    return [*place, info.instance, info.parent, info.opener, info.depth]
-
+_Place = tuple[int, tuple[str, ...]]
+"""Where a scope is: its instance, and the activities that it is inside (ids)."""
 
 COLUMNS = ("t", "r", "i", "s", "e", "w")
 """Of events: time, robot, instance, scope, element, kind."""
@@ -193,9 +85,10 @@ class Mark(NamedTuple):
 
 
 class Packer:
-    """Cut events and changes, given in order of time, into blocks."""
+    """Cut events and changes, given in order of time, into blocks. `begun`: whether it had a key message."""
 
     state: State
+    begun: bool
 
     def __init__(self, catalogue: Catalogue, robots: Iterable[str] = ()) -> None:
         self.catalogue = catalogue
@@ -204,6 +97,7 @@ class Packer:
         for robot in robots:
             self.robot(robot)
         self.state = State()
+        self.begun = False
         self.blocks: list[Block] = [Block(0, 0, self.state.to_json())]
 
     @property
@@ -262,7 +156,7 @@ class Packer:
             what = _WHAT.get(word)
             if what is None:
                 continue
-            if info is None or what == _END:
+            if info is None or what == END:
                 info = self._scope(block, number, instance, scope, element, what)
             place = self.catalogue.number(info.file, element) if element else NOWHERE
             if detail and detail[0] is not None:
@@ -276,10 +170,16 @@ class Packer:
             state.event(time, TokenKey(number, instance, scope, place), what)
 
     def key(self, time: int, data: Mapping[str, Any]) -> None:
-        """Set the complete state of robots, as in ``/fame/key``: for a robot that joins later, and after a gap."""
-        self.state = State(poses=self.state.poses, world=self.state.world)
-        for name, robot in data["robots"].items():
-            self._synchronise(time, self.robot(name), robot)
+        """Set the state of robots as in ``/fame/key``: the first time of all, then of those that the changes left out.
+
+        These have joined, started another process, or batches of them were lost.
+        """
+        changed = data.get("gaps", {}) if self.begun else data["robots"]
+        if self.begun and not changed:
+            return
+        self.begun = True
+        for name in changed:
+            self._synchronise(time, self.robot(name), data["robots"][name])
         block = Block(len(self.blocks), time, self.state.to_json())
         if not self.blocks[-1].events and len(self.blocks) == 1:
             block.number = 0
@@ -289,23 +189,46 @@ class Packer:
 
     def _synchronise(self, time: int, robot: int, data: Mapping[str, Any]) -> None:
         state = self.state
-        for token in data["tokens"]:
-            number = next(iter(self.catalogue.candidates(token["element"])), NOWHERE)
-            place = TokenKey(robot, token["instance"], token["scope"], number)
-            held = state.tokens.setdefault(place, [0, token["since"]])
-            held[0] += 1
-            openers = [next(iter(self.catalogue.candidates(id)), NOWHERE) for id in token["path"]]
-            file = self.catalogue.elements[number].file if number != NOWHERE else 0
-            opener = openers[-1] if openers else NOWHERE
-            state.scopes[robot, token["scope"]] = ScopeInfo(token["instance"], file, NOWHERE, opener, len(openers))
-            state.waits.setdefault(robot, {})[token["key"]] = {**token, "e": number}
+        state.forget(robot)
         for change in data["variables"]:
             values = {name: [value, time] for name, value in change.get("set", {}).items()}
             state.variables[robot, change["scope"]] = values
+        known = {_place(each): each["scope"] for each in data["variables"]}
+        unknown: dict[_Place, int] = {}
+        for token in data["tokens"]:
+            number = self._place_token(robot, token, known, unknown)
+            state.waits.setdefault(robot, {})[token["key"]] = {**token, "e": number}
+        over = all(instance["status"] != "running" for instance in data["instances"])
         for id, counts in data["counts"].items():
-            number = next(iter(self.catalogue.candidates(id)), NOWHERE)
-            completed = counts.get("leave", 0) + counts.get("take", 0)
-            state.counts[robot, number] = [completed, counts.get("fail", 0), counts.get("cancel", 0)]
+            state.counts[robot, self._number_in(id, NOWHERE)] = _outcomes(counts, over=over)
+
+    def _place_token(
+        self, robot: int, token: Mapping[str, Any], known: Mapping[_Place, int], unknown: dict[_Place, int]
+    ) -> int:
+        """Put a waiting token, and one on each activity around it, where they are. Returns the number of its element.
+
+        `known`: scopes that have variables. The tokens of activities are in scopes of `unknown` numbers.
+        """
+        state, (instance, path), since = self.state, _place(token), token["since"]
+        around = outside = opener = NOWHERE
+        for depth, id in enumerate((*path, token["element"])):
+            number, place = self._number_in(id, opener), (instance, path[:depth])
+            by_path = unknown.setdefault(place, NOWHERE - 1 - len(unknown))
+            scope = token["scope"] if depth == len(path) else known.get(place, by_path)
+            if opener != NOWHERE and (robot, scope) not in state.scopes:
+                state.add(TokenKey(robot, instance, outside, opener), since)
+            info = ScopeInfo(instance, self.catalogue.elements[number].file, around, opener, depth)
+            state.scopes.setdefault((robot, scope), info)
+            state.scopes.setdefault((robot, by_path), info)
+            around, outside, opener = scope, by_path, number
+        state.add(TokenKey(robot, instance, around, opener), since)
+        return opener
+
+    def _number_in(self, id: str, opener: int) -> int:
+        """The element with an id, the one inside `opener` if there are several."""
+        candidates, inside = self.catalogue.candidates(id), self.catalogue.called.get(opener, opener)
+        found = next((one for one in candidates if self.catalogue.elements[one].body == inside), None)
+        return found if found is not None else candidates[0] if candidates else self.catalogue.number(0, id)
 
     def variables(self, time: int, robot: str, scope: int, values: Mapping[str, Any], gone: Iterable[str] = ()) -> None:
         """Add changed and removed variables of a scope."""
@@ -360,16 +283,16 @@ class Packer:
         info = self.state.scopes.get((robot, scope))
         if info is None:
             info = self._new_scope(robot, instance, element, what)
-            if what not in (_END,) and scope:
+            if what != END and scope:
                 self.state.scopes[robot, scope] = info
-                block.lists["scopes"].append(_scope_row((robot, scope), info))
+                block.lists["scopes"].append(scope_row((robot, scope), info))
         return info
 
     def _new_scope(self, robot: int, instance: int, element: str, what: int) -> ScopeInfo:
         elements, candidates = self.catalogue.elements, self.catalogue.candidates(element)
         if not candidates:
             return ScopeInfo(instance, 0)
-        if what in (_START, _END):
+        if what in (START, END):
             return ScopeInfo(instance, elements[candidates[0]].file)
         openers = [key for key in reversed(self.state.tokens) if key[:2] == (robot, instance)]
         for key in openers:
@@ -398,6 +321,19 @@ class Packer:
                         return ScopeInfo(instance, file, place[1], body, info.depth + 1)
         file = elements[candidates[0]].file
         return ScopeInfo(instance, file, roots[0][0][1] if roots else NOWHERE, NOWHERE, 1 if roots else 0)
+
+
+def _place(entry: Mapping[str, Any]) -> _Place:
+    """Where a token or scope of a key message is."""
+    return entry["instance"], tuple(entry["path"])
+
+
+def _outcomes(counts: Mapping[str, int], *, over: bool) -> list[int]:
+    """How often an element completed, failed and was cancelled, from the counts of a key. `over`: no instance runs."""
+    left, failed, cancelled = counts.get("leave", 0), counts.get("fail", 0), counts.get("cancel", 0)
+    under_way = counts.get("enter", 0) - left - failed - cancelled
+    completed = left + counts.get("take", 0) - min(failed, max(0, -under_way))  # error end events leave and fail
+    return [completed, failed, cancelled + (max(0, under_way) if over else 0)]
 
 
 def scene_value(entity: Mapping[str, Any], key: str) -> dict[str, Any]:

@@ -93,16 +93,14 @@ class Replay:
         recording, packer, first = self._recording, self._packer, self._offset
         length = max(recording.end - recording.start, 1)
         try:
-            begun = False
             for number, message in enumerate(recording.messages()):
                 while self._ahead_lock.locked() and not self._closed:  # somebody waits for an answer
                     sleep(0.001)
                 if self._closed:
                     return
                 if message.topic == KEY:  # the first has what was before the recording; most others repeat the rest
-                    if not begun or message.data.startswith(_GAPS):
+                    if not packer.begun or message.data.startswith(_GAPS):
                         packer.put(KEY, message.time - first, message.json())
-                    begun = True
                 elif message.topic in _OWN:
                     packer.put(message.topic, message.time - first, message.json())
                 else:

@@ -174,7 +174,7 @@ export class Inspector {
   }
 
   valueOf(state, r, scope, name) {
-    for (let at = scope, left = 64; at >= 0 && left > 0; left -= 1) {
+    for (let at = scope, left = 64; at !== -1 && left > 0; left -= 1) {
       const found = state.variables.get(`${r}/${at}`)?.values.get(name);
       if (found) return h("code", null, brief(found[0]));
       at = state.scopeOf(r, at)?.parent ?? -1;

@@ -1,4 +1,4 @@
-// What is known of the run: blocks, and the state at any instant. Mirrors fame/view/blocks.py.
+// What is known of the run: blocks, and the state at any instant. Mirrors fame/view/blocks.py and state.py.
 
 export const START = 0, ENTER = 1, LEAVE = 2, TAKE = 3, CANCEL = 4, FAIL = 5, END = 6, LOG = 7, REPORT = 8, ANSWER = 9;
 export const WHATS = ["start", "enter", "leave", "take", "cancel", "fail", "end", "log", "report", "answer"];
@@ -16,7 +16,8 @@ export function after(values, time, of = (value) => value) {
   return low;
 }
 
-const first = (row) => row[0];
+/** Whether a token is this one, of whose scope the path alone is known. */
+const isByPath = (token, r, i, e) => token.s < -1 && token.r === r && token.i === i && token.e === e;
 
 /** The state of a run at an instant. `apply` moves it forward within its block. */
 export class State {
@@ -81,14 +82,16 @@ export class State {
       this.ended(r, i);
       return;
     }
-    const key = `${r}/${i}/${s}/${e}`, held = this.tokens.get(key);
+    const key = `${r}/${i}/${s}/${e}`;
+    let held = this.tokens.get(key);
     if (w === ENTER) {
       if (held === undefined) this.tokens.set(key, { r, i, s, e, n: 1, since: time });
       else held.n += 1;
       return;
     }
+    held ??= [...this.tokens.values()].find((one) => isByPath(one, r, i, e));
     if (held !== undefined) {
-      if (held.n === 1) this.tokens.delete(key);
+      if (held.n === 1) this.tokens.delete(`${r}/${i}/${held.s}/${e}`);
       else held.n -= 1;
     } else if (w === FAIL) this.count(r, e, 0, -1);
     this.count(r, e, w === LEAVE ? 0 : w === FAIL ? 1 : 2);
@@ -132,7 +135,7 @@ export class State {
     const found = [];
     for (let scope = this.scopeOf(r, s), left = 64; scope !== undefined && left > 0; left -= 1) {
       if (scope.opener >= 0) found.unshift(scope.opener);
-      scope = scope.parent >= 0 ? this.scopeOf(r, scope.parent) : undefined;
+      scope = scope.parent !== -1 ? this.scopeOf(r, scope.parent) : undefined;
     }
     return found;
   }
@@ -308,7 +311,7 @@ export function spansOf(block) {
     else open.set(key, [span]);
   };
   const finish = (r, i, s, e, t, how) => {
-    const held = open.get(`${r}/${i}/${s}/${e}`)?.shift();
+    const held = open.get(`${r}/${i}/${s}/${e}`)?.shift() ?? [...open.values()].find(([one]) => one && isByPath(one, r, i, e))?.shift();
     if (held !== undefined) Object.assign(held, { until: t, how });
   };
   for (const [r, i, s, e, n, since] of block.key.tokens) for (let k = 0; k < n; k += 1) begin(r, i, s, e, since);

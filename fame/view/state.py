@@ -1,0 +1,142 @@
+"""The state of a run at an instant: tokens, counts, scopes, variables, waits. What happens changes it, event by event.
+
+The page changes its own in the same way (page/store.js).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from fame.view.catalogue import NOWHERE
+
+WHATS: tuple[str, ...] = ("start", "enter", "leave", "take", "cancel", "fail", "end", "log", "report", "answer")
+"""Kinds of events; an event has the number of its kind."""
+START, ENTER, LEAVE, TAKE, CANCEL, FAIL, END = range(7)
+COMPLETED, FAILED, CANCELLED = range(3)
+
+
+class TokenKey(NamedTuple):
+    """Where tokens are: robot, instance, scope and element, by number."""
+
+    robot: int
+    instance: int
+    scope: int
+    element: int
+
+
+@dataclass(slots=True)
+class ScopeInfo:
+    """A scope: the file of its elements, the scope around it, the element that opened it, how deep it is."""
+
+    instance: int
+    file: int
+    parent: int = NOWHERE
+    opener: int = NOWHERE
+    depth: int = 0
+
+
+@dataclass(slots=True)
+class State:
+    """The state of a run at an instant.
+
+    tokens     where -> [number of tokens, since when]. Scopes of which a key message told only the path, and not the
+               number, have numbers below NOWHERE
+    counts     (robot, element) -> [completed, failed, cancelled]
+    scopes     (robot, scope) -> what is known of it
+    variables  (robot, scope) -> name -> [value, since when]
+    waits      robot -> key of a waiting token -> what it waits for
+    poses      robot -> its last pose; ``world``: name -> what changed
+    """
+
+    tokens: dict[TokenKey, list[int]] = field(default_factory=dict)
+    counts: defaultdict[tuple[int, int], list[int]] = field(default_factory=lambda: defaultdict(lambda: [0, 0, 0]))
+    scopes: dict[tuple[int, int], ScopeInfo] = field(default_factory=dict)
+    variables: dict[tuple[int, int], dict[str, list[Any]]] = field(default_factory=dict)
+    waits: dict[int, dict[str, Any]] = field(default_factory=dict)
+    poses: dict[int, Mapping[str, Any]] = field(default_factory=dict)
+    world: dict[str, Any] = field(default_factory=dict)
+
+    def count(self, robot: int, element: int, outcome: int, by: int = 1) -> None:
+        """One more execution of an element with an outcome."""
+        self.counts[robot, element][outcome] += by
+
+    def add(self, key: TokenKey, since: int) -> None:
+        """One more token at a place, since a time (ns)."""
+        held = self.tokens.get(key)
+        if held is None:
+            self.tokens[key] = [1, since]
+        else:
+            held[0] += 1
+
+    def event(self, time: int, key: TokenKey, what: int) -> None:
+        """An event happened."""
+        if what == ENTER:
+            self.add(key, time)
+        elif what == TAKE:
+            self.count(key.robot, key.element, COMPLETED)
+        elif what in (LEAVE, CANCEL, FAIL):
+            self._left(key if key in self.tokens else self._by_path(key), what)
+        elif what == END:
+            self._ended(key)
+
+    def _by_path(self, key: TokenKey) -> TokenKey:
+        """The place of the same token if of its scope the path alone is known."""
+        same = (one for one in self.tokens if one.scope < NOWHERE and one == key._replace(scope=one.scope))
+        return next(same, key)
+
+    def _left(self, key: TokenKey, what: int) -> None:
+        held = self.tokens.get(key)
+        if held is not None:
+            held[0] -= 1
+            if not held[0]:
+                del self.tokens[key]
+        elif what == FAIL:  # an error end event has completed and then fails: it counts as a failure
+            self.count(key.robot, key.element, COMPLETED, -1)
+        outcome = {LEAVE: COMPLETED, CANCEL: CANCELLED, FAIL: FAILED}[what]
+        self.count(key.robot, key.element, outcome)
+
+    def _ended(self, key: TokenKey) -> None:
+        """An instance ended, and with it whatever it still did."""
+        for other in [other for other in self.tokens if other[:2] == key[:2]]:
+            self.count(other.robot, other.element, CANCELLED, self.tokens.pop(other)[0])
+        for place in [place for place, info in self.scopes.items() if (place[0], info.instance) == key[:2]]:
+            del self.scopes[place]
+
+    def forget(self, robot: int) -> None:
+        """Drop everything about the mission of a robot."""
+        by_robot: tuple[dict[Any, Any], ...] = self.tokens, self.counts, self.scopes, self.variables
+        for known in by_robot:
+            for key in [key for key in known if key[0] == robot]:
+                del known[key]
+        self.waits.pop(robot, None)
+
+    def forget_closed_scopes(self) -> None:
+        """Drop the scopes that hold no token, and whose inner scopes hold none."""
+        needed: set[tuple[int, int]] = set()
+        for key in self.tokens:
+            place = (key.robot, key.scope)
+            while place in self.scopes and place not in needed:
+                needed.add(place)
+                place = (key.robot, self.scopes[place].parent)
+        roots = {place for place, info in self.scopes.items() if info.parent == NOWHERE}
+        self.scopes = {place: info for place, info in self.scopes.items() if place in needed or place in roots}
+
+    def to_json(self) -> dict[str, Any]:
+        """The state, fit for JSON."""
+        return {
+            "tokens": [[*key, *held] for key, held in self.tokens.items()],
+            "counts": [[*key, *counts] for key, counts in self.counts.items() if any(counts)],
+            "scopes": [scope_row(place, info) for place, info in self.scopes.items()],
+            "variables": [[*place, dict(values)] for place, values in self.variables.items()],
+            "waits": [[robot, list(waits.values())] for robot, waits in self.waits.items()],
+            "poses": [[robot, pose] for robot, pose in self.poses.items()],
+            "world": dict(self.world),
+        }
+
+
+def scope_row(place: tuple[int, int], info: ScopeInfo) -> list[int]:
+    """A scope as the page gets it: robot, number, instance, scope around it, element that opened it, depth."""
+    return [*place, info.instance, info.parent, info.opener, info.depth]
