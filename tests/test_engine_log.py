@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
 
 from fame.cli import main
+from fame.clock import EPOCH, SECOND
 from fame.deploy import EngineNode
 from fame.log import Recording
-from fame.log.channels import EVENTS, KEY
+from fame.log.channels import EVENTS, KEY, WAITING
 from fame.log.engine_log import EngineLog
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.robot.live import ElementFeed
+from fame.view import Replay
 from tests.test_live_team import Field
 
 
@@ -28,11 +31,11 @@ def field() -> Iterator[Field]:
     field.middleware.close()
 
 
-def engine_with_log(field: Field, name: str, folder: Path, **options: int) -> EngineLog:
+def engine_with_log(field: Field, name: str, folder: Path, epoch: datetime = EPOCH, **options: int) -> EngineLog:
     folder.mkdir(exist_ok=True)
     notes: list[str] = []
     log = EngineLog(folder, name, field.scheduler, notes.append, wall_time=lambda: 0.0, **options)
-    engine = EngineNode(name, scheduler=field.scheduler, middleware=field.middleware, log=log)
+    engine = EngineNode(name, scheduler=field.scheduler, middleware=field.middleware, log=log, epoch=epoch)
     field.engines.append(engine)
     return log
 
@@ -117,6 +120,41 @@ def test_logs_of_a_team_are_merged_by_time(field: Field, tmp_path: Path) -> None
                 last = alone.state(alone.end).robots[robot]
             assert recording.state(recording.end).robots[robot] == last
         assert recording.topics[EVENTS].count > 50
+
+
+def test_merged_tokens_wait_since_a_time_of_the_merged_clock(field: Field, tmp_path: Path) -> None:
+    ahead = {"REX": 0, "DINGO": 100}
+    logs = [engine_with_log(field, name, tmp_path / name, EPOCH + timedelta(seconds=by)) for name, by in ahead.items()]
+    for name in ahead:
+        field.deploy(name)
+    field.run(5)
+    finish(field, *logs)
+    merged = tmp_path / "merged.mcap"
+    assert main(["log", "merge", *(str(next((tmp_path / name).iterdir())) for name in ahead), "-o", str(merged)]) == 0
+    with Recording(merged) as recording:
+        for message in recording.messages((WAITING,)):
+            assert all(message.time - SECOND < token["since"] <= message.time for token in message.json()["tokens"])
+        state = recording.state(recording.end)
+        (token,) = state.robots["DINGO"].tokens.values()
+        assert token["since"] > 100 * SECOND
+
+
+def test_after_a_crash_a_replay_of_merged_logs_shows_what_the_robot_does_since(field: Field, tmp_path: Path) -> None:
+    for number in range(2):
+        log = engine_with_log(field, "REX", tmp_path / str(number))
+        field.run(1)
+        field.deploy("REX")
+        field.run(3)
+        log.close()  # as if the engine died: its end is not recorded
+        finish(field)
+    merged = tmp_path / "merged.mcap"
+    assert (
+        main(["log", "merge", *(str(next((tmp_path / str(one)).iterdir())) for one in (0, 1)), "-o", str(merged)]) == 0
+    )
+    replay = Replay(merged)
+    replay.wait()
+    assert [number for number, _ in replay._packer.state.tokens.values()] == [1]
+    replay.close()
 
 
 def test_every_step_is_published_for_the_viewer_of_the_original(field: Field) -> None:

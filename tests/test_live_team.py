@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from fame.clock import SECOND, Scheduler
+from fame.clock import EPOCH, SECOND, Scheduler
 from fame.deploy import EngineNode
 from fame.log import Recording
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
@@ -41,8 +43,8 @@ class Field:
         self.engines: list[EngineNode] = []
         self.told: list[tuple[int, str, str]] = []
 
-    def engine(self, name: str) -> EngineNode:
-        engine = EngineNode(name, scheduler=self.scheduler, middleware=self.middleware)
+    def engine(self, name: str, **options: Any) -> EngineNode:
+        engine = EngineNode(name, scheduler=self.scheduler, middleware=self.middleware, **options)
         self.engines.append(engine)
         return engine
 
@@ -91,6 +93,24 @@ def test_who_watches_from_the_beginning_is_told_every_event(field: Field) -> Non
     assert 35 < counted["Count"] <= visits["Count"]
     assert team.state.robots["REX"].counts["Count"]["leave"] == counted["Count"]
     assert not team.gaps
+
+
+def test_tokens_wait_since_a_time_of_the_teams_clock(field: Field) -> None:
+    team = field.watch()
+    for name, ahead in (("REX", 0), ("DINGO", 100)):
+        field.engine(name, epoch=EPOCH + timedelta(seconds=ahead))
+        field.run(1)
+        field.deploy(name)
+        field.run(1)
+    late = field.watch()  # gets keys first
+    field.run(6)
+    team.close()
+    late.close()
+    for state in (team.state, late.state):
+        waits = {
+            name: token["since"] // SECOND for name, robot in state.robots.items() for token in robot.tokens.values()
+        }
+        assert abs(waits["DINGO"] - waits["REX"] - 100) <= 1
 
 
 def test_who_comes_later_gets_everything_first(field: Field) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Sequence
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
@@ -17,7 +18,7 @@ from fame.log.elements import element_info
 from fame.log.ocel import write_ocel
 from fame.log.recording import Message, Recording
 from fame.log.recording_file import RecordingFile
-from fame.log.team_state import TeamState
+from fame.log.team_state import TeamState, shift_times
 from fame.log.writing import RECORDING, logging_to, new_file
 from fame.robot.events import Event
 
@@ -134,7 +135,7 @@ class _Merging:
             if message.topic == KEY:
                 self._take_key(file, time, number, message)
             elif self._counts(number, _subject(message), time):
-                self._take(file, max(time, self._last), message)
+                self._take(file, max(time, self._last), number, message)
 
     def _source(self, number: int) -> Iterator[tuple[int, int, Message]]:
         for message in self._recordings[number].messages():
@@ -152,7 +153,8 @@ class _Merging:
 
     def _take_key(self, file: RecordingFile, time: int, number: int, message: Message) -> None:
         """Add the state of robots that this recording contains from now on, also after a gap."""
-        state = TeamState.from_key(time, message.json())
+        data = shift_times(KEY, message.json(), self._shifts[number])
+        state = TeamState.from_key(time, data)
         fresh = [
             robot
             for robot, its in state.robots.items()
@@ -160,14 +162,17 @@ class _Merging:
         ]
         if fresh:
             self._state.robots.update((robot, state.robots[robot]) for robot in fresh)
-            self._put_key(file, max(time, self._last + 1))
+            lost = data.get("gaps", {})
+            self._put_key(file, max(time, self._last + 1), {robot: lost.get(robot, 0) for robot in fresh})
 
-    def _take(self, file: RecordingFile, time: int, message: Message) -> None:
+    def _take(self, file: RecordingFile, time: int, number: int, message: Message) -> None:
         if message.topic in (EVENTS, VARIABLES, WAITING):
             if time > self._last and time >= self._key_due:
                 self._put_key(file, time)
-            self._state.apply(time, message.topic, message.json())
-        if message.topic.startswith("/fame/"):
+            data = shift_times(message.topic, message.json(), self._shifts[number])
+            self._state.apply(time, message.topic, data)
+            file.put(message.topic, time, json.dumps(data, ensure_ascii=False, separators=(",", ":")))
+        elif message.topic.startswith("/fame/"):
             file.put(message.topic, time, message.data.decode())
         else:
             self._write(file, time, message)
@@ -182,8 +187,8 @@ class _Merging:
             )
         file.write(channel, time, message.data)
 
-    def _put_key(self, file: RecordingFile, time: int) -> None:
-        file.put(KEY, time, self._state.key_text())
+    def _put_key(self, file: RecordingFile, time: int, gaps: Mapping[str, int] | None = None) -> None:
+        file.put(KEY, time, self._state.key_text(gaps))
         self._last, self._key_due = time, time + SECOND
 
 

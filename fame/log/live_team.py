@@ -21,7 +21,7 @@ from typing import Any
 from fame.clock import SECOND, Entry, Scheduler
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
-from fame.log.team_state import RobotState, TeamState
+from fame.log.team_state import RobotState, TeamState, shift_times
 from fame.middleware.interface import LATCHED, Message, Middleware, Node
 
 OnMessage = Callable[[int, str, str], object]
@@ -149,10 +149,12 @@ class LiveTeam:
             self.enter(first + shift, partial(self._begin, robot, str(batch["begins"])))
         if source.synchronised:
             for channel, time, content in batch["changes"]:
-                self.enter(time + shift, partial(self._change, _CHANNELS[channel], content))
+                topic = _CHANNELS[channel]
+                self.enter(time + shift, partial(self._change, topic, shift_times(topic, content, shift)))
         elif "key" in batch:
             source.synchronised = True
-            self.enter(batch["time"] + shift, partial(self._synchronise, robot, batch["key"], source.lost))
+            key = shift_times(KEY, {"robots": {robot: batch["key"]}}, shift)["robots"][robot]
+            self.enter(batch["time"] + shift, partial(self._synchronise, robot, key, source.lost))
             source.lost = 0
 
     def enter(self, time: int, action: Callable[[int], object]) -> None:
@@ -180,9 +182,10 @@ class LiveTeam:
                 action(max(time, self._last))
 
     def _begin(self, robot: str, process: str, time: int) -> None:
-        """Note that a robot starts a process: its batches are complete from now on."""
+        """Note that a robot starts a process, perhaps after another: its batches are complete from now on."""
+        gaps = {robot: 0} if robot in self.state.robots else None
         self.state.robots[robot] = RobotState(process=process)
-        self._put_key(max(time, self._last + 1))
+        self._put_key(max(time, self._last + 1), gaps)
 
     def _synchronise(self, robot: str, key: Mapping[str, Any], lost: int, time: int) -> None:
         """Replace the state of a robot, of which so many batches were lost."""
@@ -203,10 +206,7 @@ class LiveTeam:
 
     def _put_key(self, time: int, gaps: Mapping[str, int] | None = None) -> None:
         self.state.time = time
-        text = self.state.key_text()
-        if gaps is not None:  # in front, where a reader sees it at once
-            text = f'{{"gaps":{json.dumps(gaps)},{text[1:]}'
-        self._on_message(time, KEY, text)
+        self._on_message(time, KEY, self.state.key_text(gaps))
         self._last, self._key_due = time, time + SECOND
 
     def close(self) -> None:

@@ -7,11 +7,11 @@ A state is read from a key message, and changed by every later message of ``/fam
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from fame.log.channels import EVENTS, VARIABLES, WAITING
+from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.robot.change_text import COUNTED, forget_ended
 
 _encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
@@ -118,12 +118,34 @@ class TeamState:
         """The state that a key message holds."""
         return cls(time, {name: RobotState.from_key(robot) for name, robot in data["robots"].items()})
 
-    def key_text(self) -> str:
-        """The key message, as JSON."""
-        return _encode({"robots": {name: robot.to_key() for name, robot in self.robots.items()}})
+    def key_text(self, gaps: Mapping[str, int] | None = None) -> str:
+        """The key message, as JSON. `gaps`: the robots that a replay continues from here, and how much was lost.
+
+        They come first, where a reader sees them at once.
+        """
+        robots = {name: robot.to_key() for name, robot in self.robots.items()}
+        return _encode({"robots": robots} if gaps is None else {"gaps": gaps, "robots": robots})
 
     def apply(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
         """Change it by the next message."""
         self.time = time
         if "robot" in data:
             self.robots.setdefault(data["robot"], RobotState()).apply(topic, data)
+
+
+def shift_times(topic: str, data: Mapping[str, Any], by: int) -> Mapping[str, Any]:
+    """A message of ``/fame/waiting`` or ``/fame/key`` with the times that it contains on a clock `by` ns ahead."""
+    if not by or topic not in (WAITING, KEY):
+        return data
+    if topic == WAITING:
+        return {**data, "tokens": _shift_tokens(data["tokens"], by)}
+    robots = {name: {**robot, "tokens": _shift_tokens(robot["tokens"], by)} for name, robot in data["robots"].items()}
+    return {**data, "robots": robots}
+
+
+def _shift_tokens(tokens: Iterable[Mapping[str, Any]], by: int) -> list[dict[str, Any]]:
+    shifted = [{**token, "since": token["since"] + by} for token in tokens]
+    for token in shifted:
+        if "missed" in token:
+            token["missed"] = {**token["missed"], "time": token["missed"]["time"] + by}
+    return shifted

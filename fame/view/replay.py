@@ -16,6 +16,7 @@ from fame.errors import ConfigError, FameError, ModelError
 from fame.log import Recording
 from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
 from fame.log.recording import Message
+from fame.log.team_state import shift_times
 from fame.view.blocks import Packer
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import Chip, mission_json
@@ -100,9 +101,9 @@ class Replay:
                     return
                 if message.topic == KEY:  # the first has what was before the recording; most others repeat the rest
                     if not packer.begun or message.data.startswith(_GAPS):
-                        packer.put(KEY, message.time - first, message.json())
+                        packer.put(KEY, message.time - first, shift_times(KEY, message.json(), -first))
                 elif message.topic in _OWN:
-                    packer.put(message.topic, message.time - first, message.json())
+                    packer.put(message.topic, message.time - first, shift_times(message.topic, message.json(), -first))
                 else:
                     self._message(message)
                 if number % 256 == 0:
@@ -187,9 +188,9 @@ class Replay:
                 packer.world(begin, "ground", ground)
             for robot, pose in recording.world(key.time).items():
                 packer.pose(begin, robot, pose)
-            packer.key(begin, key.json())
+            packer.key(begin, shift_times(KEY, key.json(), -first))
             for message in recording.messages(_OWN, key.time, moment + SECOND):
-                packer.put(message.topic, message.time - first, message.json())
+                packer.put(message.topic, message.time - first, shift_times(message.topic, message.json(), -first))
         block = [block for block in packer.blocks if block.start <= time or block is packer.blocks[0]][-1]
         return {
             **block.to_json(),
