@@ -130,7 +130,7 @@ class SceneText:
 
 def _changes(world: World) -> object:
     """The changeable part of the ground: weeds, doors, parcels."""
-    cut = sum(weed.cut_at is not None for weed in world.weeds.all)
+    cut = [weed.cut_at for weed in world.weeds.all]
     doors = [round(door.opening, 2) for door in world.doors]
     return cut, doors, [(parcel.at, parcel.carrier) for parcel in world.parcels.all]
 

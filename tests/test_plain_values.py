@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+import marshal
+from typing import Any, cast
 
+import numpy
 import pytest
 
 from fame.engine.snapshot import decode, encode
 from fame.middleware import messages
+from fame.middleware.messages import message_type
 from fame.robot import plain_values
+from fame.robot.change_text import variable_text
 
 VALUES = [
     messages.create("geometry_msgs/Twist", {"linear": {"x": 0.5, "y": -1.0}}),
@@ -19,16 +24,43 @@ VALUES = [
     messages.create("geometry_msgs/PoseArray", {"poses": [{"position": {"x": float("nan")}}]}),
     messages.create("geometry_msgs/PoseArray", {"poses": [{}] * (plain_values.ITEMS + 1)}),
     messages.create("sensor_msgs/BatteryState", {"cell_voltage": [0.1, 0.2]}),
+    messages.create("nav_msgs/Odometry", {"child_frame_id": "100 %s", "pose": {"covariance": [0.5] * 36}}),
+    messages.create("geometry_msgs/Point", {"x": float("nan"), "y": float("-inf"), "z": 2.0}),
+    messages.create("std_msgs/String", {"data": "an infinite banana"}),
+    messages.create("std_msgs/Bool", {"data": True}),
+    messages.create("std_msgs/Empty"),
+    messages.create("nav_msgs/Odometry", {"pose": {"covariance": [float("nan")] * 36}}),
+    cast(Any, message_type("geometry_msgs/Point"))(x=numpy.float64(1.5), y=2, z=None),  # nothing is converted
 ]
 
 
 @pytest.mark.parametrize("value", VALUES, ids=lambda value: type(value).__name__)
 def test_a_message_is_the_same_without_orjson(value: object, monkeypatch: pytest.MonkeyPatch) -> None:
-    plain_values._RECENT.clear()
     fast = json.loads(plain_values.json_text(value))
-    plain_values._RECENT.clear()
     monkeypatch.setattr(plain_values, "orjson", None)
     assert json.loads(plain_values.json_text(value)) == fast
+
+
+@pytest.mark.parametrize("value", VALUES, ids=lambda value: type(value).__name__)
+def test_what_stands_for_a_message_in_changes_has_the_same_json(value: object) -> None:
+    plain = marshal.loads(marshal.dumps(plain_values.plain(value)))
+    assert json.loads(variable_text(plain)) == json.loads(plain_values.json_text(value))
+
+
+def test_most_messages_are_taken_apart() -> None:
+    template, parts = plain_values.plain(messages.create("geometry_msgs/Twist", {"angular": {"z": 0.5}}))
+    assert parts == (0.0, 0.0, 0.0, 0.0, 0.0, 0.5)
+    assert json.loads(template % parts)["angular"] == {"x": 0.0, "y": 0.0, "z": 0.5}
+
+
+def test_an_array_differs_from_its_snapshot_when_it_is_changed_in_place() -> None:
+    array = numpy.array([1.0, 2.0])
+    snapshot = plain_values.snapshot_of(array)
+    assert not plain_values.differs(array, snapshot)
+    assert not plain_values.differs(numpy.array([1.0, 2.0]), snapshot)
+    assert plain_values.differs(array.astype(int), snapshot)
+    array[1] = 3.0
+    assert plain_values.differs(array, snapshot)
 
 
 class Length(float):

@@ -150,6 +150,59 @@ with Recording(sys.argv[1]) as recording:
     assert "'x': 2.5" in done.stdout, done.stderr
 
 
+SCRIPT = """
+import numpy
+from fame.middleware.messages import create
+x, text, seen, array, number, code = 1, "a", [1, 2], numpy.zeros(3), numpy.float64(0.5), 1
+point = create("geometry_msgs/Point", {"x": 0.5})
+await sleep(1)
+seen = [1, 2]
+await sleep(1)
+seen.append(3)
+array[1] = 2.0
+await sleep(1)
+x, point, code = 1.0, create("geometry_msgs/Point", {"y": float("nan")}), len
+await sleep(1)
+x, number = True, None
+del text
+await sleep(1)
+"""
+STEPS: list[dict[str, object]] = [
+    {"x": 1, "text": "a", "seen": [1, 2], "array": [0, 0, 0], "number": 0.5, "code": 1, "point": {"x": 0.5, "y": 0}},
+    {"seen": [1, 2, 3], "array": [0, 2, 0]},
+    {"x": 1.0, "point": {"x": 0, "y": "NaN"}},
+    {"x": True, "number": None},
+]
+
+
+def test_only_changes_of_variables_are_recorded(tmp_path: Path) -> None:
+    path = tmp_path / "m.bpmn"
+    path.write_text(
+        process(
+            '<startEvent id="S"><outgoing>f</outgoing></startEvent><sequenceFlow id="f" sourceRef="S" targetRef="T"/>'
+            f'<scriptTask id="T" scriptFormat="python"><incoming>f</incoming><script>{SCRIPT}</script></scriptTask>'
+        )
+    )
+    with logging_to(tmp_path / "run.mcap", [fame.read(path)]) as log:
+        fame.Simulation(path, observer=log).run()
+    found, gone = list[dict[str, object]](), list[list[str]]()
+    with Recording(tmp_path / "run.mcap") as recording:
+        for message in recording.messages([VARIABLES]):
+            for change in json.loads(message.data)["changes"]:
+                if "set" in change:
+                    found.append(change["set"])
+                gone.append(change.get("unset", []))
+    for step in found:
+        if "point" in step:
+            assert isinstance(step["point"], dict)
+            assert step["point"].pop("z") == 0
+    assert [{name: (type(value), value) for name, value in step.items()} for step in found] == [
+        {name: (type(value), value) for name, value in step.items()} for step in STEPS
+    ]
+    assert ["code"] in gone
+    assert ["text"] in gone
+
+
 def test_equal_runs_give_equal_recordings(tmp_path: Path) -> None:
     written = []
     (tmp_path / "b.mcap").write_bytes(b"an older and longer file" * 100_000)

@@ -11,13 +11,15 @@ import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from itertools import compress
+from operator import is_not
 from typing import Any
 
 Group = tuple[int, int, Sequence[tuple[str, str, Any]]]
 """Marks of a scope, with the keys of its instance and of the scope (see docs/recordings.md)."""
-ScopeChange = tuple[int, str, dict[str, Any], Sequence[str]]
-"""A scope with variables of its own: its key, where it is (members of a JSON object; empty if that is known), variables
-that are new or different, and names that are gone. Values that are bytes are JSON already."""
+ScopeChange = tuple[int, str, "Sequence[str] | None", Sequence[Any]]
+"""A scope with variables of its own: its key, where it is (members of a JSON object; empty if that is known), the names
+of all its variables (None: as before), and their values, or what stands for them (`fame.robot.plain_values.plain`)."""
 Token = tuple[str, str, str, int, str, "tuple[int, str] | None"]
 """A waiting token: its key, where it is, its element, since when (ns), what it waits for, the last message missed."""
 Changes = tuple[Sequence[Group], Sequence[ScopeChange], Sequence[int], Sequence[Token], Sequence[str]]
@@ -69,7 +71,7 @@ class ChangeText:
         self._counted: list[tuple[str, str, Any]] = []  # not yet in `_counts`
         self._counts: dict[str, dict[str, int]] = {}
         self._instances: dict[int, tuple[str, str]] = {}  # key -> process, status
-        self._scopes: dict[int, tuple[str, dict[str, str]]] = {}  # where it is, JSON of the variables
+        self._scopes: dict[int, _ScopeText] = {}
         self._tokens: dict[str, str] = {}
 
     def write(self, time: int, changes: Changes, put: Put) -> None:
@@ -78,7 +80,7 @@ class ChangeText:
         if groups:
             put("events", time, f'{{"robot":{self._name},"events":[{",".join(map(self._group, groups))}]}}')
         changed = [text for change in scopes if (text := self._scope(change))]
-        changed += [f'{self._scopes.pop(key)[0]},"gone":true}}' for key in ended]
+        changed += [f'{self._scopes.pop(key).where},"gone":true}}' for key in ended]
         if changed:
             put("variables", time, f'{{"robot":{self._name},"changes":[{",".join(changed)}]}}')
         if tokens or left:
@@ -120,19 +122,10 @@ class ChangeText:
 
     def _scope(self, change: ScopeChange) -> str:
         """The differences of a scope, as a JSON object; empty without a difference."""
-        key, where, given, unset = change
+        key, where, names, values = change
         if where:
-            self._scopes[key] = where, {}
-        where, texts = self._scopes[key]
-        fresh = []
-        for name, value in given.items():
-            text = float_text(value) if value.__class__ is float else value_text(value)
-            if texts.get(name) != text:
-                texts[name] = text
-                fresh.append(f"{name_text(name)}:{text}")
-        gone = [name for name in unset if texts.pop(name, None) is not None]
-        parts = [f'"set":{{{",".join(fresh)}}}'] * bool(fresh) + [f'"unset":{encode(gone)}'] * bool(gone)
-        return f"{where},{','.join(parts)}}}" if parts else ""
+            self._scopes[key] = _ScopeText(where)
+        return self._scopes[key].differences(names, values)
 
     def _token(self, token: Token) -> str:
         key, place, element, since, text, miss = token
@@ -156,15 +149,71 @@ class ChangeText:
             {"instance": key, "process": process, "status": status}
             for key, (process, status) in self._instances.items()
         ]
-        variables = ",".join([f'{where},"set":{_members(texts)}}}' for where, texts in self._scopes.values()])
+        variables = ",".join([scope.key() for scope in self._scopes.values()])
         return (
             f'{{"process":{name_text(self._process)},"instances":{encode(instances)},'
             f'"tokens":[{",".join(self._tokens.values())}],"variables":[{variables}],"counts":{encode(self._counts)}}}'
         )
 
 
-def _members(texts: dict[str, str]) -> str:
-    return "{" + ",".join([f"{name_text(name)}:{text}" for name, text in texts.items()]) + "}"
+class _ScopeText:
+    """The variables of a scope as JSON."""
+
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self._names: Sequence[str] = ()
+        self._values: Sequence[Any] = ()
+        self._texts: dict[str, str] = {}
+
+    def differences(self, names: Sequence[str] | None, values: Sequence[Any]) -> str:
+        """What is different with these variables, as a JSON object; empty if nothing is."""
+        texts, gone = self._texts, list[str]()
+        if names is None:
+            names = self._names
+            changed = list(compress(zip(names, values, strict=True), map(is_not, values, self._values)))
+        else:
+            changed = list(zip(names, values, strict=True))
+            gone = [name for name in texts if name not in names]
+            self._names = names
+        self._values = values
+        fresh = []
+        for name, value in changed:
+            if value is ...:
+                gone += [name] * (name in texts)
+                continue
+            text = variable_text(value)
+            if texts.get(name) != text:
+                texts[name] = text
+                fresh.append(f"{name_text(name)}:{text}")
+        for name in gone:
+            del texts[name]
+        parts = [f'"set":{{{",".join(fresh)}}}'] * bool(fresh) + [f'"unset":{encode(gone)}'] * bool(gone)
+        return f"{self.where},{','.join(parts)}}}" if parts else ""
+
+    def key(self) -> str:
+        """All variables, as a JSON object."""
+        members = ",".join([f"{name_text(name)}:{text}" for name, text in self._texts.items()])
+        return f'{self.where},"set":{{{members}}}}}'
+
+
+def variable_text(value: Any) -> str:
+    """The JSON of what stands for the value of a variable (`fame.robot.plain_values.plain`)."""
+    kind = value.__class__
+    if kind is float:
+        return float_text(value)
+    if kind is tuple:
+        template, parts = value
+        return message_text(template, parts)
+    return value_text(value)
+
+
+def message_text(template: str, parts: tuple[Any, ...]) -> str:
+    """The JSON of the parts of a message (`fame.robot.message_parts`)."""
+    text = template % parts
+    if "nan" in text or "inf" in text:  # perhaps a number that JSON does not have
+        finite = [float_text(part) if part.__class__ is float else part for part in parts]
+        return template.replace("%r", "%s") % tuple(finite)
+    return text
 
 
 def value_text(value: Any) -> str:

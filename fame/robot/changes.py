@@ -8,15 +8,13 @@ it elsewhere (`fame.robot.change_text`), in recordings by another process, so th
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from itertools import compress
-from operator import is_not
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
 from fame.engine.program import Node
 from fame.engine.state import Instance, Scope, Trail, Wait
 from fame.robot.change_text import Changes, Group, ScopeChange, Token, encode, name_text
-from fame.robot.plain_values import direct, is_changeable, is_data, json_text, snapshot_of
+from fame.robot.plain_values import differs, is_changeable, plain, snapshot_of
 
 if TYPE_CHECKING:
     from fame.robot.events import Event
@@ -89,14 +87,14 @@ class ChangeTracker:
         """What changed in scopes with variables of their own, and the keys of those that are gone."""
         known, changes = self._scopes, list[ScopeChange]()
         for scope in owners:
-            variables = known.get(scope.key)
+            variables, where = known.get(scope.key), ""
             if variables is None:
                 variables = known[scope.key] = _ScopeVariables(scope)
-                changes.append((scope.key, variables.where, *variables.change()))
-            else:
-                given, unset = variables.change()
-                if given or unset:
-                    changes.append((scope.key, "", given, unset))
+                where = variables.where
+            change = variables.change()
+            if change is not None or where:
+                names, values = change or ((), ())
+                changes.append((scope.key, where, names, values))
         gone: list[int] = []
         if len(known) > len(owners):
             there = {scope.key for scope in owners}
@@ -140,7 +138,7 @@ class ChangeTracker:
             if len(self._places) >= _KNOWN:
                 self._places.clear()
             text = self._places[scope.key] = (
-                f'"instance":{scope.instance.key},"scope":{scope.key},"path":{encode(list(path_of(scope)))},'
+                f'"instance":{scope.instance.key},"scope":{scope.key},"path":{_path_text(scope)},'
                 f'"body":{name_text(body.body.id if body is not None and body.body is not None else "")}'
             )
         return text
@@ -157,90 +155,79 @@ _JOIN = '"kind":"join","text":"tokens on its other flows"'
 
 
 class _ScopeVariables:
-    """The variables of a scope as they were at the last comparison."""
+    """The variables of a scope as they were at the last look."""
 
     def __init__(self, scope: Scope) -> None:
-        self.where: str = (
-            f'{{"instance":{scope.instance.key},"scope":{scope.key},"path":{json_text(list(path_of(scope)))}'
-        )
+        self.where: str = f'{{"instance":{scope.instance.key},"scope":{scope.key},"path":{_path_text(scope)}'
         self._variables = scope.variables
         self._names: list[str] = []
+        self._kinds: list[type] = []
         self._values: list[Any] = []
-        self._changeable: dict[str, Any] = {}  # name -> a copy of what may be changed in place
-        self._texts: dict[str, bytes] = {}  # of these, their JSON
+        self._others: list[tuple[int, Callable[[Any], Any]]] = []  # place -> what stands for a value that is not plain
+        self._known: dict[str, _Variable] = {}
 
-    def change(self) -> tuple[dict[str, Any], list[str]]:
-        """The difference: new values (bytes: JSON), and removed names."""
-        variables, gone = self._variables, list[str]()
+    def change(self) -> tuple[Sequence[str] | None, Sequence[Any]] | None:
+        """The names, if they are others than at the last look, and all values; None if nothing has changed."""
+        variables = self._variables
         names, values = list(variables), list(dict.values(variables))
-        if names == self._names:
-            changed = list(compress(zip(names, values, strict=True), map(is_not, values, self._values)))
-        else:
-            before = dict(zip(self._names, self._values, strict=True))
-            changed = [pair for pair in zip(names, values, strict=True) if before.get(pair[0], before) is not pair[1]]
-            gone = [name for name in before if not dict.__contains__(variables, name)]
-            self._names = names
-            for name in gone:
-                self._changeable.pop(name, None)
+        kinds = list(map(type, values))
+        has_new_names = names != self._names
+        is_same_kind = not has_new_names and kinds == self._kinds
+        if not is_same_kind:
+            self._sort(names, kinds)
+        for place, stand_in in self._others:
+            values[place] = stand_in(values[place])
+        if is_same_kind and values == self._values:
+            return None
         self._values = values
-        changeable, given = self._changeable, dict[str, Any]()
-        if changeable:
-            get = dict.get
-            again = [(name, get(variables, name)) for name, copy in changeable.items()]
-            changed += [(name, value) for name, value in again if _differs(value, changeable[name])]
-        for name, value in changed:
-            make = _DIRECT.get(value.__class__, _unknown)
-            if name[:2] == "__":
-                continue
-            if make is _unknown:
-                self._give(name, value, given)
-                continue
-            given[name] = value if make is None else make(value)
-            if changeable and name in changeable:
-                del changeable[name]
-        return given, gone
+        return names if has_new_names else None, values
 
-    def _give(self, name: str, value: Any, given: dict[str, Any]) -> None:
-        """Give a value as JSON, unless that is the same as before, or no data."""
-        kind = value.__class__
-        if kind not in _SEEN:
-            _SEEN.add(kind)
-            make = direct(kind)
-            if make is not None:
-                _DIRECT[kind] = make
-        if not is_data(name, value):
-            self._changeable.pop(name, None)
-            return
-        text = json_text(value).encode("utf-8", "surrogatepass")
-        if is_changeable(value) and not text.startswith(_CUT_ARRAY):
-            same = name in self._changeable and self._texts.get(name) == text
-            self._changeable[name], self._texts[name] = snapshot_of(value), text
-            if same:
-                return
-        else:
-            self._changeable.pop(name, None)
-        given[name] = text
+    def _sort(self, names: list[str], kinds: list[type]) -> None:
+        """Find the variables that are not plain."""
+        self._names, self._kinds = names, kinds
+        others = [(place, name) for place, name in enumerate(names) if kinds[place] not in _PLAIN or name[:2] == "__"]
+        known = self._known
+        self._known = {name: known.get(name) or _Variable() for _, name in others if name[:2] != "__"}
+        self._others = [
+            (place, self._known[name].stand_in if name in self._known else _no_data) for place, name in others
+        ]
 
 
-def _unknown(value: Any) -> Any:
-    """A value that is not written directly: a list, mapping, object or long text."""
+class _Variable:
+    """A variable with a value that is not plain, and what stands for it."""
+
+    __slots__ = ("_plain", "_snapshot", "_value")
+
+    def __init__(self) -> None:
+        self._value: Any = _no_data
+        self._snapshot: Any = None  # of a value that may be changed in place
+        self._plain: Any = ...
+
+    def stand_in(self, value: Any) -> Any:
+        """What stands for its value now: the same object as before if nothing has changed."""
+        if self._snapshot is None:
+            if value is self._value:
+                return self._plain
+        elif not differs(value, self._snapshot):
+            return self._plain
+        self._value, self._snapshot = value, None
+        found = plain(value)
+        if found.__class__ is bytes and is_changeable(value) and not found.startswith(_CUT_ARRAY):
+            self._snapshot = snapshot_of(value)
+        if found != self._plain:
+            self._plain = found
+        return self._plain
 
 
-_DIRECT: dict[type, Callable[[Any], Any] | None] = dict.fromkeys((float, int, bool, type(None), complex))
-"""By class of a value, what gives plain data that does not change, or JSON as bytes; None: the value itself."""
-_SEEN: set[type] = set()
+def _no_data(value: Any) -> Any:
+    """What stands for a variable that is not shown."""
+    return ...
+
+
+_PLAIN: frozenset[type] = frozenset((float, int, bool, type(None), complex))
+"""The classes of values that stand for themselves."""
 _CUT_ARRAY = b'{"$cut":"array of'
 """How the JSON of a large array begins: it tells nothing that a change in place could make different."""
-
-
-def _differs(value: Any, copy: Any) -> bool:
-    """Whether a mutable value may have changed in place; True where a comparison would be expensive."""
-    if value.__class__ is not copy.__class__ or value is copy:  # there is no copy of an object or array
-        return True
-    try:
-        return bool(value != copy)
-    except Exception:  # of what a list has in it
-        return True
 
 
 def _look(instances: Iterable[Instance]) -> tuple[list[Scope], list[Wait], list[tuple[Scope, Node]]]:
@@ -266,6 +253,11 @@ def _look(instances: Iterable[Instance]) -> tuple[list[Scope], list[Wait], list[
                 joins += [(scope, join) for join, counts in scope.joins.items() if any(counts[: join.spec.need])]
             stack += reversed(inner)
     return owners, waits, joins
+
+
+def _path_text(scope: Scope) -> str:
+    """The path of a scope as JSON."""
+    return f"[{','.join(map(name_text, path_of(scope)))}]"
 
 
 def path_of(scope: Scope) -> Iterator[str]:

@@ -20,7 +20,8 @@ from typing import Any
 
 from fame.middleware import typesystem
 from fame.middleware.messages import Message
-from fame.robot.change_text import TEXT, complex_text, float_text, name_text, string
+from fame.robot.change_text import TEXT, complex_text, float_text, message_text, name_text, string
+from fame.robot.message_parts import LONG, has_lists, parts_of
 
 try:
     import orjson
@@ -33,7 +34,6 @@ SIZE = 4000
 """Most characters of a value as JSON."""
 _DEPTH = 8
 _FIRST = 4
-_LONG = 64  # items of an array in a message, above which it is cut
 
 Encode = Callable[[Any, int], str]
 """Gives the JSON of a value; how many levels of lists and mappings it may have."""
@@ -50,14 +50,39 @@ def is_data(name: str, value: Any) -> bool:
     return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
 
 
-def direct(kind: type) -> Callable[[Any], Any] | None:
-    """The conversion of a class: numbers to plain data, messages without lists to JSON as bytes; None for others."""
-    if issubclass(kind, Message) and not _has_lists(kind.__msgtype__):
-        return _message_bytes
-    for base in (bool, int, float, complex):
-        if issubclass(kind, base):
-            return base
-    return None
+def plain(value: Any) -> Any:
+    """What stands for a value in changes, as plain data that `marshal` takes and that does not change.
+
+    That is a number or short text itself, the parts of a message, JSON (bytes), or ``...`` for code, which is no data.
+    """
+    kind = value.__class__
+    if kind is str and len(value) <= TEXT:
+        return value
+    make = _PLAIN.get(kind)
+    if make is None:
+        make = _PLAIN[kind] = _plain_maker(kind)
+    return make(value)
+
+
+def _plain_maker(kind: type) -> Callable[[Any], Any]:
+    """The function that gives what stands for a value of a class."""
+    if issubclass(kind, Message):
+        return lambda message: parts_of(message) or _json_bytes(message)
+    if hasattr(kind, "tolist"):
+        return lambda array: _long_array(array.size) if array.size > ITEMS and array.ndim else _json_bytes(array)
+    return next((base for base in (bool, int, float, complex) if issubclass(kind, base)), _json_bytes)
+
+
+@cache
+def _long_array(size: int) -> bytes:
+    return _cut(f"array of {size}").encode()
+
+
+def _json_bytes(value: Any) -> Any:
+    return json_text(value).encode("utf-8", "surrogatepass") if is_data("", value) else ...
+
+
+_PLAIN: dict[type, Callable[[Any], Any]] = {}
 
 
 def is_changeable(value: Any) -> bool:
@@ -78,13 +103,25 @@ def snapshot_of(value: Any) -> Any:
         return [snapshot_of(item) if item.__class__ in _CHANGEABLE else item for item in value]
     if kind is dict:
         return {key: snapshot_of(item) for key, item in value.items()}
-    return copy(value) if kind in _CHANGEABLE else value
+    is_array = hasattr(kind, "tobytes") and not value.dtype.hasobject
+    return copy(value) if kind in _CHANGEABLE or is_array else value
+
+
+def differs(value: Any, snapshot: Any) -> bool:
+    """Whether a value has changed since its snapshot was taken; True where nobody can tell."""
+    kind = value.__class__
+    if kind is not snapshot.__class__ or value is snapshot:  # there is no copy of an object
+        return True
+    try:
+        if kind in _CHANGEABLE:
+            return bool(value != snapshot)
+        return value.tobytes() != snapshot.tobytes() or (value.dtype, value.shape) != (snapshot.dtype, snapshot.shape)
+    except Exception:  # of what a list has in it
+        return True
 
 
 _CHANGEABLE = frozenset((list, dict, set, bytearray))
 _CHANGED_IN_PLACE: dict[type, bool] = {}
-_RECENT: dict[int, tuple[Message, bytes]] = {}  # messages by identity, which do not change, and their JSON
-_MOST_RECENT = 64
 
 
 # ---- values ----------------------------------------------------------------------------------------------------------
@@ -100,7 +137,7 @@ def _encode(value: Any, depth: int) -> str:
 def _encoder(kind: type) -> Encode:
     """The function that encodes values of a class."""
     if issubclass(kind, Message):
-        return _message if _has_lists(kind.__msgtype__) else _small_message
+        return _message if has_lists(kind.__msgtype__) else _small_message
     if issubclass(kind, bool | int | float | str | bytes | complex):
         base = next(base for base in (bool, int, float, str, bytes, complex) if issubclass(kind, base))
         return lambda value, depth: _ENCODERS[base](base(value), depth)
@@ -171,26 +208,8 @@ def _message(value: Any, depth: int) -> str:
 
 def _small_message(value: Any, depth: int) -> str:
     """A message of a type without lists of any length."""
-    return _message_bytes(value).decode()
-
-
-def _message_bytes(value: Any) -> bytes:
-    """The same, as bytes. Several scopes often have the same message at a time."""
-    if orjson is None:
-        return _message(value, _DEPTH).encode("utf-8", "surrogatepass")
-    known = _RECENT.get(id(value))
-    if known is not None and known[0] is value:
-        return known[1]
-    try:
-        text = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY)
-    except TypeError:  # what was put into its fields does not fit
-        return _message(value, _DEPTH).encode("utf-8", "surrogatepass")
-    if b"null" in text:  # orjson writes so what is not finite
-        text = _message(value, _DEPTH).encode("utf-8", "surrogatepass")
-    if len(_RECENT) >= _MOST_RECENT:
-        _RECENT.clear()
-    _RECENT[id(value)] = value, text
-    return text
+    parts = parts_of(value)
+    return message_text(*parts) if parts is not None else _message(value, depth)
 
 
 @cache
@@ -199,23 +218,13 @@ def _message_fields(type: str) -> list[str]:
 
 
 @cache
-def _has_lists(type: str) -> bool:
-    """Whether a type of messages has sequences or long arrays anywhere."""
-    fields = typesystem.definition(type).fields
-    return not fields or any(
-        field.shape == "sequence" or field.size > _LONG or (field.is_message and _has_lists(field.base))
-        for field in fields
-    )
-
-
-@cache
 def _sequences(type: str) -> list[str]:
     """The fields of a type of messages that are sequences, if they are of messages and nothing else has lists."""
     fields = typesystem.definition(type).fields
     sequences = [field for field in fields if field.shape == "sequence"]
     others = [field for field in fields if field.shape != "sequence"]
-    simple = not any(field.size > _LONG or (field.is_message and _has_lists(field.base)) for field in others)
-    if simple and all(field.is_message and not _has_lists(field.base) for field in sequences):
+    simple = not any(field.size > LONG or (field.is_message and has_lists(field.base)) for field in others)
+    if simple and all(field.is_message and not has_lists(field.base) for field in sequences):
         return [field.attribute for field in sequences]
     return []
 

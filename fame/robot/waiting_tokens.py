@@ -117,6 +117,8 @@ class WaitingTokens:
         """When (ns) the last message came that a token waits for, and why it did not count; None if none came."""
         if wait.key in self.uncorrelated:
             return self.uncorrelated[wait.key], "its correlation keys do not match"
+        if not self.missed:
+            return None
         topics = (node.catch.topic for node in (wait.node, *wait.catch.parts) if node.catch is not None)
         times = [self.missed[topic] for topic in topics if topic in self.missed]
         return (max(times), "nothing waited for it then") if times else None
