@@ -80,21 +80,24 @@ ENOUGH = 1000
 """States from which on the memory of a process tells what one needs."""
 
 
-def measure(name: str) -> dict[str, float | None]:
+def measure(case: str) -> dict[str, float | None]:
     """Explore one case in this process."""
     from fame.check.explore import local, product
     from fame.scenario.exploration import explore
 
     spent = {"steps": 0.0, "count": 0, "search": 0.0}
-    explored, searched = local.Local._explored, product.Product.explore
+    searched = product.Product.explore
 
-    def steps(self: local.Local, *arguments: object, **options: object) -> object:
-        begun, before = time.process_time(), self.steps
-        try:
-            return explored(self, *arguments, **options)  # type: ignore[arg-type]
-        finally:
-            spent["steps"] += time.process_time() - begun
-            spent["count"] += self.steps - before
+    def timed(step: Callable[..., object]) -> Callable[..., object]:
+        def steps(self: local.Local, *arguments: object, **options: object) -> object:
+            begun, before = time.process_time(), self.steps
+            try:
+                return step(self, *arguments, **options)
+            finally:
+                spent["steps"] += time.process_time() - begun
+                spent["count"] += self.steps - before
+
+        return steps
 
     def search(self: product.Product) -> object:
         begun, within = time.process_time(), spent["steps"]
@@ -104,8 +107,10 @@ def measure(name: str) -> dict[str, float | None]:
             spent["search"] += time.process_time() - begun - (spent["steps"] - within)
 
     explore(MODELS / "ground_vehicles.bpmn", delivery="run")  # everything is imported then, and its types are read
-    options = CASES[name]()
-    local.Local._explored, product.Product.explore = steps, search  # type: ignore[method-assign, assignment]
+    options = CASES[case]()
+    for name in ("_explored", "_unheard"):
+        setattr(local.Local, name, timed(getattr(local.Local, name)))
+    product.Product.explore = search  # type: ignore[method-assign, assignment]
     before, begun = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     result = explore(**options)  # type: ignore[arg-type]
     seconds = time.process_time() - begun

@@ -1,33 +1,40 @@
 """The state of an engine as one hashable value (its form), the way back, and the stimuli that it accepts.
 
-Two engines have the same form if they behave the same from now on. Keys are replaced by numbers in the order of a walk:
-scopes and waits are ordered by the position of their nodes in the program, and by age only where one node has several.
-Where the order of arming matters it is part of the form: listeners of one topic, armed conditions, and all keys while
-something is suspended. Counts of visits and the counter of keys are not part of the form.
+Two engines have the same form if they behave the same from now on. A form has two parts, as the state of a program has:
+the *control state* (where tokens are and what is armed) and the *data* (the content of each dict of variables). Both
+are given by number. A robot has few control states, however many values its variables take.
+
+Keys are replaced by numbers in the order of a walk: scopes and waits are ordered by the position of their nodes in the
+program, and by age only where one node has several. Where the order of arming matters it is part of the control state:
+listeners of one topic, armed conditions, and all keys while something is suspended. Counts of visits and the counter of
+keys are not part of the form.
 
 Invariant: ``canonical(revived(form)) == form``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
+from fame.engine.contents import Contents
 from fame.engine.data import Variables
 from fame.engine.host import Host
 from fame.engine.interpreter import Engine
-from fame.engine.program import USER, Body, Node, Program
-from fame.engine.revival import Content, Given, Revival
-from fame.engine.snapshot import OF_NO_PROGRAM, is_data
-from fame.engine.state import Mailbox, Record, Scope, Wait
+from fame.engine.program import USER, Node, Program
+from fame.engine.revival import Revival
+from fame.engine.snapshot import OF_NO_PROGRAM
+from fame.engine.state import Mailbox, Record, Scope, Wait, joins_reached
 from fame.engine.tasks import SCRIPT
 
-Form = tuple[Any, ...]
-"""The hashable form of an engine."""
+Control = tuple[Any, ...]
+"""A control state, as `Walk.control` makes it."""
+Form = tuple[int, tuple[int, ...]]
+"""The form of an engine: number of its control state, numbers of the contents of its dicts of variables."""
 Keys = dict[int, int]
-"""Key in the engine -> number in its form, of waits and armed start events."""
+"""Key in an engine -> in those revived from its form, of the waits that the host refers to and of armed starts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +46,7 @@ class Stimuli:
     people   user and manual tasks that wait for somebody
     topics   topics with a listener, start events included
     offers   elements of ad-hoc sub-processes that can start
+    waiting  (id, topic or "") of each element that holds a token; an element may come twice
     """
 
     scripts: dict[int, Wait]
@@ -46,6 +54,7 @@ class Stimuli:
     people: tuple[Wait, ...]
     topics: frozenset[str]
     offers: tuple[str, ...]
+    waiting: tuple[tuple[str, str], ...]
 
 
 def stimuli(engine: Engine) -> Stimuli:
@@ -58,11 +67,19 @@ def stimuli(engine: Engine) -> Stimuli:
         else:
             timers[key] = wait.node
     timers.update(engine.armed_starts)
-    waits = [wait for instance in engine.instances.values() for wait in instance.waits()]
-    people = tuple(wait for wait in waits if wait.catch.trigger is USER and not wait.paused and not wait.due)
+    people, waiting, adhoc = list[Wait](), list[tuple[str, str]](), False
+    for instance in engine.instances.values():
+        for wait in instance.waits():
+            catch, body = wait.catch, wait.scope.body
+            waiting.append((wait.node.id, catch.topic))
+            if catch.trigger is USER and not wait.paused and not wait.due:
+                people.append(wait)
+            if body is not None and body.adhoc is not None:
+                adhoc = True
+        waiting += [(join.id, "") for _, join, _ in joins_reached(instance.root)]
     topics = frozenset((*engine.listeners, *engine.program.starts))
-    offers = tuple(engine.offers()) if any(wait.scope.body and wait.scope.body.adhoc for wait in waits) else ()
-    return Stimuli(scripts, timers, people, topics, offers)
+    offers = tuple(engine.offers()) if adhoc else ()
+    return Stimuli(scripts, timers, tuple(people), topics, offers, tuple(waiting))
 
 
 class Forms:
@@ -70,15 +87,14 @@ class Forms:
 
     encode    value of a message or another part of the state -> hashable
     decode    the inverse; gives a new object if the value is mutable
-    variable  (name, value) of a variable -> hashable; as `encode` by default
     kept      whether a variable belongs to the form; by default all that are data
+    variable  (name, value) of a variable -> hashable; as `encode` by default
     constant  whether `decode` always gives the same immutable value
     """
 
     program: Program
     encode: Callable[[Any], Hashable]
     decode: Callable[[Any], Any]
-    kept: Callable[[str], bool]
 
     def __init__(
         self,
@@ -89,19 +105,16 @@ class Forms:
         variable: Callable[[str, Any], Hashable] | None = None,
         constant: Callable[[Hashable], bool] = lambda code: False,
     ) -> None:
-        self.variable: Callable[[str, Any], Hashable] = variable or (lambda name, value: encode(value))
-        self.constant = constant
+        self.program, self.encode, self.decode = program, encode, decode
+        self.contents = Contents(encode, decode, variable or (lambda name, value: encode(value)), kept, constant)
+        self.controls: list[Control] = []
+        """The control states by number."""
+        self._numbers: dict[Control, int] = {}
         self.counts: list[int] = [0] * len(program.elements)
-        """Completions of elements, summed over all restored engines."""
-        self.contents: list[Content] = []
-        self._content_numbers: dict[Form, int] = {}
-        self.given: dict[int, Given] = {}
-        """The dicts of variables of the engine that was restored last, by id."""
-        self.program, self.encode, self.decode, self.kept = program, encode, decode, kept
+        """Completions of elements, summed over all revived engines."""
         self.nodes: tuple[Node, ...] = (*program.nodes, *OF_NO_PROGRAM)
-        self.numbers: dict[Node, int] = {node: number for number, node in enumerate(self.nodes)}
-        self.bodies: list[Body] = [program.body, *(node.body for node in program.nodes if node.body is not None)]
-        self.body_numbers: dict[Body, int] = {body: place for place, body in reversed(list(enumerate(self.bodies)))}
+        self.positions: dict[Node, int] = {node: position for position, node in enumerate(self.nodes)}
+        self._shared: dict[Hashable, Hashable] = {}
 
     def walk(self, engine: Engine) -> Walk:
         """A walk over an engine that is not running, which gives its form. No script may be ending."""
@@ -109,12 +122,16 @@ class Forms:
             raise RuntimeError("a form is taken between two stimuli, when nothing is being cancelled or held")
         return Walk(self, engine)
 
-    def content(self, own: Form) -> int:
-        """The number of the content of a dict of variables: (name, code), sorted."""
-        number = self._content_numbers.get(own)
+    def control(self, control: Control) -> int:
+        """The number of a control state."""
+        number = self._numbers.get(control)
         if number is None:
-            number = self._content_numbers[own] = len(self.contents)
-            self.contents.append(Content(number, own, self))
+            instances, scopes, waits, *others = control
+            share = self._shared.setdefault  # most control states have scopes and waits of others
+            scopes, waits = (tuple([share(each, each) for each in part]) for part in (scopes, waits))
+            control = (instances, scopes, waits, *others)
+            number = self._numbers[control] = len(self.controls)
+            self.controls.append(control)
         return number
 
     def revived(self, form: Form, host: Host, new_variables: Callable[[], dict[str, Any]], *, moves: int) -> Engine:
@@ -132,180 +149,143 @@ class Walk:
     """One walk over an engine, which gives its form.
 
     scopes  all scopes, outer before inner
+    waits   all waits, those of outer scopes first; armed ones after what they are armed for
     """
 
     scopes: list[Scope]
+    waits: list[Wait]
 
     def __init__(self, forms: Forms, engine: Engine) -> None:
-        self.forms, self.engine, self.nodes = forms, engine, forms.numbers
+        self.forms, self.engine = forms, engine
         self.number: dict[Any, int] = {}  # scope, wait or mailbox -> number, from 1
-        self.scopes = []
-        self.waits: list[Wait] = []
+        self.scopes, self.waits, self.suspended = [], [], False
         self.boxes: list[Mailbox] = []
-        self.dicts: dict[int, int] = {}
-        self.variables: list[Hashable] = []
-        self.suspended = False
+        self.dicts: dict[int, int] = {}  # id of a dict of variables -> its place
+        self.outer: list[int] = []
+        self.contents: list[int] = []
         for instance in engine.instances.values():
             self._collect(instance.root)
         waits, number = self.waits, self.number
-        for wait in waits:  # which grows
-            number[wait] = len(number) + 1
+        for place, wait in enumerate(waits, len(self.scopes) + 1):  # which grows
+            number[wait] = place
             if wait.arms:
                 waits.extend(wait.arms)
             if wait.box is not None:
                 self._collect_box(wait.box)
+        for box in self.boxes:
+            number[box] = len(number) + 1
 
     def _collect(self, root: Scope) -> None:
-        nodes, waits, stack = self.nodes, self.waits, [root]
+        positions, number, scopes, waits, stack = self.forms.positions, self.number, self.scopes, self.waits, [root]
         while stack:
             scope = stack.pop()
-            self.number[scope] = len(self.number) + 1
-            self.scopes.append(scope)
-            self.suspended |= scope.suspender is not None
-            children = scope.children
-            ordered = sorted(children, key=lambda child: nodes[child.node]) if len(children) > 1 else children  # type: ignore[index]  # children have a node
+            scopes.append(scope)
+            number[scope] = len(scopes)
+            if scope.suspender is not None:
+                self.suspended = True
+            children = [*scope.children]
+            if len(children) > 1:
+                children.sort(key=lambda child: positions[child.node])  # type: ignore[index]  # children have a node
             inner = []
-            for child in ordered:
+            for child in children:
                 if child.__class__ is Wait:
                     waits.append(child)
                 else:
                     inner.append(child)
             if scope.arms:
                 waits.extend(scope.arms)
-            for box in (scope.mail or {}).values():
-                self._collect_box(box)
-            stack.extend(reversed(inner))  # type: ignore[arg-type]
+            if scope.mail:
+                for box in scope.mail.values():
+                    self._collect_box(box)
+            if inner:
+                stack.extend(reversed(inner))  # type: ignore[arg-type]
 
     def _collect_box(self, box: Mailbox) -> None:
         if box not in self.boxes:
             self.boxes.append(box)
 
     def form(self) -> tuple[Form, Keys]:
-        """The form of the engine, and the numbers of its keys."""
-        engine, nodes, number = self.engine, self.nodes, self.number
-        for box in self.boxes:
-            number[box] = len(number) + 1
-        starts = sorted(engine.armed_starts.items(), key=lambda item: nodes[item[1]])
-        keys = {wait.key: number[wait] for wait in self.waits}
-        first = len(number) + 1
-        keys.update((key, first + place) for place, (key, _) in enumerate(starts))
+        """The form of the engine, and what becomes of its keys."""
+        engine, positions, number = self.engine, self.forms.positions, self.number
+        keys = {key: number[wait] for key, wait in engine.waits.items()}
+        named = tuple(sorted(keys.values()))
+        starts: Sequence[Any] = ()
+        if engine.armed_starts:
+            starts = sorted(engine.armed_starts.items(), key=lambda item: positions[item[1]])
+            keys.update((key, place) for place, (key, _) in enumerate(starts, len(number) + 1))
+        ranks = self._ranks() if self.suspended else ()
+        if ranks:
+            keys = {key: ranks[place - 1] if place <= len(ranks) else place for key, place in keys.items()}
         mail = self._mail_ranks() if self.boxes or engine.waiting_starts else {}
-        listeners = tuple(
-            (topic, tuple([number[each] for each in found])) for topic, found in sorted(engine.listeners.items())
-        )
-        form = (
+        control = (
             tuple([(number[one.root], self._dict(one.root_variables)) for one in engine.instances.values()]),
-            tuple([self._scope(scope) for scope in self.scopes]),
+            self._scopes(),
             self._waits(),
             tuple([self._box(box, mail) for box in self.boxes]) if self.boxes else (),
-            listeners,
+            tuple([number[each] for topic in sorted(engine.listeners) for each in engine.listeners[topic]]),
             tuple([number[wait] for wait in engine.conditions]) if engine.conditions else (),
-            tuple(sorted([number[wait] for wait in engine.waits.values()])),
+            named,
             tuple(sorted([number[scope] for scope in engine.inclusive])) if engine.inclusive else (),
-            tuple([nodes[node] for _, node in starts]),
+            tuple([node for _, node in starts]),
             self._waiting_starts(mail) if engine.waiting_starts else (),
             self._gathered() if engine.gathered else (),
-            tuple([number[each] for each in sorted(number, key=_KEY)]) if self.suspended else (),
-            tuple(self.variables),
+            ranks,
+            tuple(self.outer),
         )
-        return form, keys
+        return (self.forms.control(control), tuple(self.contents)), keys
 
-    def _dict(self, variables: dict[str, Any]) -> int:
-        """The number of a dict of variables; outer dicts come first."""
-        place = self.dicts.get(id(variables))
-        if place is not None:
-            return place
-        outer = self._dict(variables.outer) if isinstance(variables, Variables) else -1
-        place = self.dicts[id(variables)] = len(self.variables)
-        self.variables.append((outer, self._content(variables)))
-        return place
-
-    def _content(self, variables: dict[str, Any]) -> int:
-        """The number of the content of a dict of variables."""
-        forms = self.forms
-        given = forms.given.get(id(variables))
-        changed = given.changed() if given is not None else None
-        if given is None or changed is None:
-            codes = self._codes(variables, variables)
-        else:
-            known, fresh = given.content.known, self._codes(variables, changed)
-            if all(known.get(name) == fresh.get(name) for name in changed):  # both None for what is not in the form
-                return given.content.number
-            codes = {name: code for name, code in known.items() if name not in changed} | fresh
-        return forms.content(tuple(sorted(codes.items())))
-
-    def _codes(self, variables: dict[str, Any], names: Iterable[str]) -> dict[str, Hashable]:
-        """The codes of those of these variables that belong to the form."""
-        encode, kept = self.forms.variable, self.forms.kept
-        found = dict[str, Hashable]()
-        for name in names:
-            if kept(name) and is_data(name, value := variables[name]):
-                found[name] = encode(name, value)
-        return found
-
-    def dissolve(self) -> None:
-        """Take the engine apart, so that it is freed at once: its parts refer to each other."""
-        del self.engine.emit
-        for instance in self.engine.instances.values():
-            del instance.root
+    def _scopes(self) -> Control:
+        number, positions = self.number, self.forms.positions
+        found = []
         for scope in self.scopes:
-            scope.children.clear()
-            scope.arms, scope.mail, scope.suspender = (), None, None
-        for wait in self.waits:
-            wait.arms, wait.box = (), None
+            joins, rare = scope.joins, None
+            if scope.mail or scope.handles or scope.suspender or scope.held or scope.items is not None or scope.done:
+                rare = self._rare(scope)
+            found.append((
+                number.get(scope.parent, 0),
+                scope.node,
+                scope.body,
+                self._dict(scope.variables),
+                scope.tokens,
+                scope.state,
+                tuple(sorted([(positions[join], tuple(counts)) for join, counts in joins.items()])) if joins else (),
+                rare,
+            ))  # fmt: skip
+        return tuple(found)
 
-    def _scope(self, scope: Scope) -> Hashable:
-        nodes, number = self.nodes, self.number
-        joins = scope.joins
-        rare: Hashable = None
-        if scope.mail or scope.handles or scope.suspender or scope.held or scope.items is not None or scope.done:
-            rare = (
-                tuple([number[box] for box in scope.mail.values()]) if scope.mail is not None else None,
-                tuple([nodes[node] for node in scope.handles]),
-                number[scope.suspender] if scope.suspender is not None else 0,
-                tuple([nodes[node] for node in scope.held]),
-                self.forms.encode(scope.items),
-                None if scope.done is None else tuple(map(self._record, scope.done)),
-            )
+    def _rare(self, scope: Scope) -> Hashable:
+        """What most scopes have not."""
+        number = self.number
         return (
-            number[scope.parent] if scope.parent is not None else 0,
-            nodes[scope.node] if scope.node is not None else -1,
-            self.forms.body_numbers[scope.body] if scope.body is not None else -1,
-            self._dict(scope.variables),
-            scope.tokens,
-            scope.state,
-            tuple([number[arm] for arm in scope.arms]) if scope.arms else (),
-            tuple(sorted([(nodes[join], tuple(counts)) for join, counts in joins.items()])) if joins else (),
-            rare,
+            tuple([number[box] for box in scope.mail.values()]) if scope.mail is not None else None,
+            scope.handles,
+            number[scope.suspender] if scope.suspender is not None else 0,
+            scope.held,
+            None if scope.items is None else self.forms.encode(scope.items),
+            None if scope.done is None else tuple(map(self._record, scope.done)),
         )
 
     def _record(self, record: Record) -> Hashable:
-        return (self.nodes[record.node], self._dict(record.variables), tuple(map(self._record, record.inner)))
+        return (record.node, self._dict(record.variables), tuple(map(self._record, record.inner)))
 
-    def _waits(self) -> Form:
-        nodes, number = self.nodes, self.number
-        found = []
-        for wait in self.waits:
-            scope, owner, arms, box = wait.scope, wait.owner, wait.arms, wait.box
-            found.append((
-                nodes[wait.node],
-                number[scope],
-                wait.token,
-                number[owner] if owner is not None else 0,
-                wait in scope.children,
-                wait.started,
-                wait.true,
-                wait.paused,
-                1 + sum(0 < other.due < wait.due for other in self.waits) if wait.due else 0,
-                tuple([number[arm] for arm in arms]) if arms else (),
-                number[box] if box is not None else 0,
-            ))  # fmt: skip
-        return tuple(found)
+    def _waits(self) -> Control:
+        number, waits = self.number, self.waits
+        return tuple([(
+            wait.node,
+            number[wait.scope],
+            wait.token,
+            number.get(wait.owner, 0),
+            wait.started,
+            wait.true,
+            wait.paused,
+            1 + sum(0 < other.due < wait.due for other in waits) if wait.due else 0,
+            number.get(wait.box, 0),
+        ) for wait in waits])  # fmt: skip
 
     def _box(self, box: Mailbox, ranks: dict[int, int]) -> Hashable:
         encode, number = self.forms.encode, self.number
         return (
-            self.nodes[box.node],
+            box.node,
             number[box.scope],
             tuple([(ranks[key], encode(message)) for key, message in box.messages]),
             tuple([number[wait] for wait in box.waits]),
@@ -317,27 +297,52 @@ class Walk:
         kept += [key for messages in self.engine.waiting_starts.values() for key, _ in messages]
         return {key: rank + 1 for rank, key in enumerate(sorted(kept))}
 
-    def _waiting_starts(self, ranks: dict[int, int]) -> Form:
-        encode, nodes = self.forms.encode, self.nodes
-        found = self.engine.waiting_starts.items()
+    def _waiting_starts(self, ranks: dict[int, int]) -> Hashable:
+        encode, positions = self.forms.encode, self.forms.positions
+        found = sorted(self.engine.waiting_starts.items(), key=lambda item: positions[item[0]])
+        return tuple([(node, tuple([(ranks[key], encode(message)) for key, message in kept])) for node, kept in found])
+
+    def _gathered(self) -> Hashable:
+        encode, positions = self.forms.encode, self.forms.positions
         return tuple(
-            sorted((nodes[node], tuple((ranks[key], encode(message)) for key, message in kept)) for node, kept in found)
+            (whole, tuple((encode(keys), tuple((one, encode(m)) for one, m in found.items())) for keys, found in sets))
+            for whole, sets in sorted(self.engine.gathered.items(), key=lambda item: positions[item[0]])
         )
 
-    def _gathered(self) -> Form:
-        encode, nodes = self.forms.encode, self.nodes
-        return tuple(
-            (nodes[whole], tuple((encode(keys), tuple((nodes[one], encode(m)) for one, m in found.items()))
-                                 for keys, found in sets))
-            for whole, sets in sorted(self.engine.gathered.items(), key=lambda item: nodes[item[0]])
-        )  # fmt: skip
+    def _ranks(self) -> tuple[int, ...]:
+        """The place of each number in the order of age, from 1."""
+        number = self.number
+        ranks = [0] * len(number)
+        for rank, each in enumerate(sorted(number, key=_KEY), 1):
+            ranks[number[each] - 1] = rank
+        return tuple(ranks)
 
+    def _dict(self, variables: dict[str, Any]) -> int:
+        """The place of a dict of variables; outer dicts come first."""
+        place = self.dicts.get(id(variables))
+        if place is not None:
+            return place
+        outer = self._dict(variables.outer) if isinstance(variables, Variables) else -1
+        place = self.dicts[id(variables)] = len(self.outer)
+        self.outer.append(outer)
+        self.contents.append(self.forms.contents.number(variables))
+        return place
 
-def waiting_elements(engine: Engine) -> Iterator[tuple[str, str]]:
-    """(id, topic or "") of each element that holds a token, in the order of entry; an element may come twice."""
-    for instance in engine.instances.values():
-        topics = {}
-        for wait in instance.waits():
-            topics[wait.node.id] = wait.catch.topic
-        for element in instance.waiting:
-            yield element, topics.get(element, "")
+    def dissolve(self) -> None:
+        """Take the engine apart, so that it is freed at once: its parts refer to each other."""
+        del self.engine.emit
+        for instance in self.engine.instances.values():
+            del instance.root
+        for scope in self.scopes:
+            scope.children.clear()
+            if scope.arms:
+                scope.arms = ()
+            if scope.mail:
+                scope.mail = None
+            if scope.suspender:
+                scope.suspender = None
+        for wait in self.waits:
+            if wait.arms:
+                wait.arms = ()
+            if wait.box:
+                wait.box = None

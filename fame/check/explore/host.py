@@ -177,7 +177,7 @@ class ExplorationHost:
             self.place = element
             for name in reads:
                 value = variables.get(name)
-                if value is unknown or (value is not None and name in variables and not number(value)):
+                if value is unknown or (value is not None and not number(value)):
                     return str(unknown) if text else unknown
             return run(variables)
 

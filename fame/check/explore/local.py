@@ -8,17 +8,17 @@ run once for each way: with a longer and longer list of decisions.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from fame.bpmn.model import Definitions, Process
-from fame.check.explore.abstraction import Abstraction
+from fame.check.explore.abstraction import Abstraction, Step
 from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, Running, Send, Timer
 from fame.check.explore.running_states import load_known
 from fame.check.explore.values import UNKNOWN, Values
 from fame.engine import Engine, compile_program, restore
-from fame.engine.canonical import Forms, Keys, stimuli, waiting_elements
+from fame.engine.canonical import Form, Forms, Keys, stimuli
 from fame.engine.host import BpmnError, Host
 from fame.engine.migration import arm_new
 from fame.engine.program import LoopInstance
@@ -75,8 +75,9 @@ class View:
     waiting: tuple[tuple[str, str], ...]
 
 
-State = tuple[Any, tuple[tuple[int, int, float, float | None], ...]]
-"""A form, and its timers: (number, group, offset, period)."""
+Timers = tuple[tuple[int, int, float, float | None], ...]
+"""Pending timers: (key, group, offset, period)."""
+State = tuple[Form, Timers]
 
 
 class Local:
@@ -113,11 +114,11 @@ class Local:
         self._entered: set[str] = set()
         self.cut: set[str] = set()
         self.steps = 0
-        self.limit: Callable[[], None] = lambda: None
         self._numbers: dict[State, int] = {}
         self._states: list[State] = []
         self._topic_sets: dict[frozenset[str], frozenset[str]] = {}
         self.views: list[View] = []
+        self._views: dict[tuple[int, Timers], View] = {}
         self._memo: dict[tuple[int, Stimulus], tuple[Way, ...]] = {}
 
     def __len__(self) -> int:
@@ -134,10 +135,24 @@ class Local:
         key = (state, stimulus)
         found = self._memo.get(key)
         if found is None:
-            found = self._memo[key] = self._explored(
-                lambda: self._revived(state), lambda engine: self._apply(engine, stimulus)
-            )
+            view = self.views[state]
+            if stimulus[0] == "hear" and stimulus[1] not in view.listens:
+                found = self._unheard(state, stimulus, view)
+            else:
+                found = self.computed(state, stimulus)
+            self._memo[key] = found
         return found
+
+    def computed(
+        self, state: int, stimulus: Stimulus, keep: Callable[[Way, Outcome], object] | None = None
+    ) -> tuple[Way, ...]:
+        """The same, by an engine."""
+        return self._explored(lambda: self.revived(state), lambda engine: self._apply(engine, stimulus), keep)
+
+    def _unheard(self, state: int, stimulus: Stimulus, view: View) -> tuple[Way, ...]:
+        """The way of a message that nothing in the robot listens to: its engine drops it, so none is needed."""
+        self.steps += 1
+        return (Way(state, (), (("lost" if view.instances else "unneeded", stimulus[1]),), False),)
 
     def chosen(
         self, state: int | None, stimulus: Stimulus | None, way: Way, given: Data | None = None
@@ -155,7 +170,7 @@ class Local:
         if state is None or stimulus is None:
             self._explored(*self._first(given), keep)
         else:
-            self._explored(lambda: self._revived(state), lambda engine: self._apply(engine, stimulus), keep)
+            self.computed(state, stimulus, keep)
         return found[0] if found else []
 
     def _first(self, given: Data | None) -> tuple[Callable[[], Engine], Callable[[Engine], object]]:
@@ -185,15 +200,13 @@ class Local:
         self.host.engine = Engine(self.program, host, self.host.new_variables, moves=MOST_MOVES)
         return self.host.engine
 
-    def _revived(self, state: int) -> Engine:
+    def revived(self, state: int) -> Engine:
+        """An engine in a state."""
         form, timers = self._states[state]
         self.host.reset()
         host: Host = self.host
         engine = self.forms.revived(form, host, self.host.new_variables, moves=MOST_MOVES)
-        ranks = {number: rank + 1 for rank, number in enumerate(form[11])}
-        self.host.timers = {
-            ranks.get(number, number): Timer(group, offset, period) for number, group, offset, period in timers
-        }
+        self.host.timers = {key: Timer(group, offset, period) for key, group, offset, period in timers}
         self.host.engine = engine
         return engine
 
@@ -206,7 +219,6 @@ class Local:
         """All ways of a step: run it with each list of decisions."""
         host, found = self.host, dict[Way, None]()
         pending: list[tuple[int, ...]] = [()]
-        self.limit()
         while pending:
             host.decisions = pending.pop()
             engine = make()
@@ -223,7 +235,7 @@ class Local:
                     pending += [(*prefix, other) for other in range(ways) if other != chosen]
             if outcome.begun:
                 self._note_begun(outcome)
-            number = self._number(engine)
+            number = self.number(engine)
             if number is None:
                 continue
             way = Way(
@@ -284,7 +296,7 @@ class Local:
 
     def _end(self, engine: Engine, key: int, code: str | None) -> None:
         wait = engine.waits[key]
-        step = self._step_of(engine, key)
+        step = _step_of(wait)
         host = self.host
         host.place = wait.node.id
         if code is None:
@@ -294,15 +306,9 @@ class Local:
             wait.scope.variables[variable] = self.values.unknown
         engine.script_ended(key, None if code is None else BpmnError(code))
 
-    def _step_of(self, engine: Engine, key: int) -> Any:
-        wait = engine.waits[key]
-        made = wait.node.spec.run(wait.scope.variables)
-        assert isinstance(made, Running)
-        return made.step
-
     # ---- states --------------------------------------------------------------------------------------
 
-    def _number(self, engine: Engine) -> int | None:
+    def number(self, engine: Engine) -> int | None:
         """The number of the state that an engine is in; None if it is one that grows without bound."""
         walk = self.forms.walk(engine)
         if self._grows(engine, walk.scopes):
@@ -313,10 +319,7 @@ class Local:
         if number is None:
             number = self._numbers[state] = len(self._states)
             self._states.append(state)
-            self._note_entered(engine)
-            if form[11]:  # keys keep their order while something is suspended
-                keys = _ranked(form, keys)
-            self.views.append(self._view(engine, keys))
+            self.views.append(self._view(engine, form, keys, state[1]))
         walk.dissolve()
         return number
 
@@ -344,7 +347,7 @@ class Local:
         return False
 
     def _timers(self, keys: Keys) -> tuple[tuple[int, int, float, float | None], ...]:
-        """Pending timers by number; only the order within a group counts, so each begins at 0."""
+        """Pending timers by key; only the order within a group counts, so each begins at 0."""
         pending = sorted(((keys[key], timer) for key, timer in self.host.timers.items() if key in keys), key=_first)
         groups: dict[Any, int] = {}
         earliest: dict[Any, float] = {}
@@ -356,22 +359,37 @@ class Local:
             for number, timer in pending
         )
 
-    def _view(self, engine: Engine, keys: Keys) -> View:
-        """What can happen in the state that an engine is in, by the keys that one revived from it has."""
+    def _view(self, engine: Engine, form: Form, keys: Keys, timers: Timers) -> View:
+        """What can happen in the state that an engine is in, which its control state and timers decide."""
+        known = self._views.get((form[0], timers))
+        if known is None:
+            self._note_entered(engine)
+            known = self._views[form[0], timers] = self._new_view(engine, keys)
+        return known
+
+    def _new_view(self, engine: Engine, keys: Keys) -> View:
+        """The same; stimuli have the keys that an engine revived from the state has."""
         found = stimuli(engine)
         own: dict[Stimulus, str] = {}
         for key in sorted(found.scripts, key=keys.__getitem__):
-            for code in (None, *self._step_of(engine, key).codes):
-                own["end", keys[key], code] = found.scripts[key].node.id
-        for key in sorted(self._next_timers(set(found.timers)), key=keys.__getitem__):
-            own["timer", keys[key], None] = found.timers[key].id
-        own |= {("person", wait.node.id, None): wait.node.id for wait in found.people}
-        own |= {("offer", element, None): element for element in found.offers}
-        own |= {("outside", topic, self.host.blank(topic)): "" for topic in self.outside if topic in found.topics}
+            wait, number = found.scripts[key], keys[key]
+            own["end", number, None] = wait.node.id
+            for code in _step_of(wait).codes:
+                own["end", number, code] = wait.node.id
+        if found.timers:
+            for key in sorted(self._next_timers(found.timers), key=keys.__getitem__):
+                own["timer", keys[key], None] = found.timers[key].id
+        for wait in found.people:
+            own["person", wait.node.id, None] = wait.node.id
+        for element in found.offers:
+            own["offer", element, None] = element
+        for topic in self.outside:
+            if topic in found.topics:
+                own["outside", topic, self.host.blank(topic)] = ""
         topics = self._topic_sets.setdefault(found.topics, found.topics)
-        return View(tuple(own), tuple(own.values()), topics, len(engine.instances), tuple(waiting_elements(engine)))
+        return View(tuple(own), tuple(own.values()), topics, len(engine.instances), found.waiting)
 
-    def _next_timers(self, alive: set[int]) -> list[int]:
+    def _next_timers(self, alive: Container[int]) -> list[int]:
         """The timers that may fire now: of each group the earliest."""
         first: dict[Any, int] = {}
         for key, timer in self.host.timers.items():
@@ -395,6 +413,13 @@ def _go_on(engine: Engine) -> None:
     engine.run()
 
 
+def _step_of(wait: Wait) -> Step:
+    """What takes time where a token waits."""
+    made = wait.node.spec.run(wait.scope.variables)
+    assert isinstance(made, Running)
+    return made.step
+
+
 def _crowded(scope: Scope) -> str:
     """The element of a scope at which too many tokens and handlers are, or empty; instances of loops may be many."""
     nodes = [child.node for child in scope.children if child.node is not None]
@@ -402,12 +427,6 @@ def _crowded(scope: Scope) -> str:
         return ""
     places = Counter(node for node in nodes if not isinstance(node.spec, LoopInstance))
     return next((node.id for node, count in places.items() if count > MOST_AT_ONE_PLACE), "")
-
-
-def _ranked(form: Any, keys: Keys) -> Keys:
-    """Keys in the engine -> those of one revived from its form, in which their order counts."""
-    ranks = {number: rank + 1 for rank, number in enumerate(form[11])}
-    return {key: ranks.get(number, number) for key, number in keys.items()}
 
 
 def _first(item: tuple[int, Timer]) -> int:
