@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from fame.clock import EPOCH, SECOND, Scheduler
+from fame.clock import EPOCH, SECOND, Scheduler, date_text
 from fame.deploy import EngineNode
 from fame.log import Recording
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
-from fame.log.live_team import LiveTeam
+from fame.log.live_team import LiveTeam, _Source
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware import messages
@@ -212,6 +212,21 @@ def test_a_new_process_begins_anew(field: Field) -> None:
     state = team.state.robots["REX"]
     assert "Count" not in state.counts
     assert state.counts["Again"]["leave"] > 10
+
+
+def test_simulated_time_that_begins_again_goes_on_from_the_last_time(field: Field) -> None:
+    """A simulation is started again: its robots have other sessions, and their time begins at 0."""
+    team, last = field.watch(), 0
+    for session in (1, 2):
+        for number, time in enumerate((2 * SECOND, 9 * SECOND, 10 * SECOND)):
+            change = ["events", time, {"robot": "REX", "events": []}]
+            batch = {"epoch": date_text(EPOCH), "session": session, "batch": number, "time": time, "changes": [change]}
+            team._take("REX", team._sources.setdefault("REX", _Source()), batch | ({} if number else {"begins": "P"}))
+            field.run(1)
+        times = [time for time, topic, _ in field.told if topic == EVENTS]
+        assert [round((later - times[0]) / SECOND, 3) for later in times[-3:]] == [last + one for one in (0, 7, 8)]
+        last = 8
+    team.close()
 
 
 def test_a_team_recorder_writes_a_recording(field: Field, tmp_path: Path) -> None:

@@ -106,6 +106,21 @@ def test_a_robot_that_was_there_before_is_shown_with_what_it_does(field: Field) 
     late.close()
 
 
+def test_a_page_that_was_open_before_gets_what_a_robot_already_did(field: Field) -> None:
+    field.engine("REX")
+    field.run(1)
+    field.deploy("REX")
+    field.run(20)
+    late = TeamView(field.middleware, field.scheduler)
+    known, _ = late.news(None)
+    field.run(8)
+    _, news = late.news(known)
+    (block,) = [one["block"] for one in news if one["type"] == "data"]
+    assert block["key"]["tokens"]
+    assert block["start"] > 20 * SECOND  # the axis of the page begins here
+    late.close()
+
+
 def test_a_second_robot_joins_while_the_first_is_watched(field: Field) -> None:
     field.engine("REX")
     field.run(1)

@@ -45,6 +45,7 @@ class _Source:
     session: int = -1
     batch: int = 0
     time: int = 0  # of the robot's clock at the last batch (ns)
+    until: int = 0  # the same since the team's epoch
     synchronised: bool = False
     lost: int = 0  # batches since it was
     ends: list[Any] = field(default_factory=list)
@@ -84,6 +85,7 @@ class LiveTeam:
         self._numbers = count()
         self._arrived: dict[int, int] = {}  # number of what waits -> when it came
         self._last = -1
+        self._ahead = 0  # what is added to all times (ns), since simulated time began again
         self._key_due = 0
         self._discovery: Entry = scheduler.soon(self._discover if node is not None else lambda: None)
         self._release: Entry | None = None
@@ -138,11 +140,15 @@ class LiveTeam:
         shift = nanoseconds_between(self.epoch, date)
         if batch["session"] != source.session:
             source.session, source.synchronised = batch["session"], False
+            back = self._last - (batch["time"] + shift + self._ahead)
+            if batch["time"] + shift < source.until and back > SECOND:  # its simulated time begins again
+                self._ahead += back
         elif batch["batch"] != source.batch + 1:
             self.gaps[robot] = self.gaps.get(robot, 0) + max(1, batch["batch"] - source.batch - 1)
             source.synchronised = False
             source.lost += max(1, batch["batch"] - source.batch - 1)
-        source.batch, source.time = batch["batch"], batch["time"]
+        source.batch, source.time, source.until = batch["batch"], batch["time"], batch["time"] + shift
+        ahead = shift + self._ahead
         if "begins" in batch:
             source.synchronised = True
             first = min((time for _, time, _ in batch["changes"]), default=batch["time"])
@@ -150,17 +156,20 @@ class LiveTeam:
         if source.synchronised:
             for channel, time, content in batch["changes"]:
                 topic = _CHANNELS[channel]
-                self.enter(time + shift, partial(self._change, topic, shift_times(topic, content, shift)))
+                self.enter(time + shift, partial(self._change, topic, shift_times(topic, content, ahead)))
         elif "key" in batch:
             source.synchronised = True
-            key = shift_times(KEY, {"robots": {robot: batch["key"]}}, shift)["robots"][robot]
+            key = shift_times(KEY, {"robots": {robot: batch["key"]}}, ahead)["robots"][robot]
             self.enter(batch["time"] + shift, partial(self._synchronise, robot, key, source.lost))
             source.lost = 0
 
     def enter(self, time: int, action: Callable[[int], object]) -> None:
-        """Call `action` in its turn: with this time (ns since `epoch`), or a later one if that has passed."""
+        """Call `action` in its turn: with this time (ns since `epoch`), or a later one if that has passed.
+
+        Where simulated time has begun again, it goes on from the last time before.
+        """
         number = next(self._numbers)
-        heappush(self._waiting, (time, number, action))
+        heappush(self._waiting, (time + self._ahead, number, action))
         self._arrived[number] = self._scheduler.now
         if self._release is None:
             self._release = self._scheduler.after(self._delay, self._on_due)

@@ -98,12 +98,12 @@ class Packer:
             self.robot(robot)
         self.state = State()
         self.begun = False
-        self.blocks: list[Block] = [Block(0, 0, self.state.to_json())]
+        self.blocks: list[Block] = []
 
     @property
     def end(self) -> int:
-        """The time of the last entry."""
-        return self.blocks[-1].end
+        """The time of the last entry; 0 without one."""
+        return self.blocks[-1].end if self.blocks else 0
 
     def robot(self, name: str) -> int:
         """The number of a robot."""
@@ -114,13 +114,15 @@ class Packer:
 
     def _block(self, time: int) -> Block:
         """The block for a new entry. Entries of one instant are in one block."""
-        block = self.blocks[-1]
-        if block.full and time > block.end:
+        if not self.blocks or (self.blocks[-1].full and time > self.blocks[-1].end):
             self.state.forget_closed_scopes()
-            block = Block(len(self.blocks), time, self.state.to_json())
-            self.blocks.append(block)
+            self._begin_block(time)
+        block = self.blocks[-1]
         block.end = max(block.end, time)
         return block
+
+    def _begin_block(self, time: int) -> None:
+        self.blocks.append(Block(len(self.blocks), time, self.state.to_json()))
 
     # ---- what happened -----------------------------------------------------------------------------------------------
 
@@ -180,12 +182,7 @@ class Packer:
         self.begun = True
         for name in changed:
             self._synchronise(time, self.robot(name), data["robots"][name])
-        block = Block(len(self.blocks), time, self.state.to_json())
-        if not self.blocks[-1].events and len(self.blocks) == 1:
-            block.number = 0
-            self.blocks[0] = block
-        else:
-            self.blocks.append(block)
+        self._begin_block(time)
 
     def _synchronise(self, time: int, robot: int, data: Mapping[str, Any]) -> None:
         state = self.state
@@ -262,12 +259,14 @@ class Packer:
         """Set the ``appearance`` of a simulated robot (docs/recordings.md)."""
         number = self.robot(robot)
         self.state.poses[number] = pose
-        self._block(time).lists["poses"].append([time, number, pose])
+        if self.blocks:  # the first block begins with all that was before it
+            self._block(time).lists["poses"].append([time, number, pose])
 
     def world(self, time: int, name: str, value: Any) -> None:
         """Set the state of the ground."""
         self.state.world[name] = value
-        self._block(time).lists["world"].append([time, name, value])
+        if self.blocks:
+            self._block(time).lists["world"].append([time, name, value])
 
     def _place(self, robot: int, token: Mapping[str, Any]) -> int:
         """The element that a token waits at."""

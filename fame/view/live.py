@@ -28,10 +28,10 @@ _TICK = SECOND // 10
 
 
 class Known(NamedTuple):
-    """What a page has: blocks, the part of the last one, elements, and the status of the run."""
+    """What a page has: the last block (-1: none) and the part of it, elements, and the status of the run."""
 
     block: int
-    mark: Mark
+    mark: Mark | None
     elements: int
     status: str
     mission: int
@@ -177,18 +177,17 @@ def growth(
     """What is new in the blocks of a run for a page that has `known`, and what it has afterwards."""
     blocks, elements = packer.blocks, len(packer.catalogue.elements)
     text = json.dumps(status)
-    last = blocks[-1]
-    now = Known(last.number, last.mark(), elements, text, missions)
+    now = Known(len(blocks) - 1, blocks[-1].mark() if blocks else None, elements, text, missions)
     if known == now:
         return now, []
     news: list[Mapping[str, Any]] = []
     if known is None or known.mission != now.mission:
         news.append({"type": "reload"})
     if known is None or known.elements != elements or known.block != now.block:
-        first, start = (known.elements, known.block) if known is not None else (0, 0)
+        first, start = (known.elements, max(0, known.block)) if known is not None else (0, 0)
         index = {"type": "index", "blocks": index_of(packer, start), "end": packer.end, "reading": 1}
         news.append(index | {"from": first, "elements": packer.catalogue.elements_json(first)})
-    for block in blocks[known.block if known is not None else last.number :]:
+    for block in blocks[max(0, known.block if known is not None else now.block) :]:
         mark = known.mark if known is not None and block.number == known.block else None
         if mark != block.mark():
             news.append({"type": "data", "block": block.to_json(mark)})

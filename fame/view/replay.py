@@ -108,7 +108,8 @@ class Replay:
                     self._message(message)
                 if number % 256 == 0:
                     with self._lock:
-                        self._done, self._reading = len(packer.blocks) - 1, (message.time - recording.start) / length
+                        self._done = max(0, len(packer.blocks) - 1)
+                        self._reading = (message.time - recording.start) / length
         except (FameError, *_MALFORMED) as error:
             self.notices.append(f"the rest of the recording cannot be shown: {error}")
         with self._lock:

@@ -44,14 +44,15 @@ export class Axis {
   }
 
   drawOverview(time) {
-    const { store } = this.timeline.app, width = this.timeline.width, key = [store.version, width, isDark(), this.timeline.from, this.timeline.until, Math.round((time / Math.max(store.end, 1)) * width), this.density?.version].join();
+    const { store } = this.timeline.app, { width } = this.timeline, { start } = store, end = this.timeline.reach, x = (at) => ((at - start) / (end - start)) * width;
+    const key = [store.version, width, isDark(), this.timeline.from, this.timeline.until, Math.round(x(time)), this.density?.version].join();
     if (key === this.overviewKey) return;
     this.overviewKey = key;
-    const context = sharp(this.overview, width, OVERVIEW), end = Math.max(store.end, 1e9);
+    const context = sharp(this.overview, width, OVERVIEW);
     context.clearRect(0, 0, width, OVERVIEW);
     const stale = this.density?.version !== store.version && performance.now() > (this.density?.until ?? 0);
     if (stale || this.density?.width !== width || this.density.dark !== isDark()) {
-      this.density = this.densities(end, width);
+      this.density = this.densities(start, end, width);
       this.density.dark = isDark();
       this.strip ??= document.createElement("canvas");
       const pen = sharp(this.strip, width, OVERVIEW);
@@ -63,24 +64,24 @@ export class Axis {
         if (value > 0) pen.fillRect(x, OVERVIEW / 2 - value * 4, 1, value * 8);
       });
     }
-    context.drawImage(this.strip, 0, 0, width, OVERVIEW);
-    const left = (this.timeline.from / end) * width, right = (this.timeline.until / end) * width;
+    context.drawImage(this.strip, 0, 0, x(this.density.end), OVERVIEW); // a run that lasts may have grown since
+    const left = x(this.timeline.from), right = x(this.timeline.until);
     context.strokeStyle = css("--accent");
     context.lineWidth = 1.5;
     if (!this.timeline.whole) context.strokeRect(left + 0.75, 1, Math.max(3, right - left) - 1.5, OVERVIEW - 2);
     context.fillStyle = css("--accent");
-    context.fillRect((time / end) * width - 1, 0, 2, OVERVIEW);
+    context.fillRect(x(time) - 1, 0, 2, OVERVIEW);
   }
 
-  densities(end, width) {
+  densities(start, end, width) {
     const begun = performance.now(), values = new Float32Array(Math.ceil(width));
     for (const block of this.timeline.app.store.blocks) {
       const times = block.data?.columns.t;
       if (!times) continue;
-      for (let at = 0; at < times.length; at += 1) values[Math.min(values.length - 1, Math.floor((times[at] / end) * width))] += 1;
+      for (let at = 0; at < times.length; at += 1) values[Math.min(values.length - 1, Math.floor(((times[at] - start) / (end - start)) * width))] += 1;
     }
     const most = Math.log1p(Math.max(...values, 1));
     const shown = values.map((value) => Math.log1p(value) / most), cost = performance.now() - begun;
-    return { version: this.timeline.app.store.version, width, values: shown, until: begun + (cost > 8 ? Math.min(2000, 10 * cost) : 0) };
+    return { version: this.timeline.app.store.version, width, end, values: shown, until: begun + (cost > 8 ? Math.min(2000, 10 * cost) : 0) };
   }
 }

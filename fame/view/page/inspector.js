@@ -72,7 +72,7 @@ export class Inspector {
       return;
     }
     if (state === null) {
-      renew(this.body, h("p", { cls: "quiet" }, "Loading this part of the run …"));
+      renew(this.body, h("p", { cls: "quiet" }, store.blocks.length ? "Loading this part of the run …" : "No robot has started yet."));
       return;
     }
     renew(this.body, { state: () => this.state(state, time), topics: () => this.topics(state, time), log: () => this.log(time) }[this.tab]());

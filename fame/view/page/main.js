@@ -64,6 +64,7 @@ class App {
     this.mission = mission;
     this.store.index(mission.blocks, mission.end);
     this.store.complete = mission.reading >= 1;
+    if (this.player.time < this.store.start) this.player.seek(this.store.start, { keep: true });
     this.findings = new Map();
     for (const finding of mission.findings ?? []) {
       const known = this.findings.get(finding.element) ?? [];
@@ -282,7 +283,7 @@ class App {
 
   /** Whether the state at the cursor is being loaded, and has been for a moment only. */
   isMissing(now) {
-    if (this.state !== null || this.mission.kind === "model") this.missing = null;
+    if (this.state !== null || !this.store.blocks.length) this.missing = null;
     else {
       this.missing ??= now;
       if (now - this.missing < PATIENCE) this.later(() => this.redraw(), PATIENCE);

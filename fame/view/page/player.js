@@ -13,13 +13,13 @@ export class Player {
   }
 
   seek(time, { keep = false } = {}) {
-    this.time = Math.min(Math.max(0, Math.round(time)), this.app.store.end);
+    this.time = Math.min(Math.max(this.app.store.start, Math.round(time)), this.app.store.end);
     if (!keep) this.following = false;
     this.app.redraw();
   }
 
   play(on = !this.playing) {
-    if (on && this.time >= this.app.store.end && !this.app.isLive()) this.time = 0;
+    if (on && this.time >= this.app.store.end && !this.app.isLive()) this.time = this.app.store.start;
     this.playing = on;
     this.last = null;
     if (!on) this.following = false;

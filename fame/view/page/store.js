@@ -158,6 +158,11 @@ export class Store {
     this.version = 0;
   }
 
+  /** The time of the first entry. */
+  get start() {
+    return this.blocks[0]?.start ?? 0;
+  }
+
   onchange(listener) {
     this.listeners.add(listener);
   }
@@ -272,6 +277,7 @@ export class Store {
 
 function prepared(data) {
   const block = { number: data.number, start: data.start, end: data.end, key: data.key, details: new Map(), scopeIndex: new Map() };
+  block.held = new Set(data.key.tokens.map(([r, i, s, e]) => `${r}/${i}/${s}/${e}`)); // where tokens are at its start
   block.columns = Object.fromEntries(COLUMNS.map((name) => [name, []]));
   for (const name of LISTS) block[name] = [];
   block.scopes = [];

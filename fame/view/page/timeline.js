@@ -15,6 +15,7 @@ export class Timeline {
     this.app = app;
     this.from = 0;
     this.until = 1e9;
+    this.shown = -1; // the instant that was shown last
     this.width = 10; // of the lanes, when they were drawn last
     this.whole = true;
     this.levels = 2;
@@ -42,6 +43,16 @@ export class Timeline {
 
   // ---- where things are --------------------------------------------------------------------------
 
+  /** The end of the axis; it begins where the run does. */
+  get last() {
+    return Math.max(this.app.store.end, this.app.store.start + 1e9);
+  }
+
+  /** The end of what the strip of the whole run shows. */
+  get reach() {
+    return this.whole ? this.until : this.last;
+  }
+
   x(time) {
     return ((time - this.from) / (this.until - this.from)) * this.width;
   }
@@ -56,15 +67,15 @@ export class Timeline {
   }
 
   zoom(by, about = this.app.player.time) {
-    const { end } = this.app.store, span = Math.min(Math.max((this.until - this.from) * by, 2e6), Math.max(end, 1e9));
+    const span = Math.min(Math.max((this.until - this.from) * by, 2e6), this.last - this.app.store.start);
     const part = Math.min(1, Math.max(0, (about - this.from) / (this.until - this.from)));
     this.window(about - part * span, span);
   }
 
   window(from, span) {
-    const end = Math.max(this.app.store.end, 1e9);
-    this.whole = span >= end * 0.999;
-    this.from = Math.max(0, Math.min(from, end - span));
+    const { start } = this.app.store;
+    this.whole = span >= (this.last - start) * 0.999;
+    this.from = Math.max(start, Math.min(from, this.last - span));
     this.until = this.from + span;
     this.app.redraw();
   }
@@ -117,16 +128,17 @@ export class Timeline {
 
   /** `begun`: when the frame began (ms). */
   update(time, begun) {
-    const { store, mission } = this.app, end = this.whole && this.app.isLive() ? this.roomy(store.end) : Math.max(store.end, 1e9);
+    const { store, mission, player } = this.app;
     this.width = Math.max(10, this.box.clientWidth - GUTTER);
     if (this.whole) {
-      this.from = 0;
-      this.until = end;
-    } else if (this.app.player.playing && (time > this.until || time < this.from)) {
-      const span = this.until - this.from;
-      this.from = Math.max(0, Math.min(time - (this.app.player.following ? span * 0.95 : 0), end - span));
+      this.from = store.start;
+      this.until = this.app.isLive() ? this.roomy(store.end) : this.last;
+    } else if ((time > this.until || time < this.from) && time !== this.shown) {
+      const span = this.until - this.from, before = player.following ? 0.95 : player.playing ? 0 : 0.5;
+      this.from = Math.max(store.start, Math.min(time - span * before, this.last - span));
       this.until = this.from + span;
     }
+    this.shown = time;
     this.transport.total.textContent = clock(store.end);
     const missing = store.blocks.filter((block) => block.data === null).length;
     const reading = mission.reading < 1 ? `reading ${Math.round(mission.reading * 100)} %` : missing > 1 ? `loading ${Math.round((1 - missing / store.blocks.length) * 100)} %` : "";
@@ -161,9 +173,10 @@ export class Timeline {
 
   /** The span of a run that lasts: it grows in steps, so that the axis does not creep. */
   roomy(end) {
+    const { start } = this.app.store;
     let span = 10e9;
-    while (span < end) span *= 1.5;
-    return span;
+    while (start + span < end) span *= 1.5;
+    return start + span;
   }
 
   label(lanes, plotsTop) {
@@ -274,7 +287,7 @@ export class Timeline {
     context.textBaseline = "middle";
     for (const span of spansOf(data)) {
       const lane = lanes[span.r], row0 = lane?.depths[span.depth];
-      if (row0 === undefined || (span.until === Infinity && goesOn)) continue;
+      if (row0 === undefined || (span.until === Infinity && goesOn && following.data.held.has(`${span.r}/${span.i}/${span.s}/${span.e}`))) continue;
       const until = span.until === Infinity ? end : span.until;
       if (until < this.from || span.from > this.until) continue;
       const left = Math.max(-2, this.x(span.from));
@@ -447,7 +460,7 @@ export class Timeline {
     };
     scrub(this.axis.ruler, (x) => this.timeAt(x));
     scrub(this.canvas, (x) => this.timeAt(x));
-    scrub(this.axis.overview, (x) => (x / this.width) * Math.max(this.app.store.end, 1e9));
+    scrub(this.axis.overview, (x) => this.app.store.start + (x / this.width) * (this.reach - this.app.store.start));
     for (const element of [this.canvas, this.axis.ruler, this.axis.overview]) element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.canvas.addEventListener("click", (event) => {
       if (Math.hypot(event.clientX - this.pressed[0], event.clientY - this.pressed[1]) > 4) return;
