@@ -136,6 +136,23 @@ def test_a_second_robot_joins_while_the_first_is_watched(field: Field) -> None:
     assert ("DINGO", "Sign") in field.waiting()
 
 
+def test_a_robot_that_has_left_is_named_until_it_is_back(field: Field) -> None:
+    for name in ("REX", "DINGO"):
+        field.engine(name)
+        field.run(1)
+        field.deploy(name)
+    field.run(3)
+    known, _ = field.view.news(None)
+    assert field.view.mission()["notices"] == []
+    field.engines.pop(0).close()
+    field.run(2)
+    assert field.view.mission()["notices"] == ["REX has left the network: what it did last is shown"]
+    assert {"type": "reload"} in field.view.news(known)[1]
+    field.engine("REX")
+    field.run(2)
+    assert field.view.mission()["notices"] == []
+
+
 def test_the_page_only_shows_unless_it_is_told_otherwise(field: Field) -> None:
     assert field.view.mission()["control"] == []
     with pytest.raises(FameError, match="fame view --control"):

@@ -9,7 +9,7 @@ was lost is counted and reported.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -58,6 +58,7 @@ class LiveTeam:
     epoch     date of time 0: that of the first robot's clock; None before the first batch
     models    what each robot runs, as its ``bpmn_model`` says
     gaps      how many batches of each robot were lost
+    gone      robots that have left the network
 
     `on_model` gets the name of a robot and what it runs, whenever that changes. Without `node`, batches are given to
     `feed`.
@@ -80,6 +81,7 @@ class LiveTeam:
         self.epoch: datetime | None = None
         self.models: dict[str, Mapping[str, Any]] = {}
         self.gaps: dict[str, int] = {}
+        self.gone: Set[str] = set()
         self._sources: dict[str, _Source] = {}
         self._waiting: list[tuple[int, int, Callable[[int], object]]] = []  # time, number, what to do then
         self._numbers = count()
@@ -110,17 +112,17 @@ class LiveTeam:
             return
         self._discovery = self._scheduler.after(_DISCOVERY, self._discover)
         suffix = f"/{EVENTS_TOPIC}"
-        for info in self._middleware.graph():
-            robot = info.name[1 : -len(suffix)]
-            if not info.name.endswith(suffix) or not info.publishers or robot in self._sources:
-                continue
+        names = [info.name for info in self._middleware.graph() if info.name.endswith(suffix) and info.publishers]
+        there = {name[1 : -len(suffix)]: name for name in names}
+        for robot in sorted(there.keys() - self._sources.keys()):
             if not self._wanted or robot in self._wanted:
                 source = self._sources[robot] = _Source()
                 on_batch, on_model = partial(self._on_batch, robot), partial(self._on_model_message, robot)
                 source.ends = [
-                    self._node.subscription(info.name, STRING, on_batch),
+                    self._node.subscription(there[robot], STRING, on_batch),
                     self._node.subscription(f"/{robot}/{MODEL_TOPIC}", STRING, on_model, LATCHED),
                 ]
+        self.gone = self._sources.keys() - there.keys()
 
     def _on_model_message(self, robot: str, message: Message) -> None:
         with suppress(ValueError, TypeError, RecursionError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,13 +28,16 @@ _TICK = SECOND // 10
 
 
 class Known(NamedTuple):
-    """What a page has: the last block (-1: none) and the part of it, elements, and the status of the run."""
+    """What a page has: the last block (-1: none) and the part of it, elements, and the status of the run.
+
+    `mission` is another one when what the page got first has changed.
+    """
 
     block: int
     mark: Mark | None
     elements: int
     status: str
-    mission: int
+    mission: Hashable
 
 
 class _Sink(RecordingFile):
@@ -172,12 +175,12 @@ class LiveRun:
 
 
 def growth(
-    packer: Packer, known: Known | None, status: Mapping[str, Any], missions: int
+    packer: Packer, known: Known | None, status: Mapping[str, Any], mission: Hashable
 ) -> tuple[Known, list[Mapping[str, Any]]]:
     """What is new in the blocks of a run for a page that has `known`, and what it has afterwards."""
     blocks, elements = packer.blocks, len(packer.catalogue.elements)
     text = json.dumps(status)
-    now = Known(len(blocks) - 1, blocks[-1].mark() if blocks else None, elements, text, missions)
+    now = Known(len(blocks) - 1, blocks[-1].mark() if blocks else None, elements, text, mission)
     if known == now:
         return now, []
     news: list[Mapping[str, Any]] = []

@@ -145,7 +145,10 @@ class TeamView:
                 packer.catalogue,
                 packer.robots,
                 chips=[("live", "live", "what the engines on the network tell")],
-                notices=[f"{count} batches of {robot} were lost" for robot, count in team.gaps.items()],
+                notices=[
+                    *(f"{robot} has left the network: what it did last is shown" for robot in sorted(team.gone)),
+                    *(f"{count} batches of {robot} were lost" for robot, count in team.gaps.items()),
+                ],
                 blocks=index_of(packer),
                 end=packer.end,
                 control=list(_ACTS) if self._control else [],
@@ -176,7 +179,8 @@ class TeamView:
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         with self._lock:
             status = {"type": "run", "time": self._packer.end, "over": False, "breakpoints": []}
-            return growth(self._packer, known, status, self._missions)
+            team = self._recorder.team
+            return growth(self._packer, known, status, (self._missions, *team.gaps.items(), *sorted(team.gone)))
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if not self._control:
