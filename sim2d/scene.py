@@ -33,6 +33,7 @@ _RATE = 10.0
 _FRAME = "world"
 _LINE_LOOP = 1
 _encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
+_string: Callable[[str], str] = json.encoder.encode_basestring
 
 
 class SceneRecorder:
@@ -76,26 +77,20 @@ def _plain(look: Appearance) -> _Look:
     return tuple(pose), altitude, led, cone and (tuple(cone.pose), *cone[1:]), *others
 
 
-def _restored(look: _Look) -> Appearance:
-    """The opposite of `_plain`."""
-    pose, altitude, led, cone, *others = look
-    return Appearance(Pose(*pose), altitude, led, cone and Cone(Pose(*cone[0]), *cone[1:]), *others)
-
-
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """The constant part of a robot's drawing: its outline (m), as JSON too, and its name as JSON."""
+    """The constant part of a robot's drawing as JSON: its name, outline and label; `look` are members of each look."""
 
     name: str
-    type: str
-    outline: list[list[float]]
+    look: str
     line: str
     label: str
 
     @classmethod
     def of(cls, robot: SimulatedRobot, number: int) -> Shown:
         """The drawing of a robot, the `number`-th of its world."""
-        return cls(robot.name, robot.type, _rounded(robot.outline), *_outline(robot, number))
+        look = {"type": robot.type, "outline": _rounded(robot.outline)}
+        return cls(_string(robot.name), _encode(look)[1:-1], *_outline(robot, number))
 
 
 class SceneText:
@@ -107,22 +102,21 @@ class SceneText:
     def scene(self, now: float, looks: Sequence[_Look]) -> str:
         """The message of a time (s)."""
         time, pairs = _time(now), zip(self._robots, looks, strict=True)
-        entities = ",".join([self._entity(robot, _restored(look), time) for robot, look in pairs])
+        entities = ",".join([self._entity(robot, look, time) for robot, look in pairs])
         return f'{{"deletions":[],"entities":[{entities}]}}'
 
-    def _entity(self, robot: Shown, look: Appearance, now: str) -> str:
+    def _entity(self, robot: Shown, look: _Look, now: str) -> str:
         """One robot: its outline, its name above it, and its appearance."""
-        x, y, heading = look.pose
+        (x, y, heading), altitude = look[:2]
         half = heading / 2
         pose = (
-            f'{{"position":{{"x":{x:.4f},"y":{y:.4f},"z":{look.altitude:.3f}}},'
+            f'{{"position":{{"x":{x:.4f},"y":{y:.4f},"z":{altitude:.3f}}},'
             f'"orientation":{{"x":0,"y":0,"z":{math.sin(half):.5f},"w":{math.cos(half):.5f}}}}}'
         )
-        name = _encode(robot.name)
-        look_text = _encode(_encode(appearance(robot, look)))
+        text = _string(f"{{{robot.look},{_encode(_data(look))[1:]}")
         return (
-            f'{{"timestamp":{now},"frame_id":"{_FRAME}","id":{name},"lifetime":{{"sec":0,"nsec":0}},'
-            f'"frame_locked":false,"metadata":[{{"key":"appearance","value":{look_text}}}],'
+            f'{{"timestamp":{now},"frame_id":"{_FRAME}","id":{robot.name},"lifetime":{{"sec":0,"nsec":0}},'
+            f'"frame_locked":false,"metadata":[{{"key":"appearance","value":{text}}}],'
             f'"arrows":[],"cubes":[],"spheres":[],"cylinders":[],"lines":[{robot.line % pose}],"triangles":[],'
             f'"texts":[{robot.label % pose}],"models":[]}}'
         )
@@ -135,38 +129,36 @@ def _changes(world: World) -> object:
     return cut, doors, [(parcel.at, parcel.carrier) for parcel in world.parcels.all]
 
 
-def appearance(robot: Shown, look: Appearance) -> dict[str, Any]:
-    """The appearance of a robot as plain data (m, rad), without default values."""
-    x, y, heading = look.pose
-    data: dict[str, Any] = {"type": robot.type, "x": round(x, 4), "y": round(y, 4), "heading": round(heading, 4)}
-    if look.altitude:
-        data["altitude"] = round(look.altitude, 3)
-    if look.led != "off":
-        data["led"] = look.led
-    if look.cone is not None:
-        cone = look.cone
-        place = [round(value, 4) for value in cone.pose]
-        data["cone"] = {"pose": place, "angle": round(cone.field_of_view, 4), "length": round(cone.length, 3)}
+def _data(look: _Look) -> dict[str, Any]:
+    """A look as plain data (m, rad), without default values."""
+    (x, y, heading), altitude, led, cone, footprint, blade, cargo, charge, limb, jaws, workpieces, note = look
+    data: dict[str, Any] = {"x": round(x, 4), "y": round(y, 4), "heading": round(heading, 4)}
+    if altitude:
+        data["altitude"] = round(altitude, 3)
+    if led != "off":
+        data["led"] = led
+    if cone is not None:
+        place, angle, length = cone
+        place = [round(value, 4) for value in place]
+        data["cone"] = {"pose": place, "angle": round(angle, 4), "length": round(length, 3)}
     for key, value, usual in (
-        ("footprint", look.footprint, 0.0),
-        ("blade", look.blade, 0.0),
-        ("charge", look.charge, 1.0),
-        ("jaws", look.jaws, -1.0),
+        ("footprint", footprint, 0.0),
+        ("blade", blade, 0.0),
+        ("charge", charge, 1.0),
+        ("jaws", jaws, -1.0),
     ):
         if value != usual:
             data[key] = round(value, 4)
-    if look.cargo:
+    if cargo:
         data["cargo"] = True
-    if look.limb:
-        data["limb"] = _rounded(look.limb)
-    if look.workpieces:
+    if limb:
+        data["limb"] = _rounded(limb)
+    if workpieces:
         data["workpieces"] = [
-            {"kind": piece.kind, "corners": _rounded(piece.corners), "closed": piece.closed}
-            for piece in look.workpieces
+            {"kind": piece.kind, "corners": _rounded(piece.corners), "closed": piece.closed} for piece in workpieces
         ]
-    if look.note:
-        data["note"] = look.note
-    data["outline"] = robot.outline
+    if note:
+        data["note"] = note
     return data
 
 
@@ -218,7 +210,7 @@ def _things(ground: Mapping[str, Any]) -> Things:
 
 
 def _appearance(look: Mapping[str, Any]) -> Appearance:
-    """The inverse of `appearance`."""
+    """The look that `_data` and the constant part describe."""
     cone = look.get("cone")
     return Appearance(
         Pose(look["x"], look["y"], look["heading"]),

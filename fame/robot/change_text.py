@@ -210,7 +210,7 @@ def variable_text(value: Any) -> str:
 def message_text(template: str, parts: tuple[Any, ...]) -> str:
     """The JSON of the parts of a message (`fame.robot.message_parts`)."""
     text = template % parts
-    if "nan" in text or "inf" in text:  # perhaps a number that JSON does not have
+    if ":nan" in text or ":inf" in text or ":-inf" in text:  # a number that JSON does not have, or a text like that
         finite = [float_text(part) if part.__class__ is float else part for part in parts]
         return template.replace("%r", "%s") % tuple(finite)
     return text
