@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 from view_page import browser, eventually, opened, until
 
+from fame.cli import main
 from fame.clock import SECOND
 from fame.errors import ConfigError, FameError
 from fame.log import About, Recording, logging_to
@@ -204,6 +205,29 @@ def test_a_branch_of_another_run_is_refused_with_the_first_difference(tmp_path: 
         live, same = branched(other, recording, 14 * SECOND)
         with pytest.raises(ConfigError, match=r"not the recorded one: at 3[\d.]* s expected REX .*, got "):
             other.run(observer=live.observer, pace=same)
+
+
+def test_a_branch_of_a_run_with_other_values_is_refused(tmp_path: Path) -> None:
+    """Another seed: at first the tokens move at the same times, but the noise differs."""
+    path = recorded(Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=5), tmp_path / "run.mcap")
+    other = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=5, seed=9)
+    with Recording(path) as recording:
+        live, same = branched(other, recording, 4 * SECOND)
+        with pytest.raises(ConfigError, match=r"at 0 s expected REX odom\.pose\.pose\.position\.x = .*, got REX odom"):
+            other.run(observer=live.observer, pace=same)
+
+
+def test_a_branch_at_the_end_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["run", str(EXAMPLES / "ground_vehicles.yaml"), "--duration", "1", "--quiet"]
+    monkeypatch.setattr(sys, "argv", ["fame", *command])
+    main([*command, "--log", str(tmp_path / "run.mcap")])
+    capsys.readouterr()
+    for second in ("1", "500"):
+        assert main(["view", str(tmp_path / "run.mcap"), "--branch", second, "--no-open"]) == 2
+        expected = f"expected a second before the end of the recording at 1 s, got {second}\n"
+        assert capsys.readouterr().err.endswith(expected)
 
 
 # ---- in the browser --------------------------------------------------------------------------------------------------

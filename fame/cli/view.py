@@ -204,6 +204,9 @@ def _branch(arguments: Namespace) -> int:
     with Recording(arguments.subject) as recording:
         again, scenario = _recorded_run(recording)
         time = round(arguments.branch * SECOND)
+        if time >= recording.end:
+            text = f"expected a second before the end of the recording at {recording.end / SECOND:g} s"
+            raise ConfigError(f"{text}, got {arguments.branch:g}", file=recording.file)
         live = LiveRun(
             scenario, RunControl(pause_at=time), title=f"{Path(scenario.file).stem} from {time / SECOND:g} s"
         )

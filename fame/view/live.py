@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from fame.clock import SECOND
 from fame.errors import ConfigError, FameError
 from fame.log import Recording
-from fame.log.channels import EVENTS
+from fame.log.channels import EVENTS, VARIABLES
 from fame.log.recorder import Recorder
 from fame.log.recording_file import FileWriter, RecordingFile
 from fame.middleware import codec, messages
@@ -25,6 +25,8 @@ from fame.view.mission import Chip, mission_json
 
 _MOVES = frozenset(("enter", "leave", "cancel", "fail", "start", "end"))
 _TICK = SECOND // 10
+_COMPARED = (EVENTS, VARIABLES)
+"""What a run that is repeated has in common with the recorded one."""
 
 
 class Known(NamedTuple):
@@ -80,7 +82,7 @@ class LiveRun:
         self._time = 0
         self.observer = Recorder(lambda: FileWriter(_Sink(self)))
         self._run: Run | None = None
-        self.listen: Callable[[int, Mapping[str, Any]], object] | None = None
+        self.listen: Callable[[int, str, Mapping[str, Any]], object] | None = None
 
     # ---- the run -----------------------------------------------------------------------------------------------------
 
@@ -95,9 +97,9 @@ class LiveRun:
         with self._lock:
             self._packer.put(topic, time, data)
         self._time = max(self._time, time)
+        if self.listen is not None:
+            self.listen(time, topic, data)
         if topic == EVENTS:
-            if self.listen is not None:
-                self.listen(time, data)
             self._on_events(data)
 
     def message(self, time: int, topic: str, publisher: str, content: Any) -> None:
@@ -214,7 +216,7 @@ class SameRun:
     def __init__(self, recording: Recording, time: int, live: LiveRun) -> None:
         self.on_reached: Callable[[], object] = lambda: None
         self._file, self._time, self._live, self._reached = recording.file, time, live, False
-        self._recorded = recording.messages((EVENTS,), end=time)
+        self._recorded = recording.messages(_COMPARED, end=time)
         self._run: Run | None = None
         live.listen = self._compare
 
@@ -225,38 +227,53 @@ class SameRun:
         if not self._reached and (run.scheduler.now >= self._time or run.over):
             missing = next(self._recorded, None)
             if missing is not None:
-                raise self._difference(missing.time, missing.json(), None)
+                raise self._difference(missing.time, missing.topic, missing.json(), None)
             self._reached, self._live.listen = True, None
             self.on_reached()
 
-    def _compare(self, time: int, data: Mapping[str, Any]) -> None:
-        if time > self._time or self._run is None or self._run.interrupted:
+    def _compare(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
+        if topic not in _COMPARED or time > self._time or self._run is None or self._run.interrupted:
             return
         recorded = next(self._recorded, None)
         if recorded is None:
-            raise self._difference(time, None, data)
+            raise self._difference(time, topic, None, data)
         there = recorded.json()
-        if (recorded.time, there) != (time, data):
-            raise self._difference(min(time, recorded.time), there, data)
+        if (recorded.time, recorded.topic) != (time, topic):
+            earlier = min(time, recorded.time)
+            raise self._difference(earlier, topic, there if recorded.topic == topic else None, data)
+        if there != data:
+            raise self._difference(time, topic, there, data)
 
-    def _difference(self, time: int, recorded: Any, now: Any) -> ConfigError:
-        difference = _first_difference(recorded, now)
+    def _difference(self, time: int, topic: str, recorded: Any, now: Any) -> ConfigError:
+        difference = _first_difference(_lines(topic, recorded), _lines(topic, now))
         text = f"the run again is not the recorded one: at {time / SECOND:g} s {difference}"
         return ConfigError(text, file=self._file)
 
 
-def _first_difference(recorded: Any, now: Any) -> str:
-    """The first difference of two messages of events, in words."""
-    sides = [_marks(data) if data is not None else [] for data in (recorded, now)]
-    for was, found in zip_longest(*sides, fillvalue="nothing more"):
+def _first_difference(recorded: list[str], now: list[str]) -> str:
+    """The first difference of two messages, in words."""
+    for was, found in zip_longest(recorded, now, fillvalue="nothing more"):
         if was != found:
             return f"expected {was}, got {found}"
     return "expected other instances or scopes"
 
 
-def _marks(data: Mapping[str, Any]) -> list[str]:
+def _lines(topic: str, data: Mapping[str, Any] | None) -> list[str]:
+    """The content of a message of events or variables; nothing if there is none."""
+    if data is None:
+        return []
+    if topic == VARIABLES:
+        changes = [(name, value) for change in data["changes"] for name, value in change.get("set", {}).items()]
+        return [f"{data['robot']} {line}" for name, value in changes for line in _leaves(name, value)]
     return [
         " ".join([str(data["robot"]), *(str(part) for part in mark if part)])
         for group in data["events"]
         for mark in group["marks"]
     ]
+
+
+def _leaves(name: str, value: Any) -> list[str]:
+    """The values inside a value, one a line."""
+    if isinstance(value, dict):
+        return [line for key, inner in value.items() for line in _leaves(f"{name}.{key}", inner)]
+    return [f"{name} = {json.dumps(value)}"]
