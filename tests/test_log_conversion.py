@@ -147,3 +147,11 @@ def test_a_recording_that_was_cut_short_is_converted_and_drawn_as_far_as_it_is_w
         assert main([*words, "-o", str(output)]) == 0
         assert f"fame: {cut}: is incomplete" in capsys.readouterr().err
         assert output.stat().st_size > 0
+
+
+def test_a_recording_is_not_merged_into_itself(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = run / "run.mcap"
+    before = path.read_bytes()
+    assert main(["log", "merge", str(path), "-o", str(path)]) == 2
+    assert "expected a new file, got one of those that are merged" in capsys.readouterr().err
+    assert path.read_bytes() == before

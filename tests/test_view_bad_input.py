@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from view_page import browser, opened
+from view_page import browser, opened, until
 
 from fame.bpmn.reader import read
 from fame.cli import main
@@ -80,6 +80,20 @@ def test_a_recording_without_models_says_what_is_missing(tmp_path: Path) -> None
         assert page.evaluate(
             "[...fame.store.stateAt(5).tokens.values()].map((one) => fame.mission.elements[one.e].id)"
         ) == ["T"]
+    replay.close()
+
+
+def test_a_world_of_another_form_does_not_stop_the_page(tmp_path: Path) -> None:
+    pair = '{"key": "ground", "value": "{\\"obstacles\\": [7]}"}'
+    ground = ("/fame/ground", 0, f'{{"deletions": [], "entities": [{{"id": "ground", "metadata": [{pair}]}}]}}')
+    change = '{"robot":"REX","changes":[{"instance":1,"scope":2,"path":[],"set":{"x":5}}]}'
+    path = written(tmp_path / "run.mcap", {}, ground, ("/fame/key", 0, '{"robots":{}}'), ("/fame/variables", 5, change))
+    replay = Replay(path)
+    replay.wait()
+    with browser() as chromium, opened(chromium, replay) as page:
+        page.evaluate("fame.player.seek(5)")
+        until(page, "document.querySelector('#inspector').textContent.includes('x5')")
+        assert page.locator("#toast").inner_text().startswith("The world cannot be drawn")
     replay.close()
 
 

@@ -80,6 +80,8 @@ def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProg
     """
     if Path(target).suffix.lower() != RECORDING:
         raise ConfigError(f"expected a file name that ends in {RECORDING}, got {Path(target).name!r}", file=str(target))
+    if any(Path(target).resolve() == Path(source).resolve() for source in sources):
+        raise ConfigError("expected a new file, got one of those that are merged", file=str(target))
     with ExitStack() as stack:
         recordings = [stack.enter_context(Recording(source)) for source in sources]
         merging = _Merging(recordings)

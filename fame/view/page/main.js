@@ -269,7 +269,7 @@ class App {
     }
     if (this.mission.kind === "model") this.selected.element = this.mission.elements[this.selected.element] ? this.selected.element : -1;
     if (this.state !== null) {
-      this.world.update(this.state, time);
+      this.drawWorld(time);
       this.diagram.update(this.state, this.player.playing);
     } else if (this.mission.kind === "model") this.diagram.update(null, false);
     this.inspector.update(this.state, time);
@@ -279,6 +279,16 @@ class App {
     } else this.timeline.update(time, begun);
     this.control.update();
     this.frames = (this.frames ?? 0) + 1;
+  }
+
+  /** The world comes from any simulation: one that cannot be drawn does not stop the rest of the page. */
+  drawWorld(time) {
+    try {
+      this.world.update(this.state, time);
+    } catch (error) {
+      if (!this.strangeWorld) this.toast(`The world cannot be drawn: ${error.message}`, true);
+      this.strangeWorld = true;
+    }
   }
 
   /** Whether the state at the cursor is being loaded, and has been for a moment only. */
