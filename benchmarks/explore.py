@@ -1,7 +1,8 @@
 """Explorations: shipped missions, and collaborations that grow. ``python benchmarks/explore.py [--quick]``
 
 Each case runs in a process of its own: states, transitions, seconds (CPU), transitions per second of the search of the
-team, microseconds per step of a robot, megabytes at most, bytes per state (where there are enough of them to tell).
+team, microseconds per step of a robot and per step that an engine has taken (others are known from states that agree on
+what the step reads), megabytes at most, bytes per state (where there are enough of them to tell).
 """
 
 from __future__ import annotations
@@ -85,17 +86,17 @@ def measure(case: str) -> dict[str, float | None]:
     from fame.check.explore import local, product
     from fame.scenario.exploration import explore
 
-    spent = {"steps": 0.0, "count": 0, "search": 0.0}
+    spent = {"steps": 0.0, "count": 0, "engine": 0.0, "by engine": 0, "search": 0.0}
     searched = product.Product.explore
 
-    def timed(step: Callable[..., object]) -> Callable[..., object]:
+    def timed(step: Callable[..., object], total: str, count: str) -> Callable[..., object]:
         def steps(self: local.Local, *arguments: object, **options: object) -> object:
             begun, before = time.process_time(), self.steps
             try:
                 return step(self, *arguments, **options)
             finally:
-                spent["steps"] += time.process_time() - begun
-                spent["count"] += self.steps - before
+                spent[total] += time.process_time() - begun
+                spent[count] += self.steps - before
 
         return steps
 
@@ -108,8 +109,9 @@ def measure(case: str) -> dict[str, float | None]:
 
     explore(MODELS / "ground_vehicles.bpmn", delivery="run")  # everything is imported then, and its types are read
     options = CASES[case]()
-    for name in ("_explored", "_unheard"):
-        setattr(local.Local, name, timed(getattr(local.Local, name)))
+    for name in ("start", "_new_step", "chosen"):
+        setattr(local.Local, name, timed(getattr(local.Local, name), "steps", "count"))
+    local.Local._explored = timed(local.Local._explored, "engine", "by engine")  # type: ignore[method-assign, assignment]
     product.Product.explore = search  # type: ignore[method-assign, assignment]
     before, begun = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     result = explore(**options)  # type: ignore[arg-type]
@@ -122,6 +124,7 @@ def measure(case: str) -> dict[str, float | None]:
         "seconds": seconds,
         "per_second": transitions / max(spent["search"], 1e-9),
         "step_us": 1e6 * spent["steps"] / max(spent["count"], 1),
+        "engine_us": 1e6 * spent["engine"] / max(spent["by engine"], 1),
         "mb": peak / 1024,
         "bytes": 1024 * (peak - before) / result.states if result.states >= ENOUGH else None,
         "exhaustive": result.exhaustive,
@@ -134,14 +137,16 @@ def main() -> None:
         print(json.dumps(measure(sys.argv[2])))
         return
     names = [name for name in CASES if "--quick" not in sys.argv or "philosophers" not in name]
-    print(f"{'case':36}{'states':>9}{'transitions':>12}{'s':>7}{'trans/s':>10}{'step us':>9}{'MB':>6}{'B/state':>9}")
+    print(f"{'case':36}{'states':>9}{'transitions':>12}{'s':>7}{'trans/s':>10}"
+          f"{'step us':>9}{'engine us':>11}{'MB':>6}{'B/state':>9}")  # fmt: skip
     for name in names:
         command = [sys.executable, __file__, "--case", name]
         found = json.loads(subprocess.run(command, capture_output=True, check=True, text=True).stdout)
         cut = "" if found["exhaustive"] else "  not exhaustive"
         size = "-" if found["bytes"] is None else f"{found['bytes']:.0f}"
         print(f"{name:36}{found['states']:9}{found['transitions']:12}{found['seconds']:7.2f}{found['per_second']:10.0f}"
-              f"{found['step_us']:9.0f}{found['mb']:6.0f}{size:>9}{cut}", flush=True)  # fmt: skip
+              f"{found['step_us']:9.0f}{found['engine_us']:11.0f}{found['mb']:6.0f}{size:>9}{cut}",
+              flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""A state of a robot that was explored becomes an engine again, and that engine is in this state."""
+"""Local states become engines again, and a step that is known from another state goes as an engine takes it."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from collaborations import generated, team
@@ -10,6 +11,7 @@ from collaborations import generated, team
 from fame.bpmn.model import Definitions
 from fame.check.explore import Request
 from fame.check.explore.exploration import Team
+from fame.check.explore.footprints import Effect, Footprints, Watched
 from fame.check.explore.local import Local
 from fame.scenario.exploration import cast_of
 
@@ -53,6 +55,69 @@ def test_a_message_that_nothing_listens_to_has_the_outcome_that_the_engine_gives
     assert unheard > 100
 
 
+@pytest.mark.parametrize("mission", MISSIONS)
+def test_a_step_goes_by_its_footprint_as_by_an_engine(mission: str) -> None:
+    for local in explored(MODELS / f"{mission}.bpmn"):
+        for state, view in enumerate(local.views[:200]):
+            for stimulus in view.own:
+                assert local.step(state, stimulus) == local.computed(state, stimulus), f"{state} {stimulus}"
+            for topic in view.listens & local.topics:
+                stimulus = ("hear", topic, local.host.blank(topic))
+                assert local.step(state, stimulus) == local.computed(state, stimulus), f"{state} {stimulus}"
+
+
 def test_values_of_variables_make_no_control_states() -> None:
     drone = explored(MODELS / "agriculture_resilient.bpmn", "run", 50_000)[0]
     assert len(drone) > 20 * len(drone.forms.controls)
+
+
+def test_an_engine_runs_a_step_once_for_each_footprint(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = []
+    computed = Local.computed
+    monkeypatch.setattr(Local, "computed", lambda self, *arguments: runs.append(self) or computed(self, *arguments))
+    robots = explored(MODELS / "agriculture_resilient.bpmn", "run", 50_000)
+    assert 5 * len(runs) < sum(local.steps for local in robots)
+
+
+def watched(**values: Any) -> Watched:
+    return Watched(values)
+
+
+def test_variables_note_what_is_read_and_written() -> None:
+    variables = watched(x=1, y=2, z=[3])
+    exec("z.append(x)\nw = 1\nif 'q' in z: y = 3", variables)
+    assert {"x", "z"} <= variables.reads
+    assert not {"y", "w"} & variables.reads
+    assert variables.writes == {"w"}
+    assert not variables.whole
+
+
+def test_a_variable_that_is_looked_for_counts_as_read() -> None:
+    variables = watched()
+    assert variables.get("x") is None
+    assert "y" not in variables
+    with pytest.raises(KeyError):
+        del variables["z"]
+    assert variables.reads == {"x", "y", "z"}
+
+
+@pytest.mark.parametrize("use", [list, len, dict, dict.copy, "{**v}", "v | {}", "v == {}", "v.pop('x')", "v.items()"])
+def test_variables_that_are_listed_have_no_footprint(use: Any) -> None:
+    variables = watched(x=1)
+    if isinstance(use, str):
+        eval(use, {"v": variables})
+    else:
+        use(variables)
+    assert variables.whole
+
+
+def test_an_effect_holds_for_what_was_not_read() -> None:
+    steps = Footprints(lambda content, names: tuple([CONTENTS[content].get(name) for name in names]))
+    effect = Effect(1, (), (("y", 7),), (), (), True)
+    steps.add("step", 0, {"x", "__builtins__"}, [effect])
+    assert steps.find("step", 1) == (effect,)
+    assert steps.find("step", 2) is None
+    assert steps.find("other", 0) is None
+
+
+CONTENTS: list[dict[str, int]] = [{"x": 1, "y": 2}, {"x": 1, "y": 3}, {"x": 2, "y": 2}]

@@ -1,12 +1,13 @@
 """The contents of the dicts of variables of engines, by number, and the way back.
 
 A step changes few variables. A dict that was made from a content is compared with it object by object: what is the same
-object has the same code, so that only variables that have changed are encoded.
+object has the same code, so that only variables that have changed are encoded. All is done by the methods of `dict`
+itself: of chained variables only their own count, and those that note their use do not note this one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
 from itertools import compress
 from operator import is_, is_not
 from typing import Any
@@ -15,6 +16,8 @@ from fame.engine.snapshot import is_data
 
 Encode = Callable[[Any], Hashable]
 Decode = Callable[[Any], Any]
+Changes = tuple[tuple[str, Hashable | None], ...]
+"""Names of variables with their new codes; None for those that are in the content no more."""
 
 
 class Layout:
@@ -56,7 +59,7 @@ Given = tuple[dict[str, Any], Content, list[str], list[Any]]
 def _changed(given: Given) -> list[str] | None:
     """The names of variables that may have another code than at first; None if some are gone."""
     variables, content, first, values = given
-    names = list(variables)
+    names = list(dict.keys(variables))
     if names == first:
         found = [*compress(names, map(is_not, dict.values(variables), values))]
     else:
@@ -65,7 +68,7 @@ def _changed(given: Given) -> list[str] | None:
             return None
         found = [*compress(first, map(is_not, dict.values(variables), values)), *names[count:]]
     for name, items in content.lists:
-        value = variables[name]
+        value = dict.__getitem__(variables, name)
         if name not in found and not (len(value) == len(items) and all(map(is_, value, items))):
             found.append(name)
     if content.mutable:
@@ -119,7 +122,7 @@ class Contents:
 
     def give(self, variables: dict[str, Any], number: int) -> None:
         """Remember that a dict was made from a content."""
-        given = variables, self._contents[number], list(variables), list(dict.values(variables))
+        given = variables, self._contents[number], list(dict.keys(variables)), list(dict.values(variables))
         self._given[id(variables)] = given
 
     def number(self, variables: dict[str, Any]) -> int:
@@ -127,36 +130,64 @@ class Contents:
         given = self._given.get(id(variables))
         changed = _changed(given) if given is not None else None
         if given is None or changed is None:
-            return self._number(self._codes(variables, variables))
+            return self._number(self._codes(variables, dict.keys(variables)))
         content = given[1]
         if not changed:
             return content.number
-        fresh, layout = self._codes(variables, changed), content.layout
-        places, codes = layout.places, list(content.codes)
-        for name in changed:
-            place, code = places.get(name), fresh.get(name)
+        fresh = self._codes(variables, changed)
+        return self.changed(content.number, tuple([(name, fresh.get(name)) for name in changed]))
+
+    def is_empty(self, number: int) -> bool:
+        """Whether a content has no variables."""
+        return not self._contents[number].codes
+
+    def codes(self, number: int, names: Sequence[str]) -> tuple[Hashable | None, ...]:
+        """The codes of variables of a content; None for those that it has not."""
+        content = self._contents[number]
+        places, codes = content.layout.places, content.codes
+        return tuple([codes[places[name]] if name in places else None for name in names])
+
+    def difference(self, before: int, after: int, written: Collection[str] = ()) -> Changes:
+        """The changes that make one content of another, and of those that were written also what is the same."""
+        one, other = self._contents[before], self._contents[after]
+        if one is other and not written:
+            return ()
+        if one.layout is other.layout:
+            pairs = zip(one.layout.names, one.codes, other.codes, strict=True)
+            names = {name for name, old, new in pairs if old != new}
+        else:
+            names = {name for name, _ in {*self._as_dict(before).items()} ^ {*self._as_dict(after).items()}}
+        changed = sorted(names.union(written))
+        return tuple(zip(changed, self.codes(after, changed), strict=True))
+
+    def changed(self, number: int, changes: Changes) -> int:
+        """The number of a content after some changes."""
+        content = self._contents[number]
+        places, codes = content.layout.places, list(content.codes)
+        for name, code in changes:
+            place = places.get(name)
             if place is not None and code is not None:
                 codes[place] = code
             elif place is not None or code is not None:  # it has come into the content, or is no data any more
-                return self._number(self._merged(content, changed, fresh))
-        return self._numbered(layout, tuple(codes))
+                merged = self._as_dict(number)
+                for each, new in changes:
+                    if new is not None:
+                        merged[each] = new
+                    else:
+                        merged.pop(each, None)
+                return self._number(merged)
+        return self._numbered(content.layout, tuple(codes)) if changes else number
 
-    def _merged(self, content: Content, changed: list[str], fresh: dict[str, Hashable]) -> dict[str, Hashable]:
-        """The codes of a content, with those of the changed variables."""
-        codes = dict(zip(content.layout.names, content.codes, strict=True))
-        for name in changed:
-            if name in fresh:
-                codes[name] = fresh[name]
-            else:
-                codes.pop(name, None)
-        return codes
+    def _as_dict(self, number: int) -> dict[str, Hashable]:
+        content = self._contents[number]
+        return dict(zip(content.layout.names, content.codes, strict=True))
 
     def _codes(self, variables: dict[str, Any], names: Iterable[str]) -> dict[str, Hashable]:
         """The codes of those of these variables that belong to the content."""
         variable, kept = self.variable, self.kept
         found = dict[str, Hashable]()
         for name in names:
-            if kept(name) and is_data(name, value := variables[name]):
+            if kept(name) and is_data(name, value := dict.__getitem__(variables, name)):
                 found[name] = variable(name, value)
         return found
 

@@ -63,7 +63,7 @@ class Revival:
             values = contents.values(number)
             if place < 0:
                 variables = self.engine.new_variables()
-                variables.update(values)
+                dict.update(variables, values)
             else:
                 variables = Variables(dicts[place], values)
             contents.give(variables, number)

@@ -7,14 +7,15 @@ be computed leave unknown variables. Methods without a docstring are those of `f
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Set
-from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 from fame.bpmn.model import Expression, Task
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
 from fame.check.events import raised_codes
 from fame.check.explore.abstraction import Step, emitted, script_writes
+from fame.check.explore.footprints import Watched
 from fame.check.explore.purity import STEPS, is_certain, is_computable, waits
 from fame.check.explore.values import UndecidableError, Values
 from fame.engine import UNDEFINED, Engine, Instance
@@ -22,7 +23,7 @@ from fame.engine.host import BpmnError
 from fame.engine.state import Trail
 from fame.errors import FameError, ModelError
 from fame.iso8601 import parse_duration
-from fame.middleware import messages, typesystem
+from fame.middleware import typesystem
 from fame.scripting import compile_expression, compile_script, script_names
 from fame.scripting.interface import interface
 
@@ -100,11 +101,12 @@ class ExplorationHost:
         self.own_topics: frozenset[str] = frozenset()
         self.decisions: tuple[int, ...] = ()
         self.place = ""
+        self.traceable = True
+        """Whether `Watched` variables note all that texts read and write."""
         self.kept: Callable[[str], bool] = lambda name: True
         self._blank: dict[str, int] = {}
         for use in types.values():  # classes of messages are made once, which takes as long as many steps
-            with suppress(FameError):
-                messages.create(use.type)
+            self._blank_of(use.type)
         self._interface = interface(robot=self._stub(), signal=self._signal, log=lambda level, text: None, budget=STEPS)
         self.reset()
 
@@ -117,7 +119,7 @@ class ExplorationHost:
 
     def new_variables(self) -> dict[str, Any]:
         """What an instance starts with."""
-        return {"__builtins__": self._interface}
+        return Watched({"__builtins__": self._interface})
 
     # ---- decisions -----------------------------------------------------------------------------------
 
@@ -133,6 +135,8 @@ class ExplorationHost:
     # ---- texts ---------------------------------------------------------------------------------------
 
     def compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Callable[..., Any]:
+        if ":=" in expression.text:  # within a comprehension it sets a variable past all methods of the dict
+            self.traceable = False
         if script:
             return self._script(expression, element, file)
         if expression.language == "javascript":
@@ -358,6 +362,7 @@ def step_of(script: Expression, element: str) -> Step:
     return Step(tuple(sorted(script_writes(script))), tuple(sorted(codes)), emits)
 
 
+@lru_cache(maxsize=1024)
 def _seconds(text: str) -> float | None:
     try:
         return parse_duration(text.rsplit("/", 1)[-1]).nanoseconds / 1e9

@@ -2,7 +2,7 @@
 
 A local state is the canonical form of the robot's engine with its pending timers, by number. `Local.step` makes an
 engine of a state, gives it a stimulus and notes the new state and what was sent. Where a value is unknown the step is
-run once for each way: with a longer and longer list of decisions.
+run once for each way: with a longer and longer list of decisions. A step whose footprint is known needs no engine.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from fame.bpmn.model import Definitions, Process
 from fame.check.explore.abstraction import Abstraction, Step
+from fame.check.explore.footprints import Effect, Footprints, Watched
 from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, Running, Send, Timer
 from fame.check.explore.running_states import load_known
 from fame.check.explore.values import UNKNOWN, Values
@@ -120,6 +121,8 @@ class Local:
         self.views: list[View] = []
         self._views: dict[tuple[int, Timers], View] = {}
         self._memo: dict[tuple[int, Stimulus], tuple[Way, ...]] = {}
+        self._footprints = Footprints(self.forms.contents.codes)
+        self._watched: Watched | None = None
 
     def __len__(self) -> int:
         return len(self._states)
@@ -135,12 +138,7 @@ class Local:
         key = (state, stimulus)
         found = self._memo.get(key)
         if found is None:
-            view = self.views[state]
-            if stimulus[0] == "hear" and stimulus[1] not in view.listens:
-                found = self._unheard(state, stimulus, view)
-            else:
-                found = self.computed(state, stimulus)
-            self._memo[key] = found
+            found = self._memo[key] = self._new_step(state, stimulus)
         return found
 
     def computed(
@@ -149,10 +147,48 @@ class Local:
         """The same, by an engine."""
         return self._explored(lambda: self.revived(state), lambda engine: self._apply(engine, stimulus), keep)
 
-    def _unheard(self, state: int, stimulus: Stimulus, view: View) -> tuple[Way, ...]:
-        """The way of a message that nothing in the robot listens to: its engine drops it, so none is needed."""
+    def _new_step(self, state: int, stimulus: Stimulus) -> tuple[Way, ...]:
+        """The ways of a step: by its footprint if that is known, else by an engine."""
+        kind, topic, _ = stimulus
+        view = self.views[state]
+        if kind == "hear" and topic not in view.listens:  # the engine would drop the message
+            self.steps += 1
+            return (Way(state, (), (("lost" if view.instances else "unneeded", topic),), False),)
+        (control, contents), timers = self._states[state]
+        if not self._is_watched(contents):
+            return self.computed(state, stimulus)
+        content, step = contents[0], (control, timers, stimulus)
+        known = self._footprints.find(step, content)
+        if known is not None:
+            return tuple(dict.fromkeys([self._way(content, effect) for effect in known]))
+        reads, effects, before = set[str](), list[Effect](), self.steps
+
+        def note(way: Way, outcome: Outcome) -> None:
+            watched, ((after, left), rest) = self._watched, self._states[way.state]
+            if watched is not None and not watched.whole and not outcome.begun and len(left) < 2:
+                reads.update(watched.reads)
+                changes = self.forms.contents.difference(content, left[0], watched.writes) if left else None
+                effects.append(Effect(after, rest, changes, way.sent, way.flags, way.quiet))
+
+        found = self.computed(state, stimulus, note)
+        if len(effects) == self.steps - before and len(found) <= MOST_WAYS:  # all was noted
+            self._footprints.add(step, content, reads, effects)
+        return found
+
+    def _is_watched(self, contents: tuple[int, ...]) -> bool:
+        """Whether footprints of steps are noted: of one instance, without variables of inner scopes."""
+        return len(contents) == 1 and self.host.traceable and not self.forms.contents.is_empty(contents[0])
+
+    def _way(self, content: int, effect: Effect) -> Way:
+        """The way that a step goes in a state with that content."""
         self.steps += 1
-        return (Way(state, (), (("lost" if view.instances else "unneeded", stimulus[1]),), False),)
+        control, timers, changes, sent, flags, quiet = effect
+        contents = () if changes is None else (self.forms.contents.changed(content, changes),)
+        state = ((control, contents), timers)
+        number = self._numbers.get(state)
+        if number is None:
+            number = self._add(state, self._views[control, timers])
+        return Way(number, sent, flags, False, quiet)
 
     def chosen(
         self, state: int | None, stimulus: Stimulus | None, way: Way, given: Data | None = None
@@ -208,6 +244,11 @@ class Local:
         engine = self.forms.revived(form, host, self.host.new_variables, moves=MOST_MOVES)
         self.host.timers = {key: Timer(group, offset, period) for key, group, offset, period in timers}
         self.host.engine = engine
+        self._watched = None
+        if self._is_watched(form[1]):
+            for instance in engine.instances.values():
+                assert isinstance(instance.root_variables, Watched)
+                self._watched = instance.root_variables
         return engine
 
     def _explored(
@@ -317,10 +358,14 @@ class Local:
         state = (form, self._timers(keys)) if self.host.timers else (form, ())
         number = self._numbers.get(state)
         if number is None:
-            number = self._numbers[state] = len(self._states)
-            self._states.append(state)
-            self.views.append(self._view(engine, form, keys, state[1]))
+            number = self._add(state, self._view(engine, form, keys, state[1]))
         walk.dissolve()
+        return number
+
+    def _add(self, state: State, view: View) -> int:
+        number = self._numbers[state] = len(self._states)
+        self._states.append(state)
+        self.views.append(view)
         return number
 
     def _variable(self, name: str, value: Any) -> int:
