@@ -118,7 +118,7 @@ class Recorder:
     def watch(self, node: RobotNode) -> Callable[[], object]:
         """Record this robot."""
         name = node.name
-        tracker = ChangeTracker(node, lambda time, changes: self.begin().changes(name, time, changes))
+        tracker = ChangeTracker(node, lambda time, changes: (self._file or self.begin()).changes(name, time, changes))
         self._trackers[name], self._scheduler = tracker, node.scheduler
         self._processes[name] = node.mission.process.id
         if self._file is not None:

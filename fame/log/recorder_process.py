@@ -27,7 +27,7 @@ from fame.robot.change_text import Changes, value_text
 if TYPE_CHECKING:
     from fame.middleware.messages import Message
 
-_BATCH = 256
+_BATCH = 64
 """Calls that are sent together, at most."""
 _PIPE = 1 << 20
 """Bytes that wait in the pipe, where the system allows that."""

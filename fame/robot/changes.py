@@ -41,7 +41,7 @@ class ChangeTracker:
 
     def __init__(self, node: RobotNode, put: Put) -> None:
         self.robot: str = node.name
-        self._node, self._put = node, put
+        self._instances, self._waiting, self._put = node.engine.instances, node.waiting, put
         self._groups: list[Group] = []
         self._scopes: dict[int, _ScopeVariables] = {}  # by the key of the scope that owns them
         self._tokens: dict[Hashable, tuple[object, int]] = {}  # waiting tokens: what is compared, since when (ns)
@@ -74,10 +74,10 @@ class ChangeTracker:
         groups, self._groups = self._groups, []
         if time >= self._graph_due:
             self._graph_due = time + SECOND
-            if self._node.refresh_publishers():
+            if self._waiting.refresh_publishers():
                 self._waits.clear()
                 self._tokens = {key: (None, since) for key, (_, since) in self._tokens.items()}
-        owners, waits, joins = _look(self._node.engine.instances.values())
+        owners, waits, joins = _look(self._instances.values())
         scopes, gone = self._compare_variables(owners)
         tokens, left = self._compare_tokens(time, waits, joins)
         if groups or scopes or gone or tokens or left:
@@ -108,14 +108,14 @@ class ChangeTracker:
     ) -> tuple[list[Token], list[str]]:
         """The tokens that are new or wait for something else, and the keys of those that are gone."""
         before, now, fresh = self._tokens, dict[Hashable, tuple[object, int]](), list[Token]()
-        state_of = self._node.wait_state
+        state_of = self._waiting.state
         for wait in waits:
             state = state_of(wait)
             known = before.get(wait.key)
             if known is None or known[0] != state:
-                since = known[1] if known is not None else self._node.waiting_since(wait, time)
+                since = known[1] if known is not None else self._waiting.since(wait, time)
                 known = state, since
-                text, miss = self._details(wait, state), self._node.last_miss(wait)
+                text, miss = self._details(wait, state), self._waiting.last_miss(wait)
                 fresh.append((str(wait.key), self._place(wait.scope), wait.node.id, since, text, miss))
             now[wait.key] = known
         for scope, join in joins:
@@ -145,9 +145,9 @@ class ChangeTracker:
 
     def _details(self, wait: Wait, state: object) -> str:
         """What a token waits for, as members of a JSON object."""
-        text = self._waits.get(wait.node) if state == _NO_SCRIPT else encode(self._node.wait_details(wait))[1:-1]
+        text = self._waits.get(wait.node) if state == _NO_SCRIPT else encode(self._waiting.details(wait))[1:-1]
         if text is None:
-            text = self._waits[wait.node] = encode(self._node.wait_details(wait))[1:-1]
+            text = self._waits[wait.node] = encode(self._waiting.details(wait))[1:-1]
         return text
 
 
@@ -163,8 +163,7 @@ class _ScopeVariables:
         self._names: list[str] = []
         self._kinds: list[type] = []
         self._values: list[Any] = []
-        self._others: list[tuple[int, Callable[[Any], Any]]] = []  # place -> what stands for a value that is not plain
-        self._known: dict[str, _Variable] = {}
+        self._others: list[_Variable] = []  # those with a value that is not plain
 
     def change(self) -> tuple[Sequence[str] | None, Sequence[Any]] | None:
         """The names, if they are others than at the last look, and all values; None if nothing has changed."""
@@ -175,8 +174,11 @@ class _ScopeVariables:
         is_same_kind = not has_new_names and kinds == self._kinds
         if not is_same_kind:
             self._sort(names, kinds)
-        for place, stand_in in self._others:
-            values[place] = stand_in(values[place])
+        for other in self._others:
+            value = values[other.place]
+            if value is not other.value or other.snapshot is not None:
+                other.look(value)
+            values[other.place] = other.plain
         if is_same_kind and values == self._values:
             return None
         self._values = values
@@ -185,43 +187,42 @@ class _ScopeVariables:
     def _sort(self, names: list[str], kinds: list[type]) -> None:
         """Find the variables that are not plain."""
         self._names, self._kinds = names, kinds
-        others = [(place, name) for place, name in enumerate(names) if kinds[place] not in _PLAIN or name[:2] == "__"]
-        known = self._known
-        self._known = {name: known.get(name) or _Variable() for _, name in others if name[:2] != "__"}
-        self._others = [
-            (place, self._known[name].stand_in if name in self._known else _no_data) for place, name in others
-        ]
+        known = {other.name: other for other in self._others}
+        self._others = []
+        for place, name in enumerate(names):
+            if kinds[place] not in _PLAIN or name[:2] == "__":
+                other = known.get(name) or _Variable(name)
+                other.place = place
+                self._others.append(other)
 
 
 class _Variable:
-    """A variable with a value that is not plain, and what stands for it."""
+    """A variable with a value that is not plain.
 
-    __slots__ = ("_plain", "_snapshot", "_value")
+    place     its number in the scope
+    value     its value at the last look
+    plain     what stands for that: the same object as before if nothing has changed
+    snapshot  a copy of a value that may be changed in place, else None
+    """
 
-    def __init__(self) -> None:
-        self._value: Any = _no_data
-        self._snapshot: Any = None  # of a value that may be changed in place
-        self._plain: Any = ...
+    __slots__ = ("name", "place", "plain", "snapshot", "value")
 
-    def stand_in(self, value: Any) -> Any:
-        """What stands for its value now: the same object as before if nothing has changed."""
-        if self._snapshot is None:
-            if value is self._value:
-                return self._plain
-        elif not differs(value, self._snapshot):
-            return self._plain
-        self._value, self._snapshot = value, None
-        found = plain(value)
+    def __init__(self, name: str) -> None:
+        self.name, self.place = name, 0
+        self.value: Any = None
+        self.plain: Any = ...
+        self.snapshot: Any = None
+
+    def look(self, value: Any) -> None:
+        """Take its value now."""
+        if self.snapshot is not None and not differs(value, self.snapshot):
+            return
+        self.value, self.snapshot = value, None
+        found = ... if self.name[:2] == "__" else plain(value)
         if found.__class__ is bytes and is_changeable(value) and not found.startswith(_CUT_ARRAY):
-            self._snapshot = snapshot_of(value)
-        if found != self._plain:
-            self._plain = found
-        return self._plain
-
-
-def _no_data(value: Any) -> Any:
-    """What stands for a variable that is not shown."""
-    return ...
+            self.snapshot = snapshot_of(value)
+        if found != self.plain:
+            self.plain = found
 
 
 _PLAIN: frozenset[type] = frozenset((float, int, bool, type(None), complex))

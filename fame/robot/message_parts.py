@@ -25,8 +25,7 @@ Parts = tuple[str, tuple[Any, ...]]
 
 def parts_of(message: Message) -> Parts | None:
     """The parts of a message; None if it has sequences or long arrays, or something in it has another class."""
-    reader = _reader(message.__msgtype__)
-    return None if reader is None else reader.read(message)
+    return reader(message.__msgtype__)(message)
 
 
 def _fields(type: str) -> Sequence[Field]:
@@ -52,17 +51,14 @@ class _Reader:
         self._template = _template(type)
         self._get = _getter(paths)
         self._others = [(place, _TEXTS[kind]) for place, kind in enumerate(self._kinds) if kind not in _NUMBERS]
-        self._last: tuple[Message | None, Parts | None] = None, None  # several scopes often have the same message
+        self._message: Message | None = None  # the last one: several scopes often have the same
+        self._parts: Parts | None = None
 
     def read(self, message: Message) -> Parts | None:
         """The parts of a message; None if it has others than its type."""
-        known, parts = self._last
-        if known is not message:
-            parts = self._read(message)
-            self._last = message, parts
-        return parts
-
-    def _read(self, message: Message) -> Parts | None:
+        if message is self._message:
+            return self._parts
+        self._message, self._parts = message, None
         try:
             parts = self._get(message)
             if list(map(type, parts)) != self._kinds:
@@ -74,7 +70,8 @@ class _Reader:
                 parts = tuple(items)
         except (AttributeError, ValueError):  # a number where a message belongs; numbers that JSON does not have
             return None
-        return self._template, parts
+        self._parts = self._template, parts
+        return self._parts
 
 
 def _getter(paths: Sequence[str]) -> Callable[[Message], tuple[Any, ...]]:
@@ -88,9 +85,11 @@ _KINDS: dict[str, type[Any]] = {"string": str, "wstring": str, "bool": bool, "fl
 
 
 @cache
-def _reader(type: str) -> _Reader | None:
-    """The reader of a type; None for one that is not taken apart."""
-    return None if has_lists(type) or any(kind is None for _, kind in _leaves(type, "")) else _Reader(type)
+def reader(type: str) -> Callable[[Message], Parts | None]:
+    """The function that takes the messages of a type apart (see `parts_of`)."""
+    if has_lists(type) or any(kind is None for _, kind in _leaves(type, "")):
+        return lambda message: None
+    return _Reader(type).read
 
 
 def _leaves(type: str, path: str) -> Iterator[tuple[str, Any]]:

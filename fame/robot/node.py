@@ -120,7 +120,7 @@ class RobotNode:
         )
         self.host: EngineHost = EngineHost(name, mission, self.node, middleware, scheduler, self.endpoints, options)
         self.runner: Runner = self.host.runner
-        self._waiting = WaitingTokens(name, mission, self.node, middleware, scheduler, self.runner)
+        self.waiting: WaitingTokens = WaitingTokens(name, mission, self.node, middleware, scheduler, self.runner)
         self._observed = observer is not None
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # messages between `load` and `start`
         if compiled:
@@ -264,29 +264,9 @@ class RobotNode:
 
     def waiting_tokens(self) -> list[WaitingToken]:
         """Every waiting token, and what it waits for. If nothing runs: the start events that wait for their trigger."""
-        waiting = self._waiting.list(self.engine)
+        waiting = self.waiting.list(self.engine)
         due = {} if self.engine.instances else self._starts_due()
-        return [*waiting, *self._waiting.starts(self.engine, due, epoch=self.epoch, by_message=not self.instances)]
-
-    def wait_state(self, wait: Wait) -> object:
-        """A value that is cheap to compare: `wait_details` differ only if it does."""
-        return wait.paused, self.runner.request(wait.key), self._waiting.uncorrelated.get(wait.key)
-
-    def last_miss(self, wait: Wait) -> tuple[int, str] | None:
-        """When (ns) the last message came that a token now waits for, and why it did not count; None if none came."""
-        return self._waiting.last_miss(wait)
-
-    def waiting_since(self, wait: Wait, now: int) -> int:
-        """When a token was first seen waiting (ns): `now`, or when `waiting_tokens` saw it."""
-        return self._waiting.since(wait, now)
-
-    def refresh_publishers(self) -> bool:
-        """Look up the publishers. Returns whether they have changed; `wait_details` differ then."""
-        return self._waiting.refresh_publishers()
-
-    def wait_details(self, wait: Wait) -> dict[str, Any]:
-        """What a token waits for, as in recordings (docs/recordings.md)."""
-        return self._waiting.details(wait)
+        return [*waiting, *self.waiting.starts(self.engine, due, epoch=self.epoch, by_message=not self.instances)]
 
     def offers(self) -> list[str]:
         """The ids of the elements that `activate` can start now."""
@@ -385,9 +365,9 @@ class RobotNode:
             self._early.append((topic, message))
             return
         listeners = self.engine.listeners.get(topic)
-        self._waiting.on_message(topic, awaited=listeners is not None)
+        self.waiting.on_message(topic, awaited=listeners is not None)
         correlated = [end for end in listeners if end.catch.keys] if listeners else ()
         self.engine.deliver(topic, message)
         if correlated:
-            self._waiting.on_uncorrelated(topic, [end.key for end in correlated if end.alive])
+            self.waiting.on_uncorrelated(topic, [end.key for end in correlated if end.alive])
         self.runner.poll()

@@ -21,7 +21,7 @@ from typing import Any
 from fame.middleware import typesystem
 from fame.middleware.messages import Message
 from fame.robot.change_text import TEXT, complex_text, float_text, message_text, name_text, string
-from fame.robot.message_parts import LONG, has_lists, parts_of
+from fame.robot.message_parts import LONG, has_lists, parts_of, reader
 
 try:
     import orjson
@@ -67,7 +67,8 @@ def plain(value: Any) -> Any:
 def _plain_maker(kind: type) -> Callable[[Any], Any]:
     """The function that gives what stands for a value of a class."""
     if issubclass(kind, Message):
-        return lambda message: parts_of(message) or _json_bytes(message)
+        parts = reader(kind.__msgtype__)
+        return lambda message: parts(message) or _json_bytes(message)
     if hasattr(kind, "tolist"):
         return lambda array: _long_array(array.size) if array.size > ITEMS and array.ndim else _json_bytes(array)
     return next((base for base in (bool, int, float, complex) if issubclass(kind, base)), _json_bytes)

@@ -113,6 +113,10 @@ class WaitingTokens:
         """Record that a message did not match the correlation keys of these waits."""
         self.uncorrelated = dict.fromkeys(waits, self._scheduler.now)
 
+    def state(self, wait: Wait) -> object:
+        """A value that is cheap to compare: `details` differ only if it does."""
+        return wait.paused, self._runner.request(wait.key), self.uncorrelated.get(wait.key)
+
     def last_miss(self, wait: Wait) -> tuple[int, str] | None:
         """When (ns) the last message came that a token waits for, and why it did not count; None if none came."""
         if wait.key in self.uncorrelated:
@@ -128,7 +132,7 @@ class WaitingTokens:
         return min(now, self._seen.get(wait.key, now))
 
     def refresh_publishers(self) -> bool:
-        """Look up the publishers. Returns whether they have changed."""
+        """Look up the publishers. Returns whether they have changed; `details` differ then."""
         topics = self._middleware.graph()
         if topics is self._topics:
             return False
