@@ -41,7 +41,7 @@ class ChangeTracker:
 
     def __init__(self, node: RobotNode, put: Put) -> None:
         self.robot: str = node.name
-        self._instances, self._waiting, self._put = node.engine.instances, node.waiting, put
+        self._node, self._waiting, self._put = node, node.waiting, put
         self._groups: list[Group] = []
         self._scopes: dict[int, _ScopeVariables] = {}  # by the key of the scope that owns them
         self._tokens: dict[Hashable, tuple[object, int]] = {}  # waiting tokens: what is compared, since when (ns)
@@ -77,7 +77,7 @@ class ChangeTracker:
             if self._waiting.refresh_publishers():
                 self._waits.clear()
                 self._tokens = {key: (None, since) for key, (_, since) in self._tokens.items()}
-        owners, waits, joins = _look(self._instances.values())
+        owners, waits, joins = _look(self._node.engine.instances.values())
         scopes, gone = self._compare_variables(owners)
         tokens, left = self._compare_tokens(time, waits, joins)
         if groups or scopes or gone or tokens or left:
