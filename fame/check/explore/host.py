@@ -15,7 +15,6 @@ from fame.bpmn.model import Expression, Task
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
 from fame.check.events import raised_codes
 from fame.check.explore.abstraction import Step, emitted, script_writes
-from fame.check.explore.footprints import Watched
 from fame.check.explore.purity import STEPS, is_certain, is_computable, waits
 from fame.check.explore.values import UndecidableError, Values
 from fame.engine import UNDEFINED, Engine, Instance
@@ -119,7 +118,7 @@ class ExplorationHost:
 
     def new_variables(self) -> dict[str, Any]:
         """What an instance starts with."""
-        return Watched({"__builtins__": self._interface})
+        return {"__builtins__": self._interface}
 
     # ---- decisions -----------------------------------------------------------------------------------
 

@@ -241,15 +241,20 @@ class Local:
         form, timers = self._states[state]
         self.host.reset()
         host: Host = self.host
-        engine = self.forms.revived(form, host, self.host.new_variables, moves=MOST_MOVES)
+        watched = self._is_watched(form[1])
+        new_variables = self._watched_variables if watched else self.host.new_variables
+        engine = self.forms.revived(form, host, new_variables, moves=MOST_MOVES)
         self.host.timers = {key: Timer(group, offset, period) for key, group, offset, period in timers}
         self.host.engine = engine
         self._watched = None
-        if self._is_watched(form[1]):
+        if watched:
             for instance in engine.instances.values():
                 assert isinstance(instance.root_variables, Watched)
                 self._watched = instance.root_variables
         return engine
+
+    def _watched_variables(self) -> Watched:
+        return Watched(self.host.new_variables())
 
     def _explored(
         self,
