@@ -137,7 +137,8 @@ def parse_duration(text: str) -> Duration:
     from fractions import Fraction  # with decimal it takes longer to import than all the rest of FAME's clock
 
     months = sum(int(parts.get(unit, 0)) * factor for unit, factor in _MONTHS.items())
-    return Duration(months, round(sum(Fraction(parts.get(unit, 0)) * factor for unit, factor in _NANOSECONDS.items())))
+    rest = sum(Fraction(parts[unit]) * factor for unit, factor in _NANOSECONDS.items() if unit in parts)
+    return Duration(months, round(rest))
 
 
 def parse_datetime(text: str, zone: tzinfo = UTC) -> datetime:
