@@ -186,7 +186,7 @@ def test_signals_are_arrows_between_the_robots(page: Page) -> None:
 def test_the_page_fits_its_window_in_both_themes_and_on_a_tablet(chromium: Browser, recording: Path) -> None:
     replay = Replay(recording)
     with opened(chromium, replay) as page:
-        for width, height in ((1280, 720), (1024, 768), (820, 1180)):
+        for width, height in ((1280, 720), (1024, 768), (768, 1024), (820, 1180)):
             page.set_viewport_size({"width": width, "height": height})
             page.wait_for_timeout(50)
             for theme in ("light", "dark"):

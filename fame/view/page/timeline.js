@@ -165,7 +165,8 @@ export class Timeline {
 
   /** Show where the cursor is. */
   point(time) {
-    this.transport.now.value = clock(time);
+    const text = clock(time);
+    if (this.transport.now.value !== text) this.transport.now.value = text;
     const x = this.x(time), visible = x >= -1 && x <= this.width + 1;
     this.cursor.hidden = !visible;
     this.cursor.style.transform = `translateX(${GUTTER + x}px)`;
