@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 from collections.abc import Iterator
 from pathlib import Path
@@ -202,6 +203,38 @@ def test_the_page_fits_its_window_in_both_themes_and_on_a_tablet(chromium: Brows
                     assert box["x"] + box["width"] <= width
                     assert box["y"] + box["height"] <= height
     replay.close()
+
+
+def test_a_variable_and_a_field_of_a_message_are_plotted_with_their_value_at_the_cursor(
+    page: Page, recording: Path
+) -> None:
+    page.evaluate("fame.select({robot: fame.mission.robots.findIndex((one) => one.name === 'Drone')})")
+    page.evaluate("fame.player.seek(40e9)")
+    page.locator('#inspector tr[data-key="to_goal"] button[title="Plot it over time"]').first.click()
+    page.evaluate("fame.inspector.choose('topics')")
+    page.locator('#inspector tr[data-key="/weed_found"] select').select_option(label="x")
+    values = "[...document.querySelectorAll('.lane.plot')].map((one) => [one.querySelector('b').textContent, one.querySelector('small').textContent])"
+    with Recording(recording) as source:
+        published = [(one.time, source.decode(one)["x"]) for one in source.messages(["/weed_found"])]
+        written = [
+            (one.time, change["set"]["to_goal"])
+            for one in source.messages(["/fame/variables"])
+            if (data := json.loads(one.data))["robot"] == "Drone"
+            for change in data["changes"]
+            if "to_goal" in change.get("set", {})
+        ]
+    assert len(published) > 1
+    assert len(written) > 100
+    for moment in (0, 12_340_000_000, 40_000_000_000, 60_000_000_000, 25_000_000_000):
+        page.evaluate(f"fame.player.seek({moment})")
+        expected = [
+            [title, next((f"{number:.6g}" for at, number in reversed(found) if at <= moment), "\N{EN DASH}")]
+            for title, found in (("to_goal", written), ("/weed_found.x", published))
+        ]
+        until(page, f"{values}.every(([, text], at) => {[text for _, text in expected]}[at] === text)")
+        assert page.evaluate(values) == expected
+    page.locator('.lane.plot button[title="Remove the plot"]').first.click()
+    until(page, "document.querySelectorAll('.lane.plot').length === 1")
 
 
 def test_the_inspector_has_the_colours_of_the_robots_in_both_themes(page: Page) -> None:
