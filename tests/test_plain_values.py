@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import marshal
+from array import array
 from typing import Any, cast
 
 import numpy
@@ -61,6 +62,34 @@ def test_an_array_differs_from_its_snapshot_when_it_is_changed_in_place() -> Non
     assert plain_values.differs(array.astype(int), snapshot)
     array[1] = 3.0
     assert plain_values.differs(array, snapshot)
+
+
+@pytest.mark.parametrize(
+    ("value", "written"),
+    [
+        (numpy.float64(0.5), 0.5),
+        (numpy.float32(0.5), 0.5),
+        (numpy.int8(-3), -3),
+        (numpy.bool_(True), True),
+        (numpy.complex128(1 + 2j), "1+2j"),
+        (numpy.array(2.5), 2.5),
+        (numpy.array([[1, 2], [3, 4]]), [[1, 2], [3, 4]]),
+        (numpy.zeros(17), {"$cut": "array of 17"}),
+        (numpy.array([None, [1]], dtype=object), [None, [1]]),
+        (array("d", [0.5, 1.5]), [0.5, 1.5]),
+        (memoryview(b"ab"), [97, 98]),
+        (memoryview(bytes(100)), {"$cut": "list of 100", "first": [0, 0, 0, 0]}),
+        (bytearray(b"ab"), {"$cut": "2 bytes"}),
+        (range(3), [0, 1, 2]),
+        ({1, 2}, [1, 2]),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_numbers_and_arrays_of_any_library_are_json(value: object, written: object) -> None:
+    stood_in = marshal.loads(marshal.dumps(plain_values.plain(value)))
+    assert json.loads(variable_text(stood_in)) == json.loads(plain_values.json_text(value)) == written
+    snapshot = plain_values.snapshot_of(value)
+    assert snapshot is value or not plain_values.differs(value, snapshot)
 
 
 class Length(float):

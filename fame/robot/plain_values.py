@@ -69,14 +69,7 @@ def _plain_maker(kind: type) -> Callable[[Any], Any]:
     if issubclass(kind, Message):
         parts = reader(kind.__msgtype__)
         return lambda message: parts(message) or _json_bytes(message)
-    if hasattr(kind, "tolist"):
-        return lambda array: _long_array(array.size) if array.size > ITEMS and array.ndim else _json_bytes(array)
     return next((base for base in (bool, int, float, complex) if issubclass(kind, base)), _json_bytes)
-
-
-@cache
-def _long_array(size: int) -> bytes:
-    return _cut(f"array of {size}").encode()
 
 
 def _json_bytes(value: Any) -> Any:
@@ -104,8 +97,8 @@ def snapshot_of(value: Any) -> Any:
         return [snapshot_of(item) if item.__class__ in _CHANGEABLE else item for item in value]
     if kind is dict:
         return {key: snapshot_of(item) for key, item in value.items()}
-    is_array = hasattr(kind, "tobytes") and not value.dtype.hasobject
-    return copy(value) if kind in _CHANGEABLE or is_array else value
+    has_bytes = hasattr(kind, "tobytes") and not getattr(getattr(value, "dtype", None), "hasobject", True)  # numpy
+    return copy(value) if kind in _CHANGEABLE or has_bytes else value
 
 
 def differs(value: Any, snapshot: Any) -> bool:
@@ -169,9 +162,15 @@ def _listing(value: Any, depth: int) -> str:
 
 
 def _array(value: Any, depth: int) -> str:
-    if not getattr(value, "ndim", 0):
+    size = getattr(value, "size", None)
+    if not getattr(value, "ndim", 0) or not isinstance(size, int):  # a number; an array of Python itself
         return _encode(value.tolist(), depth)
-    return _listing(value.tolist(), depth) if value.size <= ITEMS else _cut(f"array of {value.size}")
+    return _listing(value.tolist(), depth) if size <= ITEMS else _long_array(size)
+
+
+@cache
+def _long_array(size: int) -> str:
+    return _cut(f"array of {size}")
 
 
 def _mapping(items: Iterable[tuple[Any, Any]], kind: str, size: int, depth: int) -> str:
