@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import marshal
 from array import array
+from collections import Counter, defaultdict, deque
 from typing import Any, cast
 
 import numpy
@@ -90,6 +91,23 @@ def test_numbers_and_arrays_of_any_library_are_json(value: object, written: obje
     assert json.loads(variable_text(stood_in)) == json.loads(plain_values.json_text(value)) == written
     snapshot = plain_values.snapshot_of(value)
     assert snapshot is value or not plain_values.differs(value, snapshot)
+
+
+def test_containers_of_any_kind_may_change_in_place() -> None:
+    changeable = [[], {}, {1}, deque([1]), defaultdict(list), Counter("a"), array("d"), bytearray(b"a"), ([],), object]
+    assert [plain_values.is_changeable(value) for value in changeable] == [True] * 9 + [False]
+    fixed = [1, "a", b"a", (1, "a"), frozenset((1,)), numpy.float64(1), None, VALUES[0], range(3)]
+    assert not any(map(plain_values.is_changeable, fixed))
+
+
+def test_a_list_that_contains_itself_is_cut() -> None:
+    around: list[object] = [1]
+    around.append(around)
+    assert plain_values.json_text(around).startswith("[1," * 8 + '{"$cut"')
+    snapshot = plain_values.snapshot_of(around)
+    assert not plain_values.differs(around, snapshot)
+    around.append(2)
+    assert plain_values.differs(around, snapshot)
 
 
 class Length(float):

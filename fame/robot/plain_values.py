@@ -82,21 +82,27 @@ _PLAIN: dict[type, Callable[[Any], Any]] = {}
 def is_changeable(value: Any) -> bool:
     """Whether a value may be changed in place, as lists, mappings, arrays and objects, but not messages."""
     kind = value.__class__
+    if kind is tuple:
+        return any(map(is_changeable, value))
     known = _CHANGED_IN_PLACE.get(kind)
     if known is None:
-        plain = not hasattr(value, "__dict__") and not (hasattr(kind, "tolist") and getattr(value, "ndim", 0) > 0)
-        known = kind in _CHANGEABLE or not (plain or isinstance(value, Message | ModuleType) or callable(value))
-        _CHANGED_IN_PLACE[kind] = known
+        mutable = kind.__hash__ is None or hasattr(value, "__dict__") or getattr(value, "ndim", 0) > 0
+        known = _CHANGED_IN_PLACE[kind] = mutable and not (isinstance(value, Message | ModuleType) or callable(value))
     return known
 
 
-def snapshot_of(value: Any) -> Any:
-    """A value to compare with later: a copy of what can be changed in place, else the value itself."""
+def snapshot_of(value: Any, depth: int = _DEPTH) -> Any:
+    """A value to compare with later: a copy of what can be changed in place, else the value itself.
+
+    What is below `depth` is not copied: its JSON is cut there, and a list may contain itself.
+    """
     kind = value.__class__
+    if depth == 0:
+        return value
     if kind is list:
-        return [snapshot_of(item) if item.__class__ in _CHANGEABLE else item for item in value]
+        return [snapshot_of(item, depth - 1) if item.__class__ in _CHANGEABLE else item for item in value]
     if kind is dict:
-        return {key: snapshot_of(item) for key, item in value.items()}
+        return {key: snapshot_of(item, depth - 1) for key, item in value.items()}
     has_bytes = hasattr(kind, "tobytes") and not getattr(getattr(value, "dtype", None), "hasobject", True)  # numpy
     return copy(value) if kind in _CHANGEABLE or has_bytes else value
 
