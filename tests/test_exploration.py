@@ -297,6 +297,22 @@ def test_an_unknown_value_may_be_unpacked() -> None:
     assert not result.findings
 
 
+@pytest.mark.parametrize(
+    "change", ["known[robot.now] = 1", "other = known; other[robot.now] = 1", "known.update({robot.now: 1})"]
+)
+def test_what_a_script_changes_in_place_is_unknown_if_it_cannot_be_run(change: str) -> None:
+    steps: Steps = ["run known = {}", f"run {change}", ("if", "len(known) > 0", ["work"], ["work"])]
+    result = explore(team({"A": steps}), delivery="run")
+    assert not result.findings  # neither way is called unreachable
+
+
+def test_a_deadlock_is_one_with_single_faults_too() -> None:
+    """That an engine might die is no way out."""
+    result = found({"A": ["catch b", "throw a"], "B": ["catch a", "throw b"]}, faults=True)
+    assert {"deadlock", "fault"} <= kinds(result)
+    assert result.failed
+
+
 def test_a_single_fault_is_not_followed_by_another_one() -> None:
     """REX goes on if one of its behaviours never ends beside the others; only DINGO could keep it waiting."""
     result = explore("models/ground_vehicles.bpmn", faults=True, delivery="run")

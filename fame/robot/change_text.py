@@ -19,7 +19,7 @@ Group = tuple[int, int, Sequence[tuple[str, str, Any]]]
 """Marks of a scope, with the keys of its instance and of the scope (see docs/recordings.md)."""
 ScopeChange = tuple[int, str, "Sequence[str] | None", Sequence[Any]]
 """A scope with variables of its own: its key, where it is (members of a JSON object; empty if that is known), the names
-of all its variables (None: as before), and their values, or what stands for them (`fame.robot.plain_values.plain`)."""
+of all its variables (None: as before), and their values in plain form (`fame.robot.plain_values.plain`)."""
 Token = tuple[str, str, str, int, str, "tuple[int, str] | None"]
 """A waiting token: its key, where it is, its element, since when (ns), what it waits for, the last message missed."""
 Changes = tuple[Sequence[Group], Sequence[ScopeChange], Sequence[int], Sequence[Token], Sequence[str]]
@@ -197,7 +197,7 @@ class _ScopeText:
 
 
 def variable_text(value: Any) -> str:
-    """The JSON of what stands for the value of a variable (`fame.robot.plain_values.plain`)."""
+    """The JSON of the plain form of a variable (`fame.robot.plain_values.plain`)."""
     kind = value.__class__
     if kind is float:
         return float_text(value)

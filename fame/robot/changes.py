@@ -201,7 +201,7 @@ class _Variable:
 
     place     its number in the scope
     value     its value at the last look
-    plain     what stands for that: the same object as before if nothing has changed
+    plain     its plain form: the same object until something changes
     snapshot  a copy of a value that may be changed in place, else None
     """
 

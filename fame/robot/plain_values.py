@@ -51,7 +51,7 @@ def is_data(name: str, value: Any) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """What stands for a value in changes, as plain data that `marshal` takes and that does not change.
+    """The plain form of a value in changes: plain data that `marshal` takes and that does not change.
 
     That is a number or short text itself, the parts of a message, JSON (bytes), or ``...`` for code, which is no data.
     """
@@ -65,7 +65,7 @@ def plain(value: Any) -> Any:
 
 
 def _plain_maker(kind: type) -> Callable[[Any], Any]:
-    """The function that gives what stands for a value of a class."""
+    """The function that converts the values of a class to their plain form."""
     if issubclass(kind, Message):
         parts = reader(kind.__msgtype__)
         return lambda message: parts(message) or _json_bytes(message)

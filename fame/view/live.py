@@ -259,7 +259,7 @@ def _first_difference(recorded: list[str], now: list[str]) -> str:
 
 
 def _lines(topic: str, data: Mapping[str, Any] | None) -> list[str]:
-    """The content of a message of events or variables; nothing if there is none."""
+    """The lines of a message of events or variables; empty without a message."""
     if data is None:
         return []
     if topic == VARIABLES:

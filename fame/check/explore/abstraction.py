@@ -6,6 +6,7 @@ codes that it can. Its results are unknown. What is left of the processes is exe
 
 from __future__ import annotations
 
+import ast
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -20,6 +21,7 @@ from fame.check.expressions import cover_all, expressions_in, names_of
 from fame.engine.data import variable_name
 from fame.errors import FameError
 from fame.scripting import code_names, script_topics
+from fame.scripting.python import parse_python
 
 Home = tuple[model.Definitions, model.Process]
 STEP = "explored step "
@@ -217,11 +219,48 @@ def _writes(process: model.Process) -> Iterator[str]:
 
 
 def script_writes(script: model.Expression) -> frozenset[str]:
-    """The variables that a script sets, functions and modules included."""
+    """The variables that a script sets or changes in place, functions and modules included."""
     try:
-        return names_of(script, True)[1] | code_names(script)
+        return names_of(script, True)[1] | code_names(script) | _changed_in_place(script)
     except FameError:
         return frozenset()
+
+
+def _changed_in_place(script: model.Expression) -> frozenset[str]:
+    """The variables whose lists, mappings or objects a script in Python may change.
+
+    A name that the script sets to a part of something else may stand for a part of anything that it reads.
+    """
+    if script.language != "python":
+        return frozenset()
+    changed, parts = set[str](), set[str]()
+    for node in ast.walk(parse_python(script)):
+        if isinstance(node, ast.Subscript | ast.Attribute) and not isinstance(node.ctx, ast.Load):
+            changed |= _root(node)
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in _CHANGING:
+            changed |= _root(node.func.value)
+        elif isinstance(node, ast.For):
+            parts |= {name.id for name in ast.walk(node.target) if isinstance(name, ast.Name)}
+        elif isinstance(node, ast.Assign) and not isinstance(node.value, _NEW):
+            parts |= {name.id for target in node.targets for name in ast.walk(target) if isinstance(name, ast.Name)}
+    reads = names_of(script, True)[0]
+    return reads if changed & parts else reads & changed
+
+
+def _root(node: ast.AST) -> set[str]:
+    """The variable that an attribute or item belongs to."""
+    while isinstance(node, ast.Subscript | ast.Attribute):
+        node = node.value
+    return {node.id} if isinstance(node, ast.Name) else set()
+
+
+_NEW = (ast.List, ast.Dict, ast.Set, ast.ListComp, ast.DictComp, ast.SetComp, ast.Constant, ast.BinOp, ast.JoinedStr)
+"""Expressions whose value is no part of another one."""
+_CHANGING = frozenset(
+    ("add", "append", "appendleft", "clear", "discard", "extend", "extendleft", "insert", "pop", "popitem", "popleft",
+     "remove", "reverse", "rotate", "setdefault", "sort", "update")
+)  # fmt: skip
+"""Methods that change a list, mapping, set or deque."""
 
 
 def taken(node: model.FlowNode, topic: model.Topic, body: model.Body) -> tuple[str, ...]:

@@ -215,17 +215,32 @@ class Team:
         return tuple(found)
 
     def search(self, delivery: Delivery, limit: int, stop: Callable[[], bool]) -> tuple[Searched, list[Finding]]:
-        """Explore with one delivery."""
-        request, begun = self.request, time.perf_counter()
+        """Explore with one delivery. Single faults are explored by themselves: they are ways out of a deadlock."""
+        begun = time.perf_counter()
+        report, cuts = self._report(delivery, limit, stop, faults=False)
+        found, rows = report.findings(), list[tuple[str, str, Finding | None]]()
+        if self.request.faults:
+            report, more = self._report(delivery, limit, stop, faults=True)
+            cuts, rows = tuple(dict.fromkeys((*cuts, *more))), report.faults()
+            found += [finding for _, _, finding in rows if finding is not None]
+        spent, explored = time.perf_counter() - begun, report.explored
+        table = tuple((name, delivery, outcome) for name, outcome, _ in rows)
+        return Searched(delivery, len(explored.states), explored.transitions, spent, cuts, table), found
+
+    def _report(
+        self, delivery: Delivery, limit: int, stop: Callable[[], bool], *, faults: bool
+    ) -> tuple[Report, tuple[str, ...]]:
+        """What the states of the team say, and what was left out."""
+        request = self.request
         options = Options(
-            delivery=delivery, network=request.network, reduced=request.reduced, faults=request.faults, limit=limit,
+            delivery=delivery, network=request.network, reduced=request.reduced, faults=faults, limit=limit,
             groups=self.groups() if request.reduced else (), stop=stop, given=self.given,
             required=() if self.given else self.required(),
         )  # fmt: skip
         product = Product(self.robots, self.locals, options)
         if request.reduced:
             product.reduction = Reduction(product).moves
-        if request.faults:
+        if faults:
             product.add_faults = Faults(product).add
         explored = product.explore()
         cuts = tuple(self._cuts(product, explored))
@@ -239,12 +254,7 @@ class Team:
             exhaustive=not cuts,
             weak=request.weak,
         )
-        found = report.findings()
-        rows = report.faults() if request.faults else []
-        found += [finding for _, _, finding in rows if finding is not None]
-        spent = time.perf_counter() - begun
-        table = tuple((name, delivery, outcome) for name, outcome, _ in rows)
-        return Searched(delivery, len(explored.states), explored.transitions, spent, cuts, table), found
+        return report, cuts
 
     def _cuts(self, product: Product, explored: Explored) -> Iterator[str]:
         """What was left out."""
