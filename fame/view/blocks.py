@@ -154,22 +154,23 @@ class Packer:
         number, columns = self.robot(robot), block.columns
         t, r, i, s, e, w = (columns[name] for name in COLUMNS)
         info: ScopeInfo | None = None
-        for element, word, *detail in marks:
-            what = _WHAT.get(word)
+        for mark in marks:
+            element, what = mark[0], _WHAT.get(mark[1])
             if what is None:
                 continue
             if info is None or what == END:
                 info = self._scope(block, number, instance, scope, element, what)
             place = self.catalogue.number(info.file, element) if element else NOWHERE
-            if detail and detail[0] is not None:
-                block.details[len(t)] = detail[0]
+            if len(mark) > 2 and mark[2] is not None:
+                block.details[len(t)] = mark[2]
             t.append(time)
             r.append(number)
             i.append(instance)
             s.append(scope)
             e.append(place)
             w.append(what)
-            state.event(time, TokenKey(number, instance, scope, place), what)
+            if START < what <= END:
+                state.event(time, TokenKey(number, instance, scope, place), what)
 
     def key(self, time: int, data: Mapping[str, Any]) -> None:
         """Set the state of robots as in ``/fame/key``: the first time of all, then of those that the changes left out.

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from math import inf
 from pathlib import Path
-from time import sleep
+from time import monotonic
 from typing import Any
 
 from fame.bpmn.model import Definitions
@@ -20,6 +22,11 @@ from fame.log.team_state import shift_times
 from fame.view.blocks import Packer
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import Chip, mission_json
+
+try:
+    import orjson
+except ImportError:  # a workspace of ROS that was built by colcon alone
+    orjson = None  # type: ignore[assignment]
 
 _OWN = (EVENTS, VARIABLES, WAITING, WORLD, GROUND)
 
@@ -49,20 +56,21 @@ class Replay:
         self._done = 0
         self._reading = 0.0
         self._lock = threading.Lock()
-        self._ahead: Recording | None = None  # for what is asked for before it is read
+        self._ahead = Recording(self._path)  # for what is asked for before it is read
         self._ahead_lock = threading.Lock()
-        self._closed = False
+        self._asked = 0  # answers that are being made
+        self._pause_until = 0.0  # of the reader, on the monotonic clock
+        self._closed = threading.Event()
         self._thread = threading.Thread(target=self._read, name="fame view: reader", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """Stop reading."""
-        self._closed = True
+        self._closed.set()
         self._thread.join()
         self._recording.close()
         with self._ahead_lock:
-            if self._ahead is not None:
-                self._ahead.close()
+            self._ahead.close()
 
     def wait(self) -> None:
         """Wait until everything is read."""
@@ -95,15 +103,15 @@ class Replay:
         length = max(recording.end - recording.start, 1)
         try:
             for number, message in enumerate(recording.messages()):
-                while self._ahead_lock.locked() and not self._closed:  # somebody waits for an answer
-                    sleep(0.001)
-                if self._closed:
+                while self._pause_until > monotonic() and not self._closed.is_set():
+                    self._closed.wait(_PAUSE / 4)
+                if self._closed.is_set():
                     return
                 if message.topic == KEY:  # the first has what was before the recording; most others repeat the rest
                     if not packer.begun or message.data.startswith(_GAPS):
-                        packer.put(KEY, message.time - first, shift_times(KEY, message.json(), -first))
+                        packer.put(KEY, message.time - first, shift_times(KEY, _content(message), -first))
                 elif message.topic in _OWN:
-                    packer.put(message.topic, message.time - first, shift_times(message.topic, message.json(), -first))
+                    packer.put(message.topic, message.time - first, shift_times(message.topic, _content(message), -first))
                 else:
                     self._message(message)
                 if number % 256 == 0:
@@ -176,9 +184,7 @@ class Replay:
         When something began is known no earlier than from that key.
         """
         first, moment = self._offset, time + self._offset
-        with self._ahead_lock:
-            if self._ahead is None:
-                self._ahead = Recording(self._path)
+        with self._answering(), self._ahead_lock:
             recording = self._ahead
             key = recording.last(KEY, moment)
             if key is None:
@@ -189,15 +195,31 @@ class Replay:
                 packer.world(begin, "ground", ground)
             for robot, pose in recording.world(key.time).items():
                 packer.pose(begin, robot, pose)
-            packer.key(begin, shift_times(KEY, key.json(), -first))
+            packer.key(begin, shift_times(KEY, _content(key), -first))
+            until, past, last = time + SECOND, 0, key.time
             for message in recording.messages(_OWN, key.time, moment + SECOND):
-                packer.put(message.topic, message.time - first, shift_times(message.topic, message.json(), -first))
+                past += message.time > moment
+                if past > _BEYOND and message.time > last:  # what happened in one instant stays together
+                    until = message.time - first - 1
+                    break
+                last = message.time
+                packer.put(message.topic, message.time - first, shift_times(message.topic, _content(message), -first))
         block = [block for block in packer.blocks if block.start <= time or block is packer.blocks[0]][-1]
-        return {
-            **block.to_json(),
-            "number": NOWHERE,
-            "until": time + SECOND if block is packer.blocks[-1] else block.end,
-        }
+        return {**block.to_json(), "number": NOWHERE, "until": until if block is packer.blocks[-1] else block.end}
+
+    @contextmanager
+    def _answering(self) -> Iterator[None]:
+        """Make the reader pause while an answer is made, and until the page has drawn it."""
+        with self._lock:
+            self._asked += 1
+            self._pause_until = inf
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._asked -= 1
+                if not self._asked:
+                    self._pause_until = monotonic() + _PAUSE
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         with self._lock:
@@ -227,10 +249,24 @@ class Replay:
         return self._branch is not None and "seed" in self._recording.metadata
 
 
+def _content(message: Message) -> Any:
+    """The content of a message of FAME's own channels, for the page, to which all numbers are floating point."""
+    if orjson is not None:
+        try:
+            return orjson.loads(message.data)
+        except ValueError:  # numbers and texts that JSON alone does not have
+            pass
+    return message.json()
+
+
 _GAPS = b'{"gaps"'
 """How a key begins that has more than the changes before it: of a robot that is new, or after batches were lost."""
 _MALFORMED = (LookupError, TypeError, ValueError, AttributeError)
 """What messages of another form raise."""
+_BEYOND = 100
+"""Messages after the instant that is asked for which an answer has at most: the cursor may move on a little."""
+_PAUSE = 0.08
+"""Seconds that the reader leaves the processor to a page that has got an answer and draws it."""
 _SWITCH = 0.0005
 """Seconds after which the reader lets other threads go on: an answer to the page needs several of them."""
 _LONGEST = 365 * 24 * 3600 * SECOND

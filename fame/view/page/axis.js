@@ -18,11 +18,6 @@ export class Axis {
     this.ruler = h("canvas", { cls: "ruler", "aria-hidden": "true" });
   }
 
-  draw(time) {
-    this.drawRuler();
-    this.drawOverview(time);
-  }
-
   drawRuler() {
     const key = [this.timeline.from, this.timeline.until, this.timeline.width, isDark(), window.devicePixelRatio].join();
     if (key === this.rulerKey) return;
@@ -43,45 +38,59 @@ export class Axis {
     }
   }
 
+  /** Count what happened when, unless that is known. */
+  measure() {
+    const { timeline } = this, { store } = timeline.app, { start } = store, end = timeline.reach, known = this.density;
+    const same = known !== undefined && known.width === timeline.width && known.dark === isDark();
+    if (same && (known.version === store.version || performance.now() < known.pause)) return; // a long run is being loaded: not for each of its blocks
+    const begun = performance.now(), values = this.densities(start, end, timeline.width);
+    this.strip ??= document.createElement("canvas");
+    const pen = sharp(this.strip, timeline.width, OVERVIEW);
+    pen.clearRect(0, 0, timeline.width, OVERVIEW);
+    pen.fillStyle = css("--soft");
+    pen.fillRect(0, 3, timeline.width, OVERVIEW - 6);
+    pen.fillStyle = css("--muted");
+    values.forEach((value, x) => {
+      if (value > 0) pen.fillRect(x, OVERVIEW / 2 - value * 4, 1, value * 8);
+    });
+    this.density = { version: store.version, width: timeline.width, dark: isDark(), end, pause: begun + Math.min(2000, 20 * (performance.now() - begun)) };
+  }
+
   drawOverview(time) {
-    const { store } = this.timeline.app, { width } = this.timeline, { start } = store, end = this.timeline.reach, x = (at) => ((at - start) / (end - start)) * width;
-    const key = [store.version, width, isDark(), this.timeline.from, this.timeline.until, Math.round(x(time)), this.density?.version].join();
+    const { timeline, density } = this, { width } = timeline, { start } = timeline.app.store, end = timeline.reach, x = (at) => ((at - start) / (end - start)) * width;
+    if (density === undefined) return;
+    const key = [end, width, isDark(), timeline.from, timeline.until, Math.round(x(time)), density.version].join();
     if (key === this.overviewKey) return;
     this.overviewKey = key;
     const context = sharp(this.overview, width, OVERVIEW);
     context.clearRect(0, 0, width, OVERVIEW);
-    const stale = this.density?.version !== store.version && performance.now() > (this.density?.until ?? 0);
-    if (stale || this.density?.width !== width || this.density.dark !== isDark()) {
-      this.density = this.densities(start, end, width);
-      this.density.dark = isDark();
-      this.strip ??= document.createElement("canvas");
-      const pen = sharp(this.strip, width, OVERVIEW);
-      pen.clearRect(0, 0, width, OVERVIEW);
-      pen.fillStyle = css("--soft");
-      pen.fillRect(0, 3, width, OVERVIEW - 6);
-      pen.fillStyle = css("--muted");
-      this.density.values.forEach((value, x) => {
-        if (value > 0) pen.fillRect(x, OVERVIEW / 2 - value * 4, 1, value * 8);
-      });
-    }
-    context.drawImage(this.strip, 0, 0, x(this.density.end), OVERVIEW); // a run that lasts may have grown since
-    const left = x(this.timeline.from), right = x(this.timeline.until);
+    context.drawImage(this.strip, 0, 0, x(density.end), OVERVIEW); // a run that lasts may have grown since
+    const left = x(timeline.from), right = x(timeline.until);
     context.strokeStyle = css("--accent");
     context.lineWidth = 1.5;
-    if (!this.timeline.whole) context.strokeRect(left + 0.75, 1, Math.max(3, right - left) - 1.5, OVERVIEW - 2);
+    if (!timeline.whole) context.strokeRect(left + 0.75, 1, Math.max(3, right - left) - 1.5, OVERVIEW - 2);
     context.fillStyle = css("--accent");
     context.fillRect(x(time) - 1, 0, 2, OVERVIEW);
   }
 
+  /** How much happened when, 0 to 1, for each pixel. What a block adds is counted once. */
   densities(start, end, width) {
-    const begun = performance.now(), values = new Float32Array(Math.ceil(width));
-    for (const block of this.timeline.app.store.blocks) {
-      const times = block.data?.columns.t;
-      if (!times) continue;
-      for (let at = 0; at < times.length; at += 1) values[Math.min(values.length - 1, Math.floor(((times[at] - start) / (end - start)) * width))] += 1;
+    const values = new Float32Array(Math.ceil(width)), last = values.length - 1, part = width / (end - start), place = [start, end, width].join();
+    for (const { data } of this.timeline.app.store.blocks) {
+      const times = data?.columns.t ?? [];
+      if (!times.length) continue;
+      if (data.density?.place !== place || data.density.length !== times.length) {
+        const first = Math.min(last, Math.floor((times[0] - start) * part)), counts = [];
+        for (const time of times) {
+          const x = Math.min(last, Math.floor((time - start) * part)) - first;
+          counts[x] = (counts[x] ?? 0) + 1;
+        }
+        data.density = { place, length: times.length, first, counts };
+      }
+      const { first, counts } = data.density;
+      counts.forEach((count, x) => { values[first + x] += count; });
     }
-    const most = Math.log1p(Math.max(...values, 1));
-    const shown = values.map((value) => Math.log1p(value) / most), cost = performance.now() - begun;
-    return { version: this.timeline.app.store.version, width, end, values: shown, until: begun + (cost > 8 ? Math.min(2000, 10 * cost) : 0) };
+    const most = Math.log1p(values.reduce((a, b) => Math.max(a, b), 1));
+    return values.map((value) => Math.log1p(value) / most);
   }
 }

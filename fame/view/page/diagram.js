@@ -1,6 +1,6 @@
 // The diagrams: FAME's SVG, with tokens, outcomes and findings on it. Zoom, pan, and a breadcrumb into called processes.
 
-import { h, s, icon, robotColour, show } from "./dom.js";
+import { arrange, h, s, icon, robotColour, show } from "./dom.js";
 import { TAKE, after } from "./store.js";
 import { Viewport } from "./viewport.js";
 
@@ -58,6 +58,8 @@ export class Diagram {
     this.planes = new Map();
     this.trail = []; // [plane, opener]: how one came here
     this.plane = -1;
+    this.lit = new Set(); // flows that are taken at the instant shown
+    this.shown = undefined; // that instant
     this.crumbs = h("nav", { cls: "crumbs", "aria-label": "Breadcrumb" });
     this.tools = h("div", { cls: "tools" },
       h("button", { title: "Zoom in", onclick: () => this.view.zoom(1.3) }, icon("plus")),
@@ -179,7 +181,7 @@ export class Diagram {
     }
     return { drawing, groups, under: s("g", { cls: "under" }), over: s("g", { cls: "over" }), width: data.width, height: data.height,
       shapes: new Map(Object.entries(data.shapes).map(([number, box]) => [Number(number), box])),
-      edges: new Map(Object.entries(data.edges).map(([number, points]) => [Number(number), points])), classes: new Map(), shown: "" };
+      edges: new Map(Object.entries(data.edges).map(([number, points]) => [Number(number), points])), classes: new Map(), marks: new Map(), shown: "" };
   }
 
   path() {
@@ -219,7 +221,9 @@ export class Diagram {
   /** Show the state of the run. `flows`: whether tokens are seen to move. */
   update(state, flows) {
     const plane = this.current;
+    this.shown = state?.time;
     if (plane === undefined) return;
+    plane.drawing.classList.toggle("flows", flows);
     const { robot } = this.app.selected, opener = this.trail.at(-1)?.[1] ?? -1;
     const wanted = (r, s) => (robot < 0 || r === robot) && (opener < 0 || state.openers(r, s).includes(opener));
     const tokens = new Map(), counts = new Map();
@@ -265,16 +269,17 @@ export class Diagram {
       shown.push([number, box, sum, held, findings]);
       text.push(`${number}:${sum ?? ""}:${held?.map((token) => `${token.r}x${token.n}`) ?? ""}:${findings?.length ?? ""}`);
     }
-    const key = `${text.join(";")}|${document.documentElement.dataset.theme}`;
+    const { theme } = document.documentElement.dataset, key = `${text.join(";")}|${theme}`;
     if (plane.shown === key) return;
     plane.shown = key;
-    const marks = [];
-    for (const [, box, sum, held, findings] of shown) {
-      if (sum !== undefined) marks.push(...this.outcomes(box, sum));
-      if (held !== undefined) marks.push(...this.discs(box, held));
-      if (findings !== undefined) marks.push(this.finding(box, findings));
-    }
-    show(plane.under, marks);
+    const marks = new Map();
+    shown.forEach(([number, box, sum, held, findings], place) => {
+      const kept = plane.marks.get(number), own = `${text[place]}|${theme}`;
+      marks.set(number, kept?.key === own ? kept : { key: own, nodes: [...(sum !== undefined ? this.outcomes(box, sum) : []), ...(held !== undefined ? this.discs(box, held) : []),
+        ...(findings !== undefined ? [this.finding(box, findings)] : [])] });
+    });
+    plane.marks = marks;
+    arrange(plane.under, [...marks.values()].flatMap((mark) => mark.nodes));
   }
 
   outcomes([x, y, width], sum) {
@@ -315,9 +320,7 @@ export class Diagram {
 
   /** Tokens on their way: flows that were taken within the last moments, one after the other. */
   flights(plane, state, flows, wanted) {
-    const found = [], span = FLIGHT * 1e9 * this.app.player.speed;
-    for (const group of this.lit ?? []) group.classList.remove("is-taken");
-    this.lit = [];
+    const found = [], span = FLIGHT * 1e9 * this.app.player.speed, lit = new Set();
     if (state !== null) {
       const { t, r, s: scopes, e, w } = state.block.columns;
       const from = flows ? state.time - span : state.time - 1;
@@ -331,8 +334,7 @@ export class Diagram {
       for (const chain of legs.values()) {
         chain.forEach((at, place) => {
           const group = plane.groups.get(e[at]);
-          group?.classList.add("is-taken");
-          this.lit.push(group);
+          if (group !== undefined) lit.add(group);
           if (!flows) return;
           const part = ((state.time - t[at]) / span) * chain.length - place;
           if (part < 0 || part > 1) return;
@@ -341,6 +343,9 @@ export class Diagram {
         });
       }
     }
-    show(plane.over, found);
+    for (const group of this.lit) if (!lit.has(group)) group.classList.remove("is-taken");
+    for (const group of lit) if (!this.lit.has(group)) group.classList.add("is-taken");
+    this.lit = lit;
+    if (found.length || plane.over.firstChild !== null) show(plane.over, found);
   }
 }

@@ -55,8 +55,15 @@ const ICONS = {
 };
 const SOLID = new Set(["play", "pause", "next", "previous", "dot"]);
 
+const drawn = new Map(); // pictograms: copied, which is faster than to build them
+
 /** A pictogram of 24 by 24. */
 export function icon(name) {
+  if (!drawn.has(name)) drawn.set(name, drawnIcon(name));
+  return drawn.get(name).cloneNode(true);
+}
+
+function drawnIcon(name) {
   const solid = SOLID.has(name);
   const path = s("path", { d: ICONS[name], fill: solid ? "currentColor" : "none", stroke: solid ? "none" : "currentColor",
     "stroke-width": 2, "stroke-linecap": "round", "stroke-linejoin": "round" });
@@ -68,6 +75,17 @@ const present = (children) => children.flat().filter((child) => child !== null &
 /** Replace the children of an element. */
 export function show(element, ...children) {
   element.replaceChildren(...present(children));
+}
+
+/** Give an element these nodes as its children, without moving those that are in their place. */
+export function arrange(element, nodes) {
+  const wanted = new Set(nodes);
+  for (const node of [...element.childNodes]) if (!wanted.has(node)) node.remove();
+  let place = element.firstChild;
+  for (const node of nodes) {
+    if (node === place) place = place.nextSibling;
+    else element.insertBefore(node, place);
+  }
 }
 
 /** Give an element other children, but keep those that it has: what somebody is clicking at must not be replaced.
@@ -90,7 +108,7 @@ function renewChildren(element, fresh) {
   let place = element.firstChild;
   for (const node of fresh) {
     const kept = known.get(kindOf(node))?.shift();
-    if (kept !== undefined) renewNode(kept, node);
+    if (kept !== undefined && kept !== node && !(node.localName === "svg" && kept.isEqualNode(node))) renewNode(kept, node);
     const child = kept ?? node;
     if (child === place) place = place.nextSibling;
     else element.insertBefore(child, place);
@@ -139,8 +157,14 @@ export const isDark = () => document.documentElement.dataset.theme === "dark";
 /** The colour of robot number `index`. */
 export const robotColour = (index) => (isDark() ? DARK : LIGHT)[index % LIGHT.length];
 
-/** The value of a CSS variable. */
-export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const variables = new Map();
+
+/** The value of a CSS variable. The browser is asked once for each theme: it would bring its styles up to date each time. */
+export function css(name) {
+  const key = `${document.documentElement.dataset.theme} ${name}`;
+  if (!variables.get(key)) variables.set(key, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+  return variables.get(key);
+}
 
 /** A canvas as large as its box, sharp on any screen. Gives its context, in CSS pixels. */
 export function sharp(canvas, width, height) {

@@ -4,6 +4,8 @@ import { h, icon, clock, duration, isDark, robotColour, renew } from "./dom.js";
 import { FAIL, LOG, REPORT, END, after } from "./store.js";
 
 const RECENT = 2e9, LINES = 200;
+const PAUSE = 90; // ms until it is shown again: a few times a second is as much as anybody reads
+const SLICE = 4; // ms of a frame for what is out of sight
 
 /** A value on one line, short. */
 export function brief(value, most = 120) {
@@ -35,7 +37,21 @@ export class Inspector {
     this.body = h("div", { cls: "body", tabindex: 0 });
     root.append(h("div", { cls: "bar" }, this.tabs, this.robots), this.body);
     this.opened = new Set();
-    this.pause = 90; // ms until it is shown again
+    this.pause = PAUSE;
+    this.last = -Infinity; // when it was shown (ms)
+    this.shown = undefined; // the instant that can be seen
+    this.parts = new Map(); // robot -> its section, where all are shown
+    this.stale = new Set(); // robots whose section shows another instant
+    this.hidden = new Set(); // sections out of sight
+    this.sight = new IntersectionObserver((changes) => {
+      for (const { target, isIntersecting } of changes) this.hidden[isIntersecting ? "delete" : "add"](target);
+      if (this.stale.size) app.redraw();
+    }, { root: this.body });
+  }
+
+  /** Show what is next without a pause. */
+  hurry() {
+    this.last = -Infinity;
   }
 
   choose(tab) {
@@ -57,16 +73,21 @@ export class Inspector {
 
   update(state, time) {
     this.picker();
-    const { selected, store, plots } = this.app;
-    const key = [this.tab, selected.robot, selected.element, time, store.version, plots.key, state === null, this.app.controlKey(), this.app.mission.version, isDark()].join();
-    if (key === this.key) return;
+    const { selected, store, plots } = this.app, loaded = this.tab === "log" ? store.version : store.said;
+    const key = [this.tab, selected.robot, selected.element, time, loaded, plots.key, state === null, this.app.controlKey(), this.app.mission.version, isDark()].join();
+    if (key === this.key) {
+      this.finish(state, time);
+      return;
+    }
     const now = performance.now();
-    if (now - (this.last ?? 0) < this.pause) { // a few times a second is as much as anybody reads
-      this.app.later(() => this.app.redraw(), this.pause);
+    if (now - this.last < this.pause) {
+      this.app.soon(this.pause);
       return;
     }
     this.key = key;
     this.last = now;
+    this.shown = time;
+    this.stale.clear();
     if (this.app.mission.kind === "model") {
       renew(this.body, this.found());
       return;
@@ -76,7 +97,29 @@ export class Inspector {
       return;
     }
     renew(this.body, { state: () => this.state(state, time), topics: () => this.topics(state, time), log: () => this.log(time) }[this.tab]());
-    this.pause = Math.min(400, Math.max(90, 6 * (performance.now() - now))); // of a large team it takes longer
+    this.pause = Math.min(400, Math.max(PAUSE, 6 * (performance.now() - now))); // of a large team it takes longer
+  }
+
+  /** Find which of these robots are still in sight: the sections above them may have grown. */
+  findSight(robots) {
+    const { bottom } = this.body.getBoundingClientRect();
+    for (const r of robots) {
+      const part = this.parts.get(r);
+      if (part.isConnected && part.getBoundingClientRect().top > bottom) this.hidden.add(part);
+    }
+  }
+
+  /** Renew the sections of robots that are stale: those in sight, and of the others as many as a frame has time for. */
+  finish(state, time) {
+    const begun = performance.now(), inSight = (r) => !this.hidden.has(this.parts.get(r));
+    const order = [...this.stale].sort((a, b) => inSight(b) - inSight(a));
+    for (const [place, r] of order.entries()) {
+      if (place > 0 && place % 6 === 0 && inSight(r)) this.findSight(order.slice(place));
+      if (!inSight(r) && performance.now() - begun > SLICE) break;
+      renew(this.parts.get(r), h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))), this.waits(state, r, time), this.variables(state, r, time));
+      this.stale.delete(r);
+    }
+    if (this.stale.size) this.app.soon(SLICE);
   }
 
   /** The findings of a model, those of the chosen element first. */
@@ -112,16 +155,29 @@ export class Inspector {
   // ---- state -------------------------------------------------------------------------------------
 
   state(state, time) {
-    const { selected, mission } = this.app, parts = [];
+    const { selected, mission } = this.app, parts = [], r = selected.robot;
     if (selected.element >= 0) parts.push(this.chosenElement(state, time));
-    mission.robots.forEach((robot, r) => {
-      if (!this.chosen(r)) return;
-      const body = [...this.waits(state, r, time), ...this.variables(state, r, time)];
-      if (selected.robot < 0) parts.push(h("h3", { dataset: { key: r } }, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))));
-      else if (this.status(state, r)) parts.push(h("p", { cls: "status" }, this.status(state, r)));
-      parts.push(...body);
-    });
-    return parts.length ? parts : [h("p", { cls: "quiet" }, selected.robot < 0 ? "No robot has started yet." : `${mission.robots[selected.robot].name} runs no process at this time.`)];
+    if (r < 0) parts.push(...this.all(state, time));
+    else {
+      if (this.status(state, r)) parts.push(h("p", { cls: "status" }, this.status(state, r)));
+      parts.push(...this.waits(state, r, time), ...this.variables(state, r, time));
+    }
+    return parts.length ? parts : [h("p", { cls: "quiet" }, r < 0 ? "No robot has started yet." : `${mission.robots[r].name} runs no process at this time.`)];
+  }
+
+  /** A section for each robot. Those out of sight follow in the next frames. */
+  all(state, time) {
+    const { robots } = this.app.mission;
+    for (let r = 0; r < robots.length; r += 1) {
+      if (!this.parts.has(r)) {
+        const part = h("section", { dataset: { key: r } });
+        this.parts.set(r, part);
+        this.sight.observe(part);
+      }
+      this.stale.add(r);
+    }
+    this.finish(state, time);
+    return robots.map((_, r) => this.parts.get(r));
   }
 
   status(state, r) {

@@ -11,6 +11,9 @@ import { World } from "./world.js";
 
 const base = new URL(".", location.href);
 const PATIENCE = 250; // ms until the page says that it loads a part of the run
+const REST = 150; // ms after the cursor was moved in which nothing else is loaded
+const PAINT = 40; // ms in which the browser paints what a jump has changed
+const SOON = 200; // ms until what was loaded elsewhere is seen
 
 class App {
   constructor() {
@@ -27,11 +30,12 @@ class App {
     this.inspector = new Inspector(byId("inspector"), this);
     this.timeline = new Timeline(byId("time"), this);
     this.plots = this.timeline.plots;
-    this.store.onchange(() => this.redraw());
+    this.store.onchange((number) => (number < 0 || number === this.store.numberAt(this.player.time) ? this.redraw() : this.soon()));
     this.tools();
     this.keys();
     this.waiting = false;
-    this.timer = null;
+    this.timer = null; // redraws at `due`
+    this.due = Infinity;
     this.missing = null; // since when the state at the cursor is being loaded (ms)
   }
 
@@ -143,8 +147,10 @@ class App {
       this.store.complete = news.reading >= 1;
       if (news.elements) this.mission.elements.push(...news.elements.slice(Math.max(0, this.mission.elements.length - news.from)));
       this.prefetch();
-      this.store.version += 1;
-    } else if (news.type === "data") this.store.add(news.block);
+      this.soon();
+      return;
+    }
+    if (news.type === "data") this.store.add(news.block);
     else if (news.type === "run") this.run(news);
     else if (news.type === "reload") this.fetch("mission.json").then((mission) => this.load(mission)).then(() => this.prefetch());
     this.redraw();
@@ -165,7 +171,7 @@ class App {
     this.fetching = true;
     try {
       for (;;) {
-        await this.store.peeked; // what is wanted now comes first
+        await this.calm();
         const missing = this.store.blocks.filter((block) => block && block.data === null);
         if (!missing.length || this.store.blocks.reduce((sum, block) => sum + (block.data ? block.events : 0), 0) > 4e6) break;
         const here = this.store.numberAt(this.player.time);
@@ -174,6 +180,15 @@ class App {
       }
     } catch { /* the server has ended; what is there stays */ } finally {
       this.fetching = false;
+    }
+  }
+
+  /** Wait until no movement of the cursor is to be shown, and the browser has nothing else to do. */
+  async calm() {
+    for (;;) {
+      if (window.requestIdleCallback) await new Promise((done) => requestIdleCallback(done, { timeout: SOON }));
+      if (!this.store.peeking && this.missing === null && performance.now() - this.player.sought > REST) return;
+      await new Promise((done) => setTimeout(done, 30));
     }
   }
 
@@ -252,9 +267,16 @@ class App {
     });
   }
 
-  later(action, after) {
+  /** Redraw what is not urgent, not more than once for all that comes meanwhile. */
+  soon(after = SOON) {
+    const due = performance.now() + after;
+    if (due >= this.due) return;
     clearTimeout(this.timer);
-    this.timer = setTimeout(action, after);
+    this.due = due;
+    this.timer = setTimeout(() => {
+      this.due = Infinity;
+      this.redraw();
+    }, after);
   }
 
   draw(now) {
@@ -267,18 +289,23 @@ class App {
       this.timeline.point(time);
       return;
     }
+    this.frames = (this.frames ?? 0) + 1;
     if (this.mission.kind === "model") this.selected.element = this.mission.elements[this.selected.element] ? this.selected.element : -1;
     if (this.state !== null) {
       this.drawWorld(time);
       this.diagram.update(this.state, this.player.playing);
     } else if (this.mission.kind === "model") this.diagram.update(null, false);
     this.inspector.update(this.state, time);
-    if (jumped) { // the bars have been there before
+    if (jumped && this.timeline.has(time)) { // the bars have been there before
       this.timeline.follow(time);
-      this.redraw();
+      this.soon(PAINT);
     } else this.timeline.update(time, begun);
     this.control.update();
-    this.frames = (this.frames ?? 0) + 1;
+  }
+
+  /** Whether everything that can be seen shows an instant. */
+  shows(time) {
+    return this.state?.time === time && [this.diagram, this.world, this.inspector, this.timeline].every((part) => part.shown === time);
   }
 
   /** The world comes from any simulation: one that cannot be drawn does not stop the rest of the page. */
@@ -296,7 +323,7 @@ class App {
     if (this.state !== null || !this.store.blocks.length) this.missing = null;
     else {
       this.missing ??= now;
-      if (now - this.missing < PATIENCE) this.later(() => this.redraw(), PATIENCE);
+      if (now - this.missing < PATIENCE) this.soon(PATIENCE);
     }
     return this.missing !== null && now - this.missing < PATIENCE;
   }

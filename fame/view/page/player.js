@@ -1,5 +1,6 @@
 // The one time cursor: where it is, and how it moves.
 
+const JUMP = 90; // ms between two moves of the cursor which are no longer one movement
 export const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100];
 
 export class Player {
@@ -10,11 +11,16 @@ export class Player {
     this.playing = false;
     this.following = false; // whether the cursor stays at the end of a run that lasts
     this.last = null;
+    this.sought = -Infinity; // when somebody moved the cursor (ms)
   }
 
   seek(time, { keep = false } = {}) {
     this.time = Math.min(Math.max(this.app.store.start, Math.round(time)), this.app.store.end);
     if (!keep) this.following = false;
+    const now = performance.now();
+    if (now - this.sought > JUMP) this.app.inspector.hurry();
+    this.sought = now;
+    this.app.store.ask(this.time);
     this.app.redraw();
   }
 

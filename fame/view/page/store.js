@@ -141,7 +141,7 @@ export class State {
   }
 }
 
-/** The blocks of a run, and who loads them. `onchange` is called after something was added. */
+/** The blocks of a run, and who loads them. `onchange` is called after a block has come, with its number; -1 if it was made for an instant. */
 export class Store {
   constructor(load, peek = null) {
     this.load = load;
@@ -150,12 +150,12 @@ export class Store {
     this.ahead = null; // the last such block, its state, and whether one is on its way
     this.aheadState = null;
     this.peeking = false;
-    this.peeked = Promise.resolve(); // when the last of them has come
     this.blocks = []; // {number, start, end, events, data or null, loading}
     this.listeners = new Set();
     this.cursor = null;
     this.end = 0;
-    this.version = 0;
+    this.version = 0; // of what is loaded
+    this.said = 0; // grows when messages are loaded
   }
 
   /** The time of the first entry. */
@@ -167,9 +167,8 @@ export class Store {
     this.listeners.add(listener);
   }
 
-  changed() {
-    this.version += 1;
-    for (const listener of this.listeners) listener();
+  changed(number) {
+    for (const listener of this.listeners) listener(number);
   }
 
   /** The blocks that there are; those already loaded are kept. */
@@ -204,6 +203,7 @@ export class Store {
     known.events = known.data.columns.t.length;
     this.end = Math.max(this.end, known.end);
     this.version += 1;
+    this.said += data.messages.length;
   }
 
   /** Load a block if it is not there. */
@@ -212,15 +212,26 @@ export class Store {
     if (block === undefined || block.data !== null) return Promise.resolve(block);
     block.loading ??= this.load(number).then((data) => {
       this.add(data);
-      this.changed();
+      this.changed(number);
       return block;
     }).finally(() => { block.loading = null; });
     return block.loading;
   }
 
+  /** Whether the server has not read as far as an instant, but can make a block for it. */
+  isAhead(time) {
+    return !this.complete && this.peek !== null && time > (this.blocks.at(-1)?.end ?? -1);
+  }
+
+  /** Load what an instant needs, without waiting for the next frame. */
+  ask(time) {
+    if (this.isAhead(time)) this.askAhead(time);
+    else this.want(this.numberAt(time));
+  }
+
   /** The state at an instant, or null while its block is being loaded. The same object is given again if it fits. */
   stateAt(time) {
-    if (!this.complete && this.peek && time > (this.blocks.at(-1)?.end ?? -1)) return this.stateAhead(time);
+    if (this.isAhead(time)) return this.stateAhead(time);
     const number = this.numberAt(time), block = this.blocks[number];
     if (block === undefined) return null;
     if (block.data === null) {
@@ -235,22 +246,29 @@ export class Store {
   /** The state at an instant that the server has not read yet; null while it makes a block for it. */
   stateAhead(time) {
     const { ahead } = this;
-    if (ahead !== null && ahead.start <= time && time <= ahead.until) {
-      if (this.aheadState?.block !== ahead || this.aheadState.time > time) this.aheadState = new State(ahead);
-      this.aheadState.apply(time);
-      return this.aheadState;
+    if (!this.hasAhead(time)) {
+      this.askAhead(time);
+      return null;
     }
-    if (!this.peeking) { // one at a time: what is wanted meanwhile is asked for afterwards
-      this.peeking = true;
-      this.peeked = this.peek(time).then((data) => {
-        this.ahead = prepared(data);
-        this.ahead.until = data.until;
-      }, () => { this.peek = null; }).finally(() => {
-        this.peeking = false;
-        this.changed();
-      });
-    }
-    return null;
+    if (this.aheadState?.block !== ahead || this.aheadState.time > time) this.aheadState = new State(ahead);
+    this.aheadState.apply(time);
+    return this.aheadState;
+  }
+
+  hasAhead(time) {
+    return this.ahead !== null && this.ahead.start <= time && time <= this.ahead.until;
+  }
+
+  askAhead(time) {
+    if (this.peeking || this.hasAhead(time)) return; // one at a time: what is wanted meanwhile is asked for afterwards
+    this.peeking = true;
+    this.peek(time).then((data) => {
+      this.ahead = prepared(data);
+      this.ahead.until = data.until;
+    }, () => { this.peek = null; }).finally(() => {
+      this.peeking = false;
+      this.changed(-1);
+    });
   }
 
   /** Loaded blocks that overlap a span of time. */
@@ -278,8 +296,8 @@ export class Store {
 function prepared(data) {
   const block = { number: data.number, start: data.start, end: data.end, key: data.key, details: new Map(), scopeIndex: new Map() };
   block.held = new Set(data.key.tokens.map(([r, i, s, e]) => `${r}/${i}/${s}/${e}`)); // where tokens are at its start
-  block.columns = Object.fromEntries(COLUMNS.map((name) => [name, []]));
-  for (const name of LISTS) block[name] = [];
+  block.columns = Object.fromEntries(COLUMNS.map((name) => [name, data[name]])); // not copied: `extend` adds nothing that is there
+  for (const name of LISTS) block[name] = data[name];
   block.scopes = [];
   for (const [r, s, i, parent, opener, depth] of data.key.scopes) block.scopeIndex.set(`${r}/${s}`, { r, s, i, parent, opener, depth });
   extend(block, data);

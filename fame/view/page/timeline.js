@@ -17,6 +17,7 @@ export class Timeline {
     this.until = 1e9;
     this.shown = -1; // the instant that was shown last
     this.width = 10; // of the lanes, when they were drawn last
+    this.size = { width: 0, height: 0, scroll: 0 }; // of the box and the lanes: to ask the browser would make it lay out the page
     this.whole = true;
     this.levels = 2;
     this.rows = new Map(); // "robot/depth" -> Map element -> row
@@ -38,7 +39,10 @@ export class Timeline {
     this.painting = null; // what has been painted of it
     this.hits = [];
     this.listen();
-    new ResizeObserver(() => app.redraw()).observe(this.box);
+    new ResizeObserver(() => {
+      Object.assign(this.size, { width: this.box.clientWidth, height: this.scroller.clientHeight });
+      app.redraw();
+    }).observe(this.box);
   }
 
   // ---- where things are --------------------------------------------------------------------------
@@ -129,7 +133,7 @@ export class Timeline {
   /** `begun`: when the frame began (ms). */
   update(time, begun) {
     const { store, mission, player } = this.app;
-    this.width = Math.max(10, this.box.clientWidth - GUTTER);
+    this.width = Math.max(10, this.size.width - GUTTER);
     if (this.whole) {
       this.from = store.start;
       this.until = this.app.isLive() ? this.roomy(store.end) : this.last;
@@ -138,7 +142,6 @@ export class Timeline {
       this.from = Math.max(store.start, Math.min(time - span * before, this.last - span));
       this.until = this.from + span;
     }
-    this.shown = time;
     this.transport.total.textContent = clock(store.end);
     const missing = store.blocks.filter((block) => block.data === null).length;
     const reading = mission.reading < 1 ? `reading ${Math.round(mission.reading * 100)} %` : missing > 1 ? `loading ${Math.round((1 - missing / store.blocks.length) * 100)} %` : "";
@@ -147,20 +150,28 @@ export class Timeline {
     const lanes = this.lanes(), plotsTop = lanes.length ? lanes.at(-1).top + lanes.at(-1).height : 0, total = plotsTop + this.plots.height;
     this.spacer.style.height = `${total}px`;
     this.label(lanes, plotsTop);
+    this.axis.drawRuler();
+    this.axis.measure();
     this.follow(time);
     this.bars(lanes, plotsTop, begun);
-    this.axis.draw(time);
+  }
+
+  /** Whether an instant is in the span that is shown. */
+  has(time) {
+    return this.whole ? this.until >= time : this.from <= time && time <= this.until;
   }
 
   /** Show the instant of the cursor: what the robots do then, and the values of the plots. Bars do not depend on it. */
   follow(time) {
     const { state } = this.app;
+    this.shown = time;
     if (state !== null) (this.captions ?? []).forEach((caption, r) => {
       const text = this.app.doing(state, r);
       if (caption.textContent !== text) caption.textContent = text;
     });
     this.plots.values(time);
     this.point(time);
+    this.axis.drawOverview(time);
   }
 
   /** Show where the cursor is. */
@@ -201,17 +212,18 @@ export class Timeline {
 
   /** Bars, arrows, marks and plots, in a picture that is kept until something other than the cursor changes. */
   bars(lanes, plotsTop, frame) {
-    const { store, selected } = this.app, height = this.scroller.clientHeight, scroll = this.scroller.scrollTop;
+    const { store, selected } = this.app, { height, scroll } = this.size;
     const key = [this.from, this.until, this.width, height, scroll, selected.robot, selected.element, this.levels, isDark(), this.plots.key, window.devicePixelRatio].join();
     if (height < 2) return;
     const begun = performance.now(), same = key === this.layerKey;
-    if (!same || (this.painting === null && store.version !== this.layerVersion)) {
+    const version = `${store.version}/${store.blocks.length}`;
+    if (!same || (this.painting === null && version !== this.layerVersion)) {
       if (same && begun < this.layerPause) { // a long run is being loaded: not for each of its blocks
-        this.app.later(() => this.app.redraw(), 200);
+        this.app.soon();
         return;
       }
       this.layerKey = key;
-      this.layerVersion = store.version;
+      this.layerVersion = version;
       this.paintCost = 0;
       this.painting = this.paint(lanes, plotsTop, height, scroll);
     }
@@ -471,7 +483,10 @@ export class Timeline {
     });
     this.canvas.addEventListener("pointermove", (event) => this.hover(event));
     this.canvas.addEventListener("pointerleave", () => { this.tip.hidden = true; });
-    this.scroller.addEventListener("scroll", () => this.app.redraw());
+    this.scroller.addEventListener("scroll", () => {
+      this.size.scroll = this.scroller.scrollTop;
+      this.app.redraw();
+    });
   }
 
   wheel(event) {

@@ -86,12 +86,18 @@ export class World {
     });
     this.ways = new Map(); // robot -> {points: Float64Array-like rows [t, x, y]}
     this.waysVersion = -1;
-    new ResizeObserver(() => { this.view.resized(); app.redraw(); }).observe(this.frame);
+    this.size = { width: 0, height: 0 };
+    new ResizeObserver(([{ contentRect }]) => {
+      this.size = contentRect;
+      this.view.resized();
+      app.redraw();
+    }).observe(this.frame);
     this.frame.addEventListener("click", (event) => this.view.moved || this.clicked(event));
   }
 
   /** The ground may be known from the beginning, or come later. */
   update(state, time) {
+    this.shown = time;
     const ground = state?.world.get("ground");
     this.root.classList.toggle("absent", !ground && !(state && state.poses.size));
     if (!ground) return;
@@ -103,7 +109,7 @@ export class World {
       this.view.fit();
     }
     this.ground = ground;
-    const { width, height } = this.frame.getBoundingClientRect();
+    const { width, height } = this.size;
     if (width < 2 || height < 2) return;
     const context = sharp(this.canvas, width, height), look = COLOURS[isDark() ? "dark" : "light"];
     context.clearRect(0, 0, width, height);
