@@ -281,7 +281,25 @@ def test_the_command_serves_the_page_of_a_run_until_it_is_interrupted(tmp_path: 
         assert process.stdout is not None
         assert process.stderr is not None
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\S{24}/\n", process.stdout.readline())
-        while "The page is served until Ctrl-C" not in process.stderr.readline():
+        while "The page stays until Ctrl-C" not in process.stderr.readline():
             assert process.poll() is None
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 1
+
+
+def test_ctrl_c_ends_the_run_and_says_that_its_page_stays_until_the_next(tmp_path: Path) -> None:
+    model = tmp_path / "porter.bpmn"
+    model.write_text(PORTER, encoding="utf-8")
+    words = [sys.executable, "-m", "fame", "run", str(model), "--view", "--no-open", "--duration", "600"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        address = process.stdout.readline().strip()
+        process.send_signal(signal.SIGINT)
+        said = iter(process.stderr.readline, "")
+        assert "its page stays until you press Ctrl-C again" in next(line for line in said if line.strip())
+        assert any("The run has ended. The page stays until Ctrl-C." in line for line in said)
+        with urlopen(address) as page:
+            assert b"fame view" in page.read()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 130

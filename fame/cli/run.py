@@ -106,7 +106,7 @@ def _add_outputs(parser: ArgumentParser) -> None:
     parser.add_argument("--animate", type=Path, metavar="FILE.gif|mp4", help="make a film of the run")
     parser.add_argument(
         "--view", action="store_true",
-        help="show the run in the browser, at --speed (1), and control it there; the page is served until Ctrl-C",
+        help="show the run in the browser, at --speed (1), and control it there; Ctrl-C ends the run, and again the page",
     )  # fmt: skip
 
 
@@ -143,7 +143,7 @@ def run(arguments: Namespace) -> int:
             progress=line.show if line is not None else None,
             record=arguments.picture is not None or arguments.animate is not None,
             strict=arguments.strict,
-            on_interrupt=_note_stopping,
+            on_interrupt=_note_stopping if page is None else _note_page_stays,
             pace=page,
         )
         if page is not None:
@@ -168,6 +168,10 @@ def _print_result(arguments: Namespace, result: Result, *, reports: bool = True)
 def _note_stopping() -> None:
     """Write unbuffered: this is called in a signal handler, which may interrupt a buffered stream."""
     os.write(sys.stderr.fileno(), b"\nstopping after this step; Ctrl-C again to stop now\n")
+
+
+def _note_page_stays() -> None:
+    os.write(sys.stderr.fileno(), b"\nthe run ends after this step, and its page stays until you press Ctrl-C again\n")
 
 
 def _run_team(arguments: Namespace, scenario: Scenario) -> int:

@@ -173,7 +173,7 @@ def _serving(source: Source, arguments: Namespace) -> Iterator[None]:
 def wait_for_interrupt() -> None:
     """Wait until Ctrl-C."""
     with suppress(KeyboardInterrupt):
-        print("The run is over. The page is served until Ctrl-C.", file=sys.stderr, flush=True)
+        print("The run has ended. The page stays until Ctrl-C.", file=sys.stderr, flush=True)
         threading.Event().wait()
 
 

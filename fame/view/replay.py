@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -71,6 +72,7 @@ class Replay:
         self._recording.close()
         with self._ahead_lock:
             self._ahead.close()
+        gc.unfreeze()
 
     def wait(self) -> None:
         """Wait until everything is read."""
@@ -115,6 +117,7 @@ class Replay:
                 else:
                     self._message(message)
                 if number % 256 == 0:
+                    gc.freeze()  # blocks stay, without cycles: to search millions of values for some stops all answers
                     with self._lock:
                         self._done = max(0, len(packer.blocks) - 1)
                         self._reading = (message.time - recording.start) / length

@@ -30,7 +30,7 @@ class App {
     this.inspector = new Inspector(byId("inspector"), this);
     this.timeline = new Timeline(byId("time"), this);
     this.plots = this.timeline.plots;
-    this.store.onchange((number) => (number < 0 || number === this.store.numberAt(this.player.time) ? this.redraw() : this.soon()));
+    this.store.onchange((number) => this.loaded(number));
     this.tools();
     this.keys();
     this.waiting = false;
@@ -277,6 +277,12 @@ class App {
       this.due = Infinity;
       this.redraw();
     }, after);
+  }
+
+  /** Draw at once what the cursor waits for: the next frame then has only to paint it. */
+  loaded(number) {
+    if (this.missing !== null && (number < 0 || number === this.store.numberAt(this.player.time))) this.draw(performance.now());
+    else this.soon();
   }
 
   draw(now) {

@@ -7,6 +7,7 @@ import { after } from "./store.js";
 const TAU = 2 * Math.PI, SMALLEST = 26, MOST_NAMES = 24, LOW = 0.2;
 const LEDS = { red: "#ff1f1f", green: "#16d943", blue: "#2f6bff", yellow: "#ffd400", cyan: "#00d5e8", magenta: "#f02be0", white: "#ffffff" };
 const PARCEL = 0.3; // m
+const LEAP = 0.5, FASTEST = 20; // m and m/s: a robot that moves further and faster is put there, as where its simulation begins again
 const COLOURS = {
   light: { ground: "#f6f4ee", lines: "#e4e0d5", ink: "#2b2f36", faint: "#62676f", obstacle: "#8a9099", edge: "#5d636c", target: "#e0a100",
     targetEdge: "#7a5800", weed: "#4f9a2f", weedEdge: "#2c5d17", charger: "#1b7f8c", station: "#7b5ea7", parcel: "#c98d4b", parcelEdge: "#7a4d1f", door: "#b03a2e", stubble: "#d9cfae", paper: "#ffffff", fixture: "#d3d6da" },
@@ -60,6 +61,9 @@ function limb(outline, { limb: joints = [], jaws = -1 }) {
 
 const SYMBOLS = { drone, tractor, mh5: arm, ur5e: arm };
 
+/** Whether a robot was put from one place to the next: [ns, x, y] each. */
+const isPut = ([t0, x0, y0], [t, x, y]) => t < t0 || Math.hypot(x - x0, y - y0) > Math.max(LEAP, (FASTEST * (t - t0)) / 1e9);
+
 function roundLength(least) {
   const power = 10 ** Math.floor(Math.log10(least));
   return [1, 2, 5, 10].map((times) => times * power).find((length) => length >= least * (1 - 1e-9));
@@ -84,7 +88,6 @@ export class World {
       this.place = { x, y, scale };
       app.redraw();
     });
-    this.ways = new Map(); // robot -> {points: Float64Array-like rows [t, x, y]}
     this.waysVersion = -1;
     this.size = { width: 0, height: 0 };
     new ResizeObserver(([{ contentRect }]) => {
@@ -250,42 +253,45 @@ export class World {
       const rows = block.data?.poses;
       if (!rows) continue;
       let known = block.ways;
-      if (!known || known.rows !== rows) known = block.ways = { rows, taken: 0, by: new Map() };
+      if (!known || known.rows !== rows) known = block.ways = { rows, taken: 0, by: new Map(), last: new Map() };
       for (; known.taken < rows.length; known.taken += 1) {
-        const [t, r, pose] = rows[known.taken];
+        const [t, r, pose] = rows[known.taken], before = known.last.get(r), place = [t, pose.x, pose.y];
+        known.last.set(r, place);
         if (!known.by.has(r)) known.by.set(r, []);
-        const way = known.by.get(r), last = way.at(-1);
-        if (last === undefined || Math.hypot(pose.x - last[1], pose.y - last[2]) > 0.01) way.push([t, pose.x, pose.y]);
+        const way = known.by.get(r), last = way.at(-1), put = before !== undefined && isPut(before, place);
+        if (put || last === undefined || Math.hypot(pose.x - last[1], pose.y - last[2]) > 0.01) way.push([...place, put]);
       }
+    }
+  }
+
+  /** Go along the way of a robot until an instant: `begin` is called where it begins, also again after a gap, and `goOn` for the other places. */
+  along(r, time, begin, goOn) {
+    let last = null; // where it was before
+    for (const block of this.app.store.blocks) {
+      if (block.start > time) break;
+      if (block.data === null) last = null; // what is not loaded is not known
+      const way = block.ways?.by.get(r);
+      if (!way) continue;
+      const end = after(way, time, ([t]) => t);
+      for (let at = 0; at < end; at += 1) {
+        const [, x, y, put] = way[at];
+        if (at === 0 ? last === null || isPut(last, way[0]) : put) begin(x, y);
+        else goOn(x, y);
+      }
+      last = block.ways.last.get(r);
     }
   }
 
   drawTrails(pen, state, time) {
     this.collect();
-    const { context, at } = pen, { selected, store } = this.app;
+    const { context, at } = pen, { selected } = this.app;
     context.lineJoin = "round";
     for (const [r] of state.poses) {
       context.strokeStyle = robotColour(r);
       context.globalAlpha = selected.robot >= 0 && selected.robot !== r ? 0.2 : 0.7;
       context.lineWidth = 1.8;
       context.beginPath();
-      let begun = false;
-      for (const block of store.blocks) {
-        if (block.start > time) break;
-        const way = block.ways?.by.get(r);
-        if (!way) continue;
-        const end = after(way, time, ([t]) => t);
-        for (let place = 0; place < end; place += 1) {
-          const [x, y] = at([way[place][1], way[place][2]]);
-          if (begun) context.lineTo(x, y);
-          else context.moveTo(x, y);
-          begun = true;
-        }
-      }
-      if (begun) {
-        const pose = state.poses.get(r);
-        context.lineTo(...at([pose.x, pose.y]));
-      }
+      this.along(r, time, (x, y) => context.moveTo(...at([x, y])), (x, y) => context.lineTo(...at([x, y])));
       context.stroke();
     }
     context.globalAlpha = 1;
