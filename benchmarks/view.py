@@ -4,8 +4,8 @@
 
 Makes a recording, serves it, and measures in chromium (playwright): until the page shows the first state, jumps to
 instants that the server has not read yet, jumps once everything is loaded, and the frames of scrubbing across the whole
-run. Between two jumps there are 0.1 to 0.3 s, as between two clicks: the page goes on to load meanwhile. A jump ends when
-the browser has laid out and painted a frame in which all parts of the page that can be seen show the instant.
+run. Between two jumps there are 0.1 to 0.3 s, as between two clicks: the page goes on to load meanwhile. A jump ends
+when the browser has laid out and painted a frame in which all parts of the page that can be seen show the instant.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -14,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.request import urlopen
 
 import pytest
 from view_page import browser, eventually, opened, until
@@ -295,6 +297,7 @@ def test_ctrl_c_ends_the_run_and_says_that_its_page_stays_until_the_next(tmp_pat
         assert process.stdout is not None
         assert process.stderr is not None
         address = process.stdout.readline().strip()
+        eventually(lambda: json.load(urlopen(f"{address}mission.json"))["end"])  # it has begun
         process.send_signal(signal.SIGINT)
         said = iter(process.stderr.readline, "")
         assert "its page stays until you press Ctrl-C again" in next(line for line in said if line.strip())

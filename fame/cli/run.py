@@ -106,7 +106,7 @@ def _add_outputs(parser: ArgumentParser) -> None:
     parser.add_argument("--animate", type=Path, metavar="FILE.gif|mp4", help="make a film of the run")
     parser.add_argument(
         "--view", action="store_true",
-        help="show the run in the browser, at --speed (1), and control it there; Ctrl-C ends the run, and again the page",
+        help="show the run in the browser, at --speed (1), and control it there; Ctrl-C ends the run, then its page",
     )  # fmt: skip
 
 

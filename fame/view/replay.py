@@ -113,7 +113,9 @@ class Replay:
                     if not packer.begun or message.data.startswith(_GAPS):
                         packer.put(KEY, message.time - first, shift_times(KEY, _content(message), -first))
                 elif message.topic in _OWN:
-                    packer.put(message.topic, message.time - first, shift_times(message.topic, _content(message), -first))
+                    packer.put(
+                        message.topic, message.time - first, shift_times(message.topic, _content(message), -first)
+                    )
                 else:
                     self._message(message)
                 if number % 256 == 0:
