@@ -95,3 +95,14 @@ def test_a_carrier_that_hears_no_award_takes_the_parcel_for_not_its_own(mission:
     m.expect("Carrier_1").passed("3 s").before("not mine")
     assert m.run.network is not None
     assert "the network lost 1 message on /parcel_awarded from Dispatcher to Carrier_1" in m.run.network.losses()
+
+
+def test_a_parcel_that_nobody_accepts_is_offered_again(mission: MissionLoader) -> None:
+    """The award comes after 4 s, when the carrier has given up waiting for it."""
+    cut = NetworkConfig(partitions=(Partition(("Dispatcher", "Carrier_1"), 0.5, 4),))
+    m = hall(mission, (1, 1), network=cut)
+    m.stub("NavigateThroughPoses", after=5)
+    m.run_until("Dispatcher", at="Flow_NoReply_Again")
+    m.expect("Dispatcher").completed(within=400)
+    m.expect("Carrier_1").passed("3 s").before("parcel_accepted")
+    assert sorted(said.value for said in m.published("/parcel_delivered")) == [f"parcel_{n}" for n in range(1, 7)]
