@@ -192,8 +192,16 @@ class _Process:
             self.flow(end, begin)
 
 
-def text_of(robots: dict[str, Steps], several: Sequence[str] = (), accept: dict[str, str] | None = None) -> str:
-    """A collaboration as BPMN text; `several` names multi-instance pools, `accept` gives that property to robots."""
+def text_of(
+    robots: dict[str, Steps],
+    several: Sequence[str] = (),
+    accept: dict[str, str] | None = None,
+    single: Sequence[str] = (),
+) -> str:
+    """A collaboration as BPMN text; `several` names multi-instance pools, `accept` gives that property to robots.
+
+    `single` names robots that run one instance at a time, and drop further triggers.
+    """
     declared = " ".join(f'xmlns{":" if prefix else ""}{prefix}="{uri}"' for prefix, uri in NAMESPACES.items())
     processes, pools, signals = [], [], set[str]()
     for robot, steps in robots.items():
@@ -208,9 +216,10 @@ def text_of(robots: dict[str, Steps], several: Sequence[str] = (), accept: dict[
         if end is not None:
             made.flow(end, made.node("endEvent", "", "", "end"))
         signals |= made.signals
-        kept = (accept or {}).get(robot, "")
-        extra = (f'<extensionElements><camunda:properties><camunda:property name="accept" value="{kept}"/>'
-                 "</camunda:properties></extensionElements>" if kept else "")  # fmt: skip
+        given = {"accept": (accept or {}).get(robot, ""), "instances": "1" if robot in single else ""}
+        kept = "".join(f'<camunda:property name="{name}" value="{value}"/>' for name, value in given.items() if value)
+        extra = (f"<extensionElements><camunda:properties>{kept}</camunda:properties></extensionElements>"
+                 if kept else "")  # fmt: skip
         processes.append(f'<process id="P_{robot}" isExecutable="true">{extra}{"".join(made.text)}</process>')
         many = '<participantMultiplicity minimum="2"/>' if robot in several else ""
         pools.append(f'<participant id="Pool_{robot}" name="{robot}" processRef="P_{robot}">{many}</participant>')
@@ -220,9 +229,14 @@ def text_of(robots: dict[str, Steps], several: Sequence[str] = (), accept: dict[
             f'targetNamespace="http://fame">{named}{team}{"".join(processes)}</definitions>')  # fmt: skip
 
 
-def team(robots: dict[str, Steps], several: Sequence[str] = (), accept: dict[str, str] | None = None) -> Definitions:
+def team(
+    robots: dict[str, Steps],
+    several: Sequence[str] = (),
+    accept: dict[str, str] | None = None,
+    single: Sequence[str] = (),
+) -> Definitions:
     """A collaboration as FAME reads it."""
-    return fame.read(text_of(robots, several, accept).encode())
+    return fame.read(text_of(robots, several, accept, single).encode())
 
 
 # ---- known collaborations --------------------------------------------------------------------------------------------
@@ -255,7 +269,22 @@ def _lend(fork: int, first: int, second: int) -> Steps:
             f"queue take{fork}by{second}", f"throw given{fork}to{second}", f"queue back{fork}"]  # fmt: skip
 
 
-def generated(seed: int, *, size: int = 3) -> dict[str, Steps]:
+SETS = ("n = 0", "n = 1")
+LISTS = ("n = len(xs) % 3", "m = n", "xs = []", "xs.append(n)", "xs += [m]", "m = xs[-1] if xs else 0", "n, m = m, n",
+         "seen[n] = m", "m = seen.get(n, 0)", "n += 1; n %= 2", "y = xs; y.append(1)")  # fmt: skip
+"""Scripts whose variables become dead, are counted, share a list, or decide nothing."""
+TESTS = ("n == 1", "len(xs) > 1", "m == n", "sum(seen.values()) > 0")
+
+
+def with_lists(seed: int) -> dict[str, Steps]:
+    """A collaboration made at random in which robots have lists and mappings."""
+    made = generated(seed, scripts=LISTS, conditions=TESTS)
+    return {robot: [f"run {'; '.join(('m = 0', 'xs = []', 'seen = {}'))}", *steps] for robot, steps in made.items()}
+
+
+def generated(
+    seed: int, *, size: int = 3, scripts: Sequence[str] = SETS, conditions: Sequence[str] = ("n == 1",)
+) -> dict[str, Steps]:
     """A collaboration made at random: two or three robots, three signals, one variable each, a few steps."""
     random = Random(seed)
     signals = ["a", "b", "c"]
@@ -272,13 +301,14 @@ def generated(seed: int, *, size: int = 3) -> dict[str, Steps]:
             case "timer":
                 return "timer PT5S"
             case "set":
-                return f"run n = {random.randint(0, 1)}"
+                return f"run {scripts[random.randint(0, len(scripts) - 1)]}"
             case "count":
                 return "run n = (n + 1) % 3"
             case "and" | "or":
                 return (kind, steps(depth + 1), steps(depth + 1))
             case "if":
-                return ("if", "n == 1", steps(depth + 1), steps(depth + 1))
+                condition = conditions[random.randint(0, len(conditions) - 1)] if len(conditions) > 1 else conditions[0]
+                return ("if", condition.replace(">", "&gt;"), steps(depth + 1), steps(depth + 1))
             case "race":
                 return ("race", [f"catch {random.choice(signals)}", *steps(depth + 1)], ["timer PT9S"])
             case _:

@@ -298,7 +298,16 @@ def test_an_unknown_value_may_be_unpacked() -> None:
 
 
 @pytest.mark.parametrize(
-    "change", ["known[robot.now] = 1", "other = known; other[robot.now] = 1", "known.update({robot.now: 1})"]
+    "change",
+    [
+        "known[robot.now] = 1",
+        "other = known; other[robot.now] = 1",
+        "known.update({robot.now: 1})",
+        "import operator; operator.setitem(known, robot.now, 1)",
+        "import functools; functools.reduce(dict.update, [known, {1: 1}])",
+        "known.unheard_of(1)",
+        "[part.change() for part in (known, robot.now)]",
+    ],
 )
 def test_what_a_script_changes_in_place_is_unknown_if_it_cannot_be_run(change: str) -> None:
     steps: Steps = ["run known = {}", f"run {change}", ("if", "len(known) > 0", ["work"], ["work"])]
@@ -318,3 +327,66 @@ def test_a_single_fault_is_not_followed_by_another_one() -> None:
     result = explore("models/ground_vehicles.bpmn", faults=True, delivery="run")
     outcomes = {name: outcome for search in result.searches for name, _, outcome in search.faults}
     assert outcomes['REX\'s "Go To" (Activity_Explore_GoTo) never ends'] == "the others complete"
+
+
+def test_a_number_stays_known_whatever_function_it_is_given_to() -> None:
+    steps: Steps = ["run n = 1", "run import heapq; heap = []; heapq.heappush(heap, n)", ("if", "n == 1", [], ["work"])]
+    (one,) = explore(team({"A": steps}), delivery="run").findings
+    assert one.kind == "unreachable"
+
+
+JAVASCRIPT = process(
+    """
+    <startEvent id="Start"/>
+    <scriptTask id="Make" scriptFormat="python"><script>items = []\ncount = 0</script></scriptTask>
+    <scriptTask id="Change" scriptFormat="javascript"><script>
+      const items = this.environment.variables.items; CHANGE; next();
+    </script></scriptTask>
+    <exclusiveGateway id="Any" default="Any_No"/>
+    <endEvent id="Yes"/><endEvent id="No"/>
+    <sequenceFlow id="Start_Make" sourceRef="Start" targetRef="Make"/>
+    <sequenceFlow id="Make_Change" sourceRef="Make" targetRef="Change"/>
+    <sequenceFlow id="Change_Any" sourceRef="Change" targetRef="Any"/>
+    <sequenceFlow id="Any_Yes" sourceRef="Any" targetRef="Yes">
+      <conditionExpression>len(items) > count</conditionExpression>
+    </sequenceFlow>
+    <sequenceFlow id="Any_No" sourceRef="Any" targetRef="No"/>
+    """
+)
+
+
+@pytest.mark.parametrize("change", ["items.push(1)", "items[0] = 1", "items.first = 1"])
+def test_what_javascript_changes_in_place_is_unknown(change: str) -> None:
+    result = explore(fame.read(JAVASCRIPT.replace("CHANGE", change).encode()), delivery="run")
+    assert not result.findings  # neither end is called unreachable
+
+
+def test_a_name_is_known_though_a_cost_is_not() -> None:
+    """Who wins by the lowest bid is unknown, but it is one of those that have bidden."""
+    bids = "run bids = {'A': x, 'B': abs(x)}"
+    steps: Steps = ["run x = robot.now", bids, "run best = min(sorted(bids), key=lambda name: bids[name])"]
+    steps += [("if", "best == 'A'", ["work"], [("if", "best == 'B'", ["work"], ["run raise ValueError"])])]
+    assert {one.kind for one in explore(team({"R": steps}), delivery="run").findings} == {"unreachable"}
+
+
+@pytest.mark.parametrize(
+    "number", ["math.hypot(x, 1)", "math.dist((x, 0), (1, 1))", "float(x)", "int(x) + 7", "round(x)"]
+)
+def test_what_is_computed_from_something_unknown_is_unknown(number: str) -> None:
+    steps: Steps = ["run x = robot.now", f"run name = 'a'; y = {number}", ("if", "y == 5", ["work"], ["work"])]
+    steps += [("if", "name == 'a'", [], ["work"])]
+    (one,) = explore(team({"R": steps}), delivery="run").findings
+    assert one.kind == "unreachable"  # the name is known
+
+
+@pytest.mark.parametrize("carriers", [1, 2, 3])
+def test_the_warehouse_completes_from_every_state(carriers: int) -> None:
+    result = explore("examples/warehouse.yaml", robots={"Carrier": carriers})
+    assert result.exhaustive
+    assert [one.kind for one in result.findings if one.level != "note"] == ["dropped"]
+
+
+def test_an_award_that_is_lost_leaves_nobody_waiting() -> None:
+    result = explore("models/warehouse.bpmn", robots={"Carrier": 1}, delivery="run", faults=True)
+    outcomes = {name: outcome for search in result.searches for name, _, outcome in search.faults}
+    assert outcomes["/parcel_awarded to Carrier_1 is lost"] == "the others complete"

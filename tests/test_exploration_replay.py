@@ -66,6 +66,19 @@ def test_philosophers(delivery: str, tmp_path: Path) -> None:
     mission.close()
 
 
+def test_an_award_to_somebody_who_waits_no_more(tmp_path: Path) -> None:
+    """The fault that the warehouse had: nobody accepts the parcel, and the dispatcher waits for its delivery."""
+    bidder: Steps = ["start offer", "throw bid", ("race", ["catch award", "throw done"], ["timer PT3S", "end"])]
+    dispatcher: Steps = ["throw offer", "queue bid", "timer PT1S", "throw award", "catch done"]
+    model = team({"Dispatcher": dispatcher, "Carrier": bidder})
+    (finding,) = failing(explore(model, delivery="run"))
+    assert any("misses /award" in str(step) for step in finding.run)
+    mission = played(model, finding, tmp_path)
+    assert mission.skipped == []
+    assert running(mission) == set(finding.robots) == {"Dispatcher"}
+    mission.close()
+
+
 def test_a_mended_mission_completes_along_the_same_run(tmp_path: Path) -> None:
     broken: dict[str, Steps] = {"A": ["throw go", "catch done"], "B": ["work", "catch go", "throw done"]}
     (finding,) = failing(explore(team(broken), delivery="run"))

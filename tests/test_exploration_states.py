@@ -16,7 +16,8 @@ from fame.check.explore.local import Local
 from fame.scenario.exploration import cast_of
 
 MODELS = Path(__file__).parent.parent / "models"
-MISSIONS = ("ground_vehicles", "agriculture", "agriculture_resilient", "convoy", "shuttle", "reassembly", "sabotage")
+MISSIONS = ("ground_vehicles", "agriculture", "agriculture_resilient", "convoy", "shuttle", "reassembly", "sabotage",
+            "warehouse")  # fmt: skip
 
 
 def explored(model: str | Path | Definitions, delivery: str = "any", limit: int = 2_000) -> list[Local]:

@@ -178,6 +178,11 @@ class Contents:
                 return self._number(merged)
         return self._numbered(content.layout, tuple(codes)) if changes else number
 
+    def forgotten(self, number: int, names: Collection[str], code: Hashable, removed: Collection[str] = ()) -> int:
+        """The number of a content in which variables have that code, as far as they are set, and others are removed."""
+        changes = [(name, code) for name in names if name in self._contents[number].layout.places]
+        return self.changed(number, (*changes, *((name, None) for name in removed)))
+
     def _as_dict(self, number: int) -> dict[str, Hashable]:
         content = self._contents[number]
         return dict(zip(content.layout.names, content.codes, strict=True))

@@ -168,7 +168,7 @@ class StandInHost(ExplorationHost):
     def on_the_wire(self, type: str, value: Any, stands_for: Any) -> Message:
         """A message without unknown values, that stands for another one."""
         try:
-            plain = messages.create(type, None if value is UNDEFINED else value)
+            plain = messages.create(type, None if value is UNDEFINED or _has_unknown(value) else value)
         except FameError:
             plain = messages.create(type)
         if _has_unknown(plain):
@@ -209,11 +209,13 @@ class StandInHost(ExplorationHost):
 
 
 def _has_unknown(value: Any) -> bool:
-    """Whether something in a message is unknown."""
+    """Whether something in a message or payload is unknown."""
     if is_dataclass(value):
         return any(_has_unknown(getattr(value, field.name)) for field in fields(value))
     if isinstance(value, list | tuple):
         return any(map(_has_unknown, value))
+    if isinstance(value, dict):
+        return any(map(_has_unknown, value.values()))
     return isinstance(value, Unknown)
 
 

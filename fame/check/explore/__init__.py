@@ -4,9 +4,12 @@
 
     exploration     a team and its searches; the result
     abstraction     what is left out of a model: work inside behaviours, variables that decide nothing
+    slicing         statements of scripts that decide nothing
+    script_effects  what scripts change
     purity          which scripts are executed
     values          known values by number, and the unknown one
     host            the host of an explored engine
+    liveness        variables that nothing reads any more
     local           the transitions of one robot, computed by the engine and cached
     running_states  states of running robots, to explore from
     product         the states of the team: local states, messages in transit

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, fields, replace
 
 from fame.bpmn import model
@@ -16,12 +16,13 @@ from fame.bpmn.library import Library
 from fame.bpmn.pools import Pool
 from fame.bpmn.topics import TopicUse, topics_of
 from fame.check.events import raised_codes
+from fame.check.explore.script_effects import list_uses, may_change, script_writes, without_items
 from fame.check.explore.semantics import with_counts, with_time
+from fame.check.explore.slicing import assignments, links, sliced, unknown_part, without_operations
 from fame.check.expressions import cover_all, expressions_in, names_of
 from fame.engine.data import variable_name
 from fame.errors import FameError
-from fame.scripting import code_names, script_topics
-from fame.scripting.python import parse_python
+from fame.scripting import script_topics
 
 Home = tuple[model.Definitions, model.Process]
 STEP = "explored step "
@@ -34,12 +35,14 @@ TIMED = f"{STEP}task"
 class Step:
     """Something that takes time: a behaviour, a service, or a script that waits.
 
-    writes  variables that are unknown afterwards
-    codes   error codes that it may raise
-    emits   (topic, whether it is certain): what it has published when it ends
+    writes   variables that are unknown afterwards
+    changes  those that are, unless their values are of a kind that cannot be changed
+    codes    error codes that it may raise
+    emits    (topic, whether it is certain): what it has published when it ends
     """
 
     writes: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
     codes: tuple[str, ...] = ()
     emits: tuple[tuple[str, bool], ...] = ()
 
@@ -54,6 +57,9 @@ class Abstraction:
     steps    what each step does, by its name
     kept     pool -> its variables that decide something
     matters  topics whose payload decides something
+    counted  variables with lists of which only the length is read
+    unknown  variables whose values are certainly unknown
+    needed   variables without which a script or expression that decides something could not run; None: not yet known
     timed    plain and send tasks take time
     once     a second token that comes to an end event of a process fails
     """
@@ -65,6 +71,9 @@ class Abstraction:
     steps: dict[str, Step] = field(default_factory=dict)
     kept: dict[str, frozenset[str]] = field(default_factory=dict)
     matters: set[str] = field(default_factory=set)
+    counted: frozenset[str] = frozenset()
+    unknown: frozenset[str] = frozenset()
+    needed: frozenset[str] | None = None
     timed: bool = False
     once: bool = False
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
@@ -78,6 +87,10 @@ class Abstraction:
             body = self._body(process.body, home)
             self._reduced[key] = replace(process, body=with_counts(body) if self.once else body)
         return self._reduced[key]
+
+    def forget(self) -> None:
+        """Make the processes anew: what is known of the team has changed."""
+        self._reduced.clear()
 
     def find(self, name: str, file: str, call: model.CallActivity) -> tuple[model.Process, str]:
         """The library of the compiler: a called process that is not a step."""
@@ -102,6 +115,7 @@ class Abstraction:
 
     def _body(self, body: model.Body, home: model.Definitions) -> model.Body:
         nodes: list[model.FlowNode] = []
+        caught = {node.attached_to for node in body.nodes if isinstance(node, model.Event)}
         for node in body.nodes:
             if isinstance(node, model.SubProcess):
                 node = replace(node, body=self._body(node.body, home))
@@ -109,12 +123,19 @@ class Abstraction:
                 node = self._call(node, body, home)
             elif isinstance(node, model.Gateway):
                 node = _with_way_out(node, body)
+            elif isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
+                node = replace(node, script=self._script(node.script, node.id in caught))
             nodes.append(node)
         made = replace(body, nodes=tuple(nodes))
         if self.timed:
             self.steps.setdefault(TIMED, Step())
             made = with_time(made, TIMED)
         return made
+
+    def _script(self, script: model.Expression, caught: bool) -> model.Expression:
+        """A script without what decides nothing; `caught`: what it raises may decide something."""
+        script = without_operations(without_items(script, self.counted), self.unknown)
+        return script if caught or self.needed is None else sliced(script, self.needed)
 
     def _call(self, call: model.CallActivity, body: model.Body, home: model.Definitions) -> model.FlowNode:
         try:
@@ -125,13 +146,14 @@ class Abstraction:
         if any(topic in self.shared for there, process in closure for topic in _topics(there, process)):
             return call
         writes = {name for _, process in closure for name in _writes(process)}
-        outputs: tuple[model.Assignment, ...] = ()
+        changes = {name for _, process in closure for name in _may_change(process)}
         if call.io is not None:
-            outputs = call.io.outputs
-            writes = {item.target for item in outputs} if not call.io.all_out else writes
+            if changes and not call.io.all_in:  # of what it is given
+                changes = {name for item in call.io.inputs for name in names_of(item.source)[0]}
+            writes = {item.target for item in call.io.outputs} if not call.io.all_out else writes
         codes = step_codes(call, _thrown_in(self.library, *called, set()), body)
         name = f"{STEP}{home.file} {call.id}"
-        self.steps[name] = Step(tuple(sorted(writes)), codes)
+        self.steps[name] = Step(tuple(sorted(writes)), tuple(sorted(changes)), codes)
         kept = {item.name: getattr(call, item.name) for item in fields(model.Activity)}
         kept |= {"io": None, "copies_out": (), "required": ()}
         return model.Task(kind="service", operation=name, **kept)
@@ -145,8 +167,12 @@ def abstraction(
     *,
     timed: bool = False,
     once: bool = False,
+    given: bool = False,
 ) -> Abstraction:
-    """The abstraction of a team; options as of `Abstraction`. Raises ModelError for calls of unknown processes."""
+    """The abstraction of a team; options as of `Abstraction`. Raises ModelError for calls of unknown processes.
+
+    `given`: some robots go on from snapshots, so that variables may have values which nothing in the model gives them.
+    """
     thrown, caught = set[str](), set[str]()
     for pool in pools:
         for home, process in library.closure(definitions, pool.process):
@@ -155,6 +181,12 @@ def abstraction(
     found = Abstraction(library, types, timed=timed, once=once)
     found.shared = frozenset(topic for topic in thrown & caught if topic[0] == "/")
     found.outside = frozenset(topic for topic in caught if topic[0] == "~" or topic not in thrown)
+    processes = {id(one): one for pool in pools for _, one in library.closure(definitions, pool.process)}
+    found.counted = _counted(processes.values())
+    found.unknown = frozenset() if given else _unknown(processes.values(), found.outside - thrown)
+    bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
+    found.needed = _needed(found, [body for inside in bodies.values() for body in inside])
+    found.forget()
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
     _keep_what_decides(found, bodies)
     return found
@@ -213,54 +245,21 @@ def _writes(process: model.Process) -> Iterator[str]:
         for topic, throws in topics_of(node):
             if not throws:
                 yield from taken(node, topic, process.body)
-    for body in (process.body, *(node.body for node in process.body.walk() if isinstance(node, model.SubProcess))):
+    for body in _bodies_of(process):
         for item in body.data_objects:
             yield from item.names
 
 
-def script_writes(script: model.Expression) -> frozenset[str]:
-    """The variables that a script sets or changes in place, functions and modules included."""
-    try:
-        return names_of(script, True)[1] | code_names(script) | _changed_in_place(script)
-    except FameError:
-        return frozenset()
+def _may_change(process: model.Process) -> Iterator[str]:
+    """The variables whose values a called process may change in place."""
+    for node in process.body.walk():
+        if isinstance(node, model.Task) and node.script is not None:
+            yield from script_writes(node.script) | may_change(node.script)
 
 
-def _changed_in_place(script: model.Expression) -> frozenset[str]:
-    """The variables whose lists, mappings or objects a script in Python may change.
-
-    A name that the script sets to a part of something else may stand for a part of anything that it reads.
-    """
-    if script.language != "python":
-        return frozenset()
-    changed, parts = set[str](), set[str]()
-    for node in ast.walk(parse_python(script)):
-        if isinstance(node, ast.Subscript | ast.Attribute) and not isinstance(node.ctx, ast.Load):
-            changed |= _root(node)
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in _CHANGING:
-            changed |= _root(node.func.value)
-        elif isinstance(node, ast.For):
-            parts |= {name.id for name in ast.walk(node.target) if isinstance(name, ast.Name)}
-        elif isinstance(node, ast.Assign) and not isinstance(node.value, _NEW):
-            parts |= {name.id for target in node.targets for name in ast.walk(target) if isinstance(name, ast.Name)}
-    reads = names_of(script, True)[0]
-    return reads if changed & parts else reads & changed
-
-
-def _root(node: ast.AST) -> set[str]:
-    """The variable that an attribute or item belongs to."""
-    while isinstance(node, ast.Subscript | ast.Attribute):
-        node = node.value
-    return {node.id} if isinstance(node, ast.Name) else set()
-
-
-_NEW = (ast.List, ast.Dict, ast.Set, ast.ListComp, ast.DictComp, ast.SetComp, ast.Constant, ast.BinOp, ast.JoinedStr)
-"""Expressions whose value is no part of another one."""
-_CHANGING = frozenset(
-    ("add", "append", "appendleft", "clear", "discard", "extend", "extendleft", "insert", "pop", "popitem", "popleft",
-     "remove", "reverse", "rotate", "setdefault", "sort", "update")
-)  # fmt: skip
-"""Methods that change a list, mapping, set or deque."""
+def _bodies_of(process: model.Process) -> tuple[model.Body, ...]:
+    """The body of a process and those of its sub-processes."""
+    return (process.body, *(node.body for node in process.body.walk() if isinstance(node, model.SubProcess)))
 
 
 def taken(node: model.FlowNode, topic: model.Topic, body: model.Body) -> tuple[str, ...]:
@@ -338,6 +337,33 @@ class _Flow:
     takes: list[tuple[str, frozenset[str], frozenset[str]]] = field(default_factory=list)  # topic, reads, targets
 
 
+def _needed(found: Abstraction, bodies: Sequence[model.Body]) -> frozenset[str]:
+    """What `_keep_what_decides` will keep of any pool, if each statement of a script is looked at by itself."""
+    names, matters = set[str](), set[str]()
+    flow = _flow_of(found, bodies, divided=True)
+    grew = True
+    names |= flow.needed
+    while grew:
+        before = len(names) + len(matters)
+        _follow(flow, names, matters)
+        grew = len(names) + len(matters) > before
+    return frozenset(names)
+
+
+def _follow(flow: _Flow, names: set[str], matters: set[str]) -> None:
+    """Add what leads to these variables, and the topics whose payloads do."""
+    for reads, writes in flow.links:
+        if writes & names:
+            names |= reads
+    for topic, reads, targets in flow.takes:
+        if targets & names:
+            matters.add(topic)
+            names |= reads - {"msg"}
+    for topic, reads in flow.payloads:
+        if topic in matters:
+            names |= reads
+
+
 def _keep_what_decides(found: Abstraction, bodies: Mapping[str, Sequence[model.Body]]) -> None:
     """A variable decides something if a condition, a time, a loop or a script that throws reads it, or leads to one."""
     flows = {pool: _flow_of(found, inside) for pool, inside in bodies.items()}
@@ -346,22 +372,13 @@ def _keep_what_decides(found: Abstraction, bodies: Mapping[str, Sequence[model.B
     while grew:
         before = sum(map(len, kept.values())) + len(found.matters)
         for pool, flow in flows.items():
-            names = kept[pool]
-            for reads, writes in flow.links:
-                if writes & names:
-                    names |= reads
-            for topic, reads, targets in flow.takes:
-                if targets & names:
-                    found.matters.add(topic)
-                    names |= reads - {"msg"}
-            for topic, reads in flow.payloads:
-                if topic in found.matters:
-                    names |= reads
+            _follow(flow, kept[pool], found.matters)
         grew = sum(map(len, kept.values())) + len(found.matters) > before
     found.kept = {pool: frozenset(names) for pool, names in kept.items()}
 
 
-def _flow_of(found: Abstraction, bodies: Sequence[model.Body]) -> _Flow:
+def _flow_of(found: Abstraction, bodies: Sequence[model.Body], *, divided: bool = False) -> _Flow:
+    """How values flow; `divided`: in each statement of a script that is not taken as a whole."""
     flow = _Flow()
     for body in bodies:
         for use in expressions_in(body):
@@ -376,7 +393,11 @@ def _flow_of(found: Abstraction, bodies: Sequence[model.Body]) -> _Flow:
                     loud = set(emitted(use.expression)) & (found.shared | found.types.keys())
                     if loud or any(word in use.expression.text for word in ("raise", "throw", "assert", "signal(")):
                         flow.needed |= use.reads
-                    flow.links.append((use.reads, use.writes))
+                    whole = (use.reads, use.writes | script_writes(use.expression))
+                    caught = any(
+                        isinstance(node, model.Event) and node.attached_to == use.element.id for node in body.nodes
+                    )
+                    flow.links += links(use.expression) if divided and not caught else (whole,)
         for node in body.nodes:
             _flow_of_topics(flow, node, body)
             if isinstance(node, model.Activity) and isinstance(node.loop, model.MultiInstance):
@@ -396,3 +417,67 @@ def _flow_of_topics(flow: _Flow, node: model.FlowNode, body: model.Body) -> None
         elif not throws:
             reads = frozenset(name for item in topic.takes for name in names_of(item.source)[0])
             flow.takes.append((topic.qualified, reads, frozenset(taken(node, topic, body)) | names))
+
+
+def _counted(processes: Iterable[model.Process]) -> frozenset[str]:
+    """The variables with lists of which only the length is read: what they contain decides nothing."""
+    counted, others = set[str](), set[str]()
+    for process in processes:
+        for body in _bodies_of(process):
+            for use in expressions_in(body):
+                if use.expression.language == "python":
+                    found = list_uses(use.expression, script=use.use == "script")
+                    counted |= found[0]
+                    others |= found[1]
+                else:
+                    others |= use.reads | use.writes
+            others |= {name for node in body.nodes for name in _set_by(node, body)}
+    return frozenset(counted - others)
+
+
+def _set_by(node: model.FlowNode, body: model.Body) -> Iterator[str]:
+    """The variables that an element uses besides its texts."""
+    yield from (item.target for item in (*node.copies_in, *node.copies_out))
+    if isinstance(node, model.Event | model.Activity) and node.io is not None:
+        yield from (item.target for item in (*node.io.inputs, *node.io.outputs))
+    if isinstance(node, model.Activity) and isinstance(node.loop, model.MultiInstance):
+        yield from (node.loop.output_collection, node.loop.element_variable)
+    if isinstance(node, model.Task):
+        yield node.result_variable
+        yield from (name for key, source in node.keys for name in (key, *names_of(source)[0]))
+    for one in getattr(node, "definitions", ()):
+        if isinstance(one, model.MessageDefinition):
+            yield from (name for key, source in one.keys for name in (key, *names_of(source)[0]))
+        elif isinstance(one, model.ErrorDefinition | model.EscalationDefinition):
+            yield one.code_variable or ""
+    for topic, throws in topics_of(node):
+        if not throws:
+            yield from taken(node, topic, body)
+            yield from (name for item in topic.takes for name in names_of(item.source)[0])
+
+
+def _unknown(processes: Iterable[model.Process], outside: Set[str]) -> frozenset[str]:
+    """The variables that only hold what comes from outside of the team, or what is computed from it."""
+    values = defaultdict[str, list[ast.expr | None]](list)  # None: a value that may be known
+    sources = set[str]()
+    for process in processes:
+        for body in _bodies_of(process):
+            for item in body.data_objects:
+                for name, value in item.values:
+                    values[name] += [] if value.text in ("", f"${{{name}}}") else [None]
+            for node in body.nodes:
+                if isinstance(node, model.Task) and node.script is not None:
+                    for name, assigned in assignments(node.script):
+                        values[name].append(assigned)
+                sensed = {variable_name(topic.name) for topic, throws in topics_of(node)
+                          if not throws and topic.qualified in outside and not topic.takes}  # fmt: skip
+                sources |= sensed
+                for name in _set_by(node, body):
+                    values[name] += [] if name in sensed else [None]
+    found = {name for name in sources if not values[name]}
+    while grown := {
+        name for name, all_values in values.items() if all_values and name not in found
+        and all(one is not None and unknown_part(one, found) is not None for one in all_values)
+    }:  # fmt: skip
+        found |= grown
+    return frozenset(found)

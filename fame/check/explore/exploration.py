@@ -160,7 +160,7 @@ class Team:
         self.pools = list({pool.name: pool for pool in cast.values()}.values())
         types = dict(shared_topics(definitions, self.pools, library))
         self.model: Abstraction = abstraction(
-            definitions, self.pools, library, types, timed=request.timed, once=request.once
+            definitions, self.pools, library, types, timed=request.timed, once=request.once, given=bool(snapshots)
         )
         self.values = Values()
         self.robots: tuple[str, ...] = tuple(cast)
@@ -239,7 +239,10 @@ class Team:
         )  # fmt: skip
         product = Product(self.robots, self.locals, options)
         if request.reduced:
-            product.reduction = Reduction(product).moves
+            reduction = Reduction(product)
+            product.reduction = reduction.moves
+            if not faults and not request.weak:  # a fault may happen between, and a loop may be there
+                product.shortcuts, product.path = reduction.ends, reduction.path
         if faults:
             product.add_faults = Faults(product).add
         explored = product.explore()

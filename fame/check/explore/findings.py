@@ -151,7 +151,12 @@ class Report:
         """The fault with the robot by its name in the run to a state: equal robots change places."""
         steps, after = self.runs.to(at)
         states = self.explored.states
-        happened = (step for step, one in zip(steps, after, strict=True) if self.product.fault_of(states[one]))
+        happened = (
+            step
+            for step, one in zip(steps, after, strict=True)
+            for number in one
+            if self.product.fault_of(states[number])
+        )
         kind, who, *details = fault
         robot = next((step.robot for step in happened if step.kind in ("die", "block", "fail", "loss")), who)
         return (kind, who, robot) if kind == "message" else (kind, robot, *details)
@@ -212,7 +217,7 @@ class Report:
         state = self.explored.states[at]
         steps, after = self.runs.to(at)
         names = self.runs.names(at)
-        doomed = next((number for number, one in enumerate(after) if one >= 0 and not good[one]), None)
+        doomed = next((number for number, one in enumerate(after) if one and not any(good[each] for each in one)), None)
         waits = waiting(self.product, state)
         topics = {topic for _, found in waits for _, topic in found if topic}
         missed = [step.detail for step in steps if step.kind == "miss" and step.detail in topics]

@@ -6,6 +6,7 @@ be computed leave unknown variables. Methods without a docstring are those of `f
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -14,9 +15,10 @@ from typing import Any
 from fame.bpmn.model import Expression, Task
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
 from fame.check.events import raised_codes
-from fame.check.explore.abstraction import Step, emitted, script_writes
+from fame.check.explore.abstraction import Step, emitted
 from fame.check.explore.purity import STEPS, is_certain, is_computable, waits
-from fame.check.explore.values import UndecidableError, Values
+from fame.check.explore.script_effects import may_change, script_writes
+from fame.check.explore.values import UndecidableError, Values, is_fixed, numbers_of
 from fame.engine import UNDEFINED, Engine, Instance
 from fame.engine.host import BpmnError
 from fame.engine.state import Trail
@@ -107,6 +109,7 @@ class ExplorationHost:
         for use in types.values():  # classes of messages are made once, which takes as long as many steps
             self._blank_of(use.type)
         self._interface = interface(robot=self._stub(), signal=self._signal, log=lambda level, text: None, budget=STEPS)
+        self._interface |= numbers_of(values.unknown)
         self.reset()
 
     def reset(self) -> None:
@@ -147,6 +150,8 @@ class ExplorationHost:
             return self._python(run, script_names(expression)[0], element)
         run = compile_expression(expression, file=file, element=element)
         reads = script_names(expression)[0]
+        if expression.language == "payload":
+            return self._checked(run, reads, element, open_to=_inserted_whole(expression.text))
         return self._checked(run, reads, element, text=expression.language == "template")
 
     def _uncomputed(self, element: str) -> Callable[..., Any]:
@@ -172,13 +177,16 @@ class ExplorationHost:
 
         return evaluate
 
-    def _checked(self, run: Callable[..., Any], reads: Set[str], element: str, *, text: bool) -> Callable[..., Any]:
-        """An expression of a language that does not know unknown values."""
-        unknown, number = self.values.unknown, self.values.number
+    def _checked(
+        self, run: Callable[..., Any], reads: Set[str], element: str, *,
+        text: bool = False, open_to: Set[str] = frozenset(),
+    ) -> Callable[..., Any]:  # fmt: skip
+        """An expression of a language that does not know unknown values, except of variables that it only inserts."""
+        unknown, number, closed = self.values.unknown, self.values.number, reads - open_to
 
         def evaluate(variables: dict[str, Any]) -> Any:
             self.place = element
-            for name in reads:
+            for name in closed:
                 value = variables.get(name)
                 if value is unknown or (value is not None and not number(value)):
                     return str(unknown) if text else unknown
@@ -194,9 +202,10 @@ class ExplorationHost:
             running = Running(step)
             return lambda variables: running
         quiet = not step.emits and not step.codes and "signal" not in script.text
-        if quiet and not any(map(self.kept, step.writes)):
+        computable = is_computable(script, self.fields)
+        if quiet and not any(map(self.kept, step.writes if computable else (*step.writes, *step.changes))):
             return lambda variables: None
-        if not is_computable(script, self.fields):
+        if not computable:
             return lambda variables: self._abstract(step, element, variables)
         return lambda variables: self._computed(run, step, element, variables)
 
@@ -234,6 +243,9 @@ class ExplorationHost:
         """Its results are unknown; what it publishes conditionally is published or not."""
         for name in step.writes:
             if self.kept(name):
+                variables[name] = self.values.unknown
+        for name in step.changes:
+            if self.kept(name) and name in variables and not is_fixed(variables[name]):
                 variables[name] = self.values.unknown
         for topic, certain in step.emits:
             if topic in self.types and (certain or self.choose(2) == 0):
@@ -358,7 +370,20 @@ def step_of(script: Expression, element: str) -> Step:
     """The known effects of a script that is not run."""
     codes = raised_codes(Task(id=element, kind="script", script=script)) or ()
     emits = tuple((topic, is_certain(script, topic)) for topic in emitted(script))
-    return Step(tuple(sorted(script_writes(script))), tuple(sorted(codes)), emits)
+    writes, changes = script_writes(script), may_change(script)
+    return Step(tuple(sorted(writes)), tuple(sorted(changes - writes)), tuple(sorted(codes)), emits)
+
+
+_HOLE = re.compile(r"[$#]\{([^{}]*)\}")
+
+
+def _inserted_whole(payload: str) -> frozenset[str]:
+    """The variables that a payload only inserts, by ``${name}``: an unknown value leaves its other fields known."""
+    inside = [found[1].strip() for found in _HOLE.finditer(payload)]
+    if payload.lstrip().startswith("=") or len(inside) < payload.count("${") + payload.count("#{"):
+        return frozenset()
+    computed = {name for text in inside if not text.isidentifier() for name in re.findall(r"\w+", text)}
+    return frozenset(text for text in inside if text.isidentifier()) - computed
 
 
 @lru_cache(maxsize=1024)

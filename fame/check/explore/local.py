@@ -16,6 +16,7 @@ from fame.bpmn.model import Definitions, Process
 from fame.check.explore.abstraction import Abstraction, Step
 from fame.check.explore.footprints import Effect, Footprints, Watched
 from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, Running, Send, Timer
+from fame.check.explore.liveness import Dead, Liveness
 from fame.check.explore.running_states import load_known
 from fame.check.explore.values import UNKNOWN, Values
 from fame.engine import Engine, compile_program, restore
@@ -65,6 +66,8 @@ class View:
 
     own        stimuli that may come at any time, and the `elements` that they are for ("": for a topic)
     listens    topics that it takes now
+    hears      those of them on which a message may have an effect: it is not just dropped as a start trigger
+    listeners  how many tokens and handlers listen to each topic
     instances  how many instances run
     waiting    (element, topic or "") of each token
     """
@@ -72,6 +75,8 @@ class View:
     own: tuple[Stimulus, ...]
     elements: tuple[str, ...]
     listens: frozenset[str]
+    hears: frozenset[str]
+    listeners: tuple[tuple[str, int], ...]
     instances: int
     waiting: tuple[tuple[str, str], ...]
 
@@ -120,6 +125,9 @@ class Local:
         self._topic_sets: dict[frozenset[str], frozenset[str]] = {}
         self.views: list[View] = []
         self._views: dict[tuple[int, Timers], View] = {}
+        self._liveness = Liveness(definitions, process, model, kept)
+        self._dead: dict[int, Dead] = {}  # control state -> variables that nothing reads any more
+        self._live: dict[tuple[int, int], int] = {}  # (control state, content) -> content without their values
         self._memo: dict[tuple[int, Stimulus], tuple[Way, ...]] = {}
         self._footprints = Footprints(self.forms.contents.codes)
         self._watched: Watched | None = None
@@ -184,7 +192,7 @@ class Local:
         self.steps += 1
         control, timers, changes, sent, flags, quiet = effect
         contents = () if changes is None else (self.forms.contents.changed(content, changes),)
-        state = ((control, contents), timers)
+        state = (self._without_dead((control, contents)), timers)
         number = self._numbers.get(state)
         if number is None:
             number = self._add(state, self._views[control, timers])
@@ -360,12 +368,31 @@ class Local:
         if self._grows(engine, walk.scopes):
             return None
         form, keys = walk.form()
+        if form[0] not in self._dead:
+            tokens = [element for element, _ in stimuli(engine).waiting]
+            tokens += [node.id for scope in walk.scopes for node in scope.held]  # which go on after a suspension
+            self._dead[form[0]] = self._liveness.dead(tokens)
+        form = self._without_dead(form)
         state = (form, self._timers(keys)) if self.host.timers else (form, ())
         number = self._numbers.get(state)
         if number is None:
             number = self._add(state, self._view(engine, form, keys, state[1]))
         walk.dissolve()
         return number
+
+    def _without_dead(self, form: Form) -> Form:
+        """A form without the values that nothing reads any more."""
+        control, contents = form
+        (dead, unused), live = self._dead[control], self._live
+        if not dead and not unused:
+            return form
+        left = []
+        for content in contents:
+            found = live.get((control, content))
+            if found is None:
+                found = live[control, content] = self.forms.contents.forgotten(content, dead, UNKNOWN, unused)
+            left.append(found)
+        return control, tuple(left)
 
     def _add(self, state: State, view: View) -> int:
         number = self._numbers[state] = len(self._states)
@@ -437,7 +464,19 @@ class Local:
             if topic in found.topics:
                 own["outside", topic, self.host.blank(topic)] = ""
         topics = self._topic_sets.setdefault(found.topics, found.topics)
-        return View(tuple(own), tuple(own.values()), topics, len(engine.instances), found.waiting)
+        dropped = frozenset(topic for topic in topics if self._is_dropped(engine, topic))
+        hears = self._topic_sets.setdefault(topics - dropped, topics - dropped)
+        listeners = tuple(sorted((topic, len(listening)) for topic, listening in engine.listeners.items()))
+        instances = len(engine.instances)
+        return View(tuple(own), tuple(own.values()), topics, hears, listeners, instances, found.waiting)
+
+    def _is_dropped(self, engine: Engine, topic: str) -> bool:
+        """Whether a message on a topic has no effect now: it would start an instance, but as many as may run do."""
+        limit = self.program.instances
+        if limit is None or len(engine.instances) < limit or topic in engine.listeners:
+            return False
+        starts = self.program.starts[topic]
+        return all(one.catch is not None and not one.catch.queue and one.spec.whole is None for one in starts)
 
     def _next_timers(self, alive: Container[int]) -> list[int]:
         """The timers that may fire now: of each group the earliest."""

@@ -48,6 +48,7 @@ class Move:
     mark        the bit of its pool, if it starts an instance of one that has to start
     flags       what to report, once; None if that is done
     failed      whether an error was not caught in it
+    ends        differences to where the robot is after further steps of its own, see `Reduction.ends`; None if unknown
     """
 
     mark: int
@@ -56,7 +57,7 @@ class Move:
     stimulus: Stimulus
     way: Way
 
-    __slots__ = ("difference", "failed", "flags", "mark", "sending", "state", "stimulus", "way")
+    __slots__ = ("difference", "ends", "failed", "flags", "mark", "sending", "state", "stimulus", "way")
 
     def __init__(self, robot: int, old: int, way: Way, sending: int, stimulus: Stimulus, mark: int = 0) -> None:
         self.mark = mark
@@ -64,6 +65,7 @@ class Move:
         self.sending, self.state, self.stimulus, self.way = sending, way.state, stimulus, way
         self.flags = way.flags or None
         self.failed: bool = any(kind == "error" for kind, _ in way.flags)
+        self.ends: tuple[int, ...] | None = None
 
 
 Reactions = tuple[tuple[int, Move], ...]
@@ -88,6 +90,8 @@ class Message:
 _Queue = tuple[Message, ...]
 _Arrival = tuple[int, int, Reactions, _Queue]
 """What comes of a message: difference of the state, marks, moves of the receivers, their answers."""
+_Pending = tuple[tuple[str, tuple[int, ...]], ...]
+"""Messages on their way to one robot: (topic, message numbers) of each channel."""
 _Spreading = tuple[int, _Queue, Reactions, int]
 """A delivery at once, in its course: state, messages to come with their senders, what was done, deliveries so far."""
 Transition = tuple[int, int, Move, Reactions]
@@ -149,8 +153,11 @@ class Product:
         self._alone: list[dict[int, tuple[Move, ...] | None]] = [{DEAD: None} for _ in self.robots]
         self.add_faults: Callable[[int, list[Transition]], None] = lambda state, found: None
         self.reduction: Callable[[int, int], tuple[Move, ...]] | None = None
+        self.shortcuts: Callable[[int, int], tuple[int, ...]] | None = None
+        self.path: Callable[[int, int, int], list[Move]] = lambda robot, state, end: []
         self._index: dict[int, int] = {}
         self._firsts: dict[int, _Queue] = {}
+        self._answering: dict[tuple[int, int, _Pending], bool] = {}
         self._messages: dict[tuple[int, tuple[str, int, str]], Message] = {}
 
     # ---- tables --------------------------------------------------------------------------------------
@@ -201,7 +208,7 @@ class Product:
         if network:
             self._arrivals(state, network, found)
             if found and self.options.delivery == "fast":
-                return found
+                return self._first_arrivals(state, found) if self.reduction is not None else found
         if self.reduction is not None:
             few = self._reduced(state)
             if few is not None:
@@ -235,9 +242,45 @@ class Product:
                     new += self.network.push(new >> self.top, move.sending) << self.top
                 found.append((new, receiver, move, ()))
 
+    def _first_arrivals(self, state: int, found: list[Transition]) -> list[Transition]:
+        """The arrivals at one robot, if those at others lead to no more messages, and lead to states not yet explored.
+
+        Nothing but arrivals happens now, so robots that send nothing in them may as well receive their messages later.
+        """
+        waiting: dict[int, _Pending] = {}
+        for (_, topic, receiver), messages in self.network.content(state >> self.top):
+            waiting[receiver] = (*waiting.get(receiver, ()), (topic, messages))
+        if len(waiting) < 2:
+            return found
+        answering = [one for one, all in waiting.items() if self._answers(one, state >> (one * BITS) & MASK, all)]
+        if len(answering) > 1:
+            return found
+        first = answering[0] if answering else found[0][1]
+        chosen = [one for one in found if one[1] == first]
+        at, index = self._index[state], self._index
+        ahead = all(index.get(self.canonical(one[0]), len(index)) > at for one in chosen)
+        return chosen if ahead else found
+
+    def _answers(self, robot: int, old: int, waiting: _Pending) -> bool:
+        """Whether a robot may send something as these messages arrive, in any order of their channels."""
+        key = (robot, old, waiting)
+        found = self._answering.get(key)
+        if found is None:
+            found = False
+            for place, (topic, messages) in enumerate(waiting):
+                left = ((topic, messages[1:]),) if len(messages) > 1 else ()
+                rest = (*waiting[:place], *left, *waiting[place + 1 :])
+                moves = self.receive(robot, old, topic, messages[0])
+                if any(move.sending or self._answers(robot, move.state, rest) for move in moves):
+                    found = True
+                    break
+            self._answering[key] = found
+        return found
+
     def _reduced(self, state: int) -> list[Transition] | None:
-        """The moves of one robot that no other can influence or notice, if all of them lead to new states."""
+        """The moves of one robot that no other can influence or notice, if they lead to states not yet explored."""
         rest, index = state, self._index
+        at = index[state]
         for robot in range(self.count):
             old = rest & MASK
             rest >>= BITS
@@ -249,7 +292,8 @@ class Product:
                 moves = table[old] = self.reduction(robot, old) or None
             if moves is not None:
                 found: list[Transition] = [(state + move.difference | move.mark, robot, move, ()) for move in moves]
-                if all(self.canonical(one[0]) not in index for one in found):
+                ahead = [index.get(self.canonical(one[0]), len(index)) for one in found if one[0] != state]
+                if ahead and min(ahead) > at:
                     return found
         return None
 
@@ -336,6 +380,46 @@ class Product:
                         changed[place] = answers[other]
                     yield tuple(changed)
 
+    # ---- steps that no other robot notices -----------------------------------------------------------
+
+    def settled(self, transition: Transition) -> Sequence[int]:
+        """The states to which a transition leads once the robots have gone on as far as nobody notices."""
+        new, robot, move, reactions = transition
+        if self.shortcuts is None:
+            return (new,)
+        if not reactions and move.stimulus[0] != "hear":
+            if move.sending and new >> self.top and self.options.delivery == "fast":
+                return (new,)
+            ends = self._ends(robot, move)
+            return [new + difference for difference in ends] if ends else (new,)
+        if new >> self.top and self.options.delivery == "fast":  # messages arrive before anybody goes on
+            return (new,)
+        found = [new]
+        for one in range(self.count):
+            old = new >> (one * BITS) & MASK
+            if ends := self.shortcuts(one, old):
+                found = [state + ((end - old) << (one * BITS)) for state in found for end in ends]
+        return found
+
+    def _ends(self, robot: int, move: Move) -> tuple[int, ...]:
+        if move.ends is None:
+            assert self.shortcuts is not None
+            old = move.state
+            move.ends = tuple((end - old) << (robot * BITS) for end in self.shortcuts(robot, old))
+        return move.ends
+
+    def between(self, state: int, end: int) -> Iterator[Transition]:
+        """The transitions from a state to one to which the robots have gone on from there, see `settled`."""
+        for robot in range(self.count):
+            old, new = (one >> (robot * BITS) & MASK for one in (state, end))
+            for move in self.path(robot, old, new) if old != new else ():
+                state += move.difference
+                yield state, robot, move, ()
+
+    def number(self, state: int) -> int | None:
+        """The number of an explored state, in which equal robots may stand in another order."""
+        return self._index.get(self.canonical(state))
+
     # ---- equal robots --------------------------------------------------------------------------------
 
     def canonical(self, state: int) -> int:
@@ -411,15 +495,16 @@ class Product:
         """Find all states, breadth first, within the limit."""
         options, explored, index = self.options, Explored(), self._index
         states, parents, targets, offsets = explored.states, explored.parents, explored.targets, explored.offsets
-        sorts = self.canonical if options.groups else None
+        sorts, shortens = self.canonical if options.groups else None, self.shortcuts is not None
         for transition in self.initial():
             if self._report(-1, transition):
                 continue
-            state = sorts(transition[0]) if sorts else transition[0]
-            if state not in index:
-                index[state] = len(states)
-                states.append(state)
-                parents.append(-1)
+            for state in self.settled(transition):
+                state = sorts(state) if sorts else state
+                if state not in index:
+                    index[state] = len(states)
+                    states.append(state)
+                    parents.append(-1)
         at = 0
         while at < len(states):
             if len(states) > options.limit or (not at & 255 and options.stop()):
@@ -432,19 +517,19 @@ class Product:
                 else:
                     self.add_faults(states[at], found)
             for transition in found:
-                new, _, move, reactions = transition
+                _, _, move, reactions = transition
                 if (move.flags is not None or reactions or move.failed) and self._report(at, transition):
                     continue
-                if sorts:
-                    new = sorts(new)
-                number = index.get(new)
-                if number is None:
-                    number = index[new] = len(states)
-                    states.append(new)
-                    parents.append(at)
-                elif number == at and move.stimulus[0] not in ("outside", "hear"):
-                    explored.loops.append(at)
-                targets.append(number)
+                for new in self.settled(transition) if shortens else (transition[0],):
+                    state = sorts(new) if sorts else new
+                    number = index.get(state)
+                    if number is None:
+                        number = index[state] = len(states)
+                        states.append(state)
+                        parents.append(at)
+                    elif number == at and move.stimulus[0] not in ("outside", "hear"):
+                        explored.loops.append(at)
+                    targets.append(number)
             offsets.append(len(targets))
             explored.transitions += len(found)
             if self.is_final(states[at]):

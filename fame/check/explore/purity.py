@@ -81,6 +81,7 @@ _METHODS = frozenset(
         "count",
         "debug",
         "difference",
+        "difference_update",
         "discard",
         "endswith",
         "error",
@@ -91,7 +92,12 @@ _METHODS = frozenset(
         "info",
         "insert",
         "intersection",
+        "intersection_update",
+        "isalpha",
         "isdigit",
+        "isnumeric",
+        "issubset",
+        "issuperset",
         "items",
         "join",
         "keys",
@@ -99,16 +105,23 @@ _METHODS = frozenset(
         "lstrip",
         "name",
         "namespace",
+        "partition",
         "pop",
         "popitem",
         "publish",
         "remove",
+        "removeprefix",
+        "removesuffix",
         "replace",
         "reverse",
+        "rfind",
+        "rpartition",
+        "rsplit",
         "rstrip",
         "setdefault",
         "sort",
         "split",
+        "splitlines",
         "startswith",
         "strip",
         "title",
@@ -119,6 +132,19 @@ _METHODS = frozenset(
         "warning",
     ]
 ) | frozenset(name for name in dir(math) if not name.startswith("_"))
+CHANGING_METHODS = frozenset(
+    ("add", "append", "appendleft", "clear", "difference_update", "discard", "extend", "extendleft", "insert",
+     "intersection_update", "pop", "popitem", "popleft", "remove", "reverse", "rotate", "setdefault", "sort",
+     "symmetric_difference_update", "update")
+)  # fmt: skip
+"""Methods that change a list, mapping, set or deque."""
+READING_METHODS = frozenset(
+    ("capitalize", "copy", "count", "difference", "endswith", "find", "get", "index", "intersection", "isalpha",
+     "isdigit", "isnumeric", "issubset", "issuperset", "items", "join", "keys", "lower", "lstrip", "partition",
+     "removeprefix", "removesuffix", "replace", "rfind", "rpartition", "rsplit", "rstrip", "split", "splitlines",
+     "startswith", "strip", "title", "union", "upper", "values")
+)  # fmt: skip
+"""Methods of plain data that leave it and their arguments as they are."""
 _REFUSED = (
     ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Await, ast.AsyncFor,
     ast.AsyncWith, ast.Yield, ast.YieldFrom, ast.Global, ast.Nonlocal, ast.With, ast.Pow, ast.LShift, ast.GeneratorExp,

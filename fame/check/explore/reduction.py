@@ -2,12 +2,15 @@
 
 Two kinds of steps of one robot may go first, because whatever else happens may as well happen afterwards:
 
-- all its own steps, if it takes no message now nor after any of them (it hears nothing), and sends nothing in them;
+- all its own steps, if no message has an effect on it now nor after any of them (it hears nothing, or drops all
+  triggers, since its instances run already), and it sends nothing in them;
 - one step of one token, if nothing can cancel that token, and the step touches no variable that another token may
   touch before (parallel branches commute).
 
 Neither may send, report or start anything, nor change which messages the robot takes. The search explores such steps
-alone only if all of them lead to states that it has not seen, so that nothing is put off forever.
+alone only if each of them leads to a state that it has still to explore, so that nothing is put off forever; one that
+changes nothing does not count. Which of its steps these are depends on the robot alone, so the search goes through all
+of them at once where it can (`Reduction.ends`), and keeps only the states behind them.
 """
 
 from __future__ import annotations
@@ -20,6 +23,9 @@ from fame.check.explore.local import Local
 from fame.check.explore.product import DEAD, Move, Product
 from fame.check.expressions import expressions_in
 
+MOST_BETWEEN = 1_000
+"""Local states of one robot that are gone through at once."""
+
 
 class Reduction:
     """Finds such steps of the robots of one product."""
@@ -28,6 +34,7 @@ class Reduction:
         self.product = product
         structures = {id(local): Structure.of(local) for local in product.locals}
         self._structures = [structures[id(local)] for local in product.locals]
+        self._ends: list[dict[int, tuple[int, ...]]] = [{DEAD: ()} for _ in product.locals]
 
     def moves(self, robot: int, state: int) -> tuple[Move, ...]:
         """The moves that may be explored alone in a local state; none if there are no such."""
@@ -40,7 +47,52 @@ class Reduction:
             return one
         views = self.product.locals[robot].views
         foreign = self._foreign(robot)
-        return () if any(views[at].listens & foreign for at in (state, *(move.state for move in moves))) else moves
+        return () if any(views[at].hears & foreign for at in (state, *(move.state for move in moves))) else moves
+
+    def ends(self, robot: int, state: int) -> tuple[int, ...]:
+        """The local states in which a robot is once it has gone all steps that may be explored alone; () if none may.
+
+        Every way from each state between leads to one of them; else () as well, since somebody must come between.
+        """
+        found = self._ends[robot].get(state)
+        if found is None:
+            found = self._ends[robot][state] = self._new_ends(robot, state)
+        return found
+
+    def _new_ends(self, robot: int, state: int) -> tuple[int, ...]:
+        after, pending, ends = dict[int, set[int]](), [state], list[int]()
+        while pending:
+            at = pending.pop()
+            if at not in after and at not in ends:
+                moves = self.moves(robot, at)
+                if moves:
+                    after[at] = {move.state for move in moves}
+                    pending += sorted(after[at])
+                else:
+                    ends.append(at)
+                if len(after) > MOST_BETWEEN:
+                    return ()
+        if not after:
+            return ()
+        leading = set(ends)
+        while grown := {at for at in after.keys() - leading if after[at] & leading}:
+            leading |= grown
+        return tuple(sorted(ends)) if after.keys() <= leading else ()
+
+    def path(self, robot: int, state: int, end: int) -> list[Move]:
+        """The steps from a state to one of its `ends`."""
+        before: dict[int, tuple[int, Move]] = {}
+        pending = [state]
+        for at in pending:
+            for move in self.moves(robot, at) if end not in before else ():
+                if move.state not in before and move.state != state:
+                    before[move.state] = at, move
+                    pending.append(move.state)
+        found = list[Move]()
+        while end != state:
+            end, last = before[end]
+            found.append(last)
+        return found[::-1]
 
     def _is_silent(self, robot: int, state: int, move: Move) -> bool:
         """Whether nobody notices the move."""
@@ -62,7 +114,9 @@ class Reduction:
             element = elements[own[0].stimulus]
             if any(move not in silent or not move.way.quiet for move in own):
                 continue
-            if any(views[move.state].listens != view.listens for move in own):
+            if any(
+                (views[move.state].hears, views[move.state].listeners) != (view.hears, view.listeners) for move in own
+            ):
                 continue
             reached = {one for move in own for one, _ in views[move.state].waiting}
             others = [one for one, _ in view.waiting]

@@ -75,24 +75,25 @@ class Runs:
         """Where an element is."""
         return self.places.get(element) or Place(element)
 
-    def to(self, at: int, last: Transition | None = None) -> tuple[list[Step], list[int]]:
-        """The shortest run to a state, with the number of the state after each step; `last` follows it."""
-        chain = []
-        while at >= 0:
-            chain.append(at)
-            at = self.explored.parents[at]
-        chain.reverse()
+    def to(self, at: int, last: Transition | None = None) -> tuple[list[Step], list[tuple[int, ...]]]:
+        """The shortest run to a state, with the numbers of the states after each step; `last` follows it.
+
+        They are several after a step behind which the search went on at once, see `Reduction.ends`.
+        """
         names = list(self.product.robots)
         steps: list[Step] = []
-        after: list[int] = []
-        before = -1
-        for number in chain:
-            transition = self._leading(before, self.explored.states[number])
-            self._add(steps, after, transition, names, number, before)
+        after: list[tuple[int, ...]] = []
+        before: int | None = None
+        for number in self._chain(at):
+            transitions = self._leading(before, self.explored.states[number])
+            for transition in transitions:
+                numbers = (number,) if transition is transitions[-1] else self._numbers(transition)
+                self._add(steps, after, transition, names, numbers, before)
+                before = transition[0]
             names = self._renamed(transition[0], names)
-            before = number
+            before = self.explored.states[number]
         if last is not None:
-            self._add(steps, after, last, names, -1, before)
+            self._add(steps, after, last, names, (), before)
         return steps, after
 
     def seen(self, seen: Seen) -> list[Step]:
@@ -101,27 +102,40 @@ class Runs:
 
     def names(self, at: int) -> list[str]:
         """The robot at each place of a state, as it is called in the run to it."""
+        names, before = list(self.product.robots), None
+        for number in self._chain(at):
+            names = self._renamed(self._leading(before, self.explored.states[number])[-1][0], names)
+            before = self.explored.states[number]
+        return names
+
+    def _chain(self, at: int) -> list[int]:
+        """The numbers of the states on the shortest way to one."""
         chain = []
         while at >= 0:
             chain.append(at)
             at = self.explored.parents[at]
-        names, before = list(self.product.robots), -1
-        for number in reversed(chain):
-            names = self._renamed(self._leading(before, self.explored.states[number])[0], names)
-            before = number
-        return names
+        return chain[::-1]
 
-    def _leading(self, before: int, state: int) -> Transition:
-        """The transition from one state to the next."""
+    def _numbers(self, transition: Transition) -> tuple[int, ...]:
+        """The numbers of the states to which the search went at once after a transition; empty if one is not known."""
         product = self.product
-        if before < 0:
+        found = [product.number(state) for state in product.settled(transition)]
+        return tuple(one for one in found if one is not None) if None not in found else ()
+
+    def _leading(self, before: int | None, state: int) -> list[Transition]:
+        """The transitions from one state to the next: one, and those that followed at once."""
+        product = self.product
+        if before is None:
             found = product.initial()
         else:
-            at = self.explored.states[before]
-            found = product.transitions(at)
-            if product.options.faults and not product.fault_of(at):
-                product.add_faults(at, found)
-        return next(one for one in found if product.canonical(one[0]) == state)
+            found = product.transitions(before)
+            if product.options.faults and not product.fault_of(before):
+                product.add_faults(before, found)
+        for transition in found:
+            for end in product.settled(transition):
+                if product.canonical(end) == state:
+                    return [transition, *product.between(transition[0], end)]
+        raise LookupError("no transition leads to the next state")
 
     def _renamed(self, state: int, names: list[str]) -> list[str]:
         """The names by place, once equal robots are sorted."""
@@ -135,12 +149,11 @@ class Runs:
                 state = self.product.permuted(state, group, order)
         return names
 
-    def _add(self, steps: list[Step], after: list[int], transition: Transition, names: Sequence[str], number: int,
-             before: int) -> None:  # fmt: skip
-        state = self.explored.states[before] if before >= 0 else None
-        for step in self._steps(transition, names, state):
+    def _add(self, steps: list[Step], after: list[tuple[int, ...]], transition: Transition, names: Sequence[str],
+             numbers: tuple[int, ...], before: int | None) -> None:  # fmt: skip
+        for step in self._steps(transition, names, before):
             steps.append(step)
-            after.append(number)
+            after.append(numbers)
 
     def _steps(self, transition: Transition, names: Sequence[str], state: int | None) -> Iterator[Step]:
         _, robot, move, reactions = transition

@@ -8,10 +8,13 @@ compare fast; each value is made anew from its number where it can be changed.
 from __future__ import annotations
 
 import marshal
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
+from types import SimpleNamespace
 from typing import Any
 
+from fame.check.explore.purity import CHANGING_METHODS
 from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.definitions import EMPTY_FIELD
@@ -66,9 +69,18 @@ class Unknown:
     def __getitem__(self, key: object) -> Unknown:
         return self
 
-    def __getattr__(self, name: str) -> Unknown:
+    def __setitem__(self, key: object, value: object) -> None:
+        """It is as unknown afterwards."""
+
+    __delitem__ = __getitem__
+
+    def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name in _NOT_ITS_OWN:
             raise AttributeError(name)
+        return self._changed if name in CHANGING_METHODS else self
+
+    def _changed(self, *arguments: object, **named: object) -> Unknown:
+        """What ``append`` and the like give: it is as unknown afterwards."""
         return self
 
     def __hash__(self) -> int:
@@ -84,6 +96,24 @@ for _name in ("add", "sub", "mul", "truediv", "floordiv", "mod", "pow", "and", "
     setattr(Unknown, f"__r{_name}__", _unknown)
 for _name in ("eq", "ne", "lt", "le", "gt", "ge", "neg", "pos", "abs", "invert", "round", "divmod", "rdivmod"):
     setattr(Unknown, f"__{_name}__", _unknown)
+
+
+def numbers_of(unknown: Unknown) -> dict[str, Any]:
+    """`math`, ``float`` and ``int`` for scripts: what they make of something unknown is unknown."""
+
+    def known(function: Callable[..., Any]) -> Callable[..., Any]:
+        def compute(*arguments: Any, **named: Any) -> Any:
+            if any(one is unknown for one in arguments):
+                return unknown
+            try:
+                return function(*arguments, **named)
+            except UndecidableError:  # something in a list is unknown
+                return unknown
+
+        return compute
+
+    functions = {name: known(one) if callable(one) else one for name, one in vars(math).items() if name[0] != "_"}
+    return {"math": SimpleNamespace(**functions), "float": known(float), "int": known(int)}
 
 
 _ATOMS = frozenset({type(None), bool, int, float, str, bytes})
@@ -261,14 +291,25 @@ class Values:
         return known, unknown_paths
 
 
+def is_fixed(value: Any) -> bool:
+    """Whether nothing can change a value: it is a number, a text, a tuple of such, or a message."""
+    return _is_constant(value) or hasattr(value, "__msgtype__")
+
+
 def _is_constant(value: Any) -> bool:
     """Whether nothing can change a value."""
     return value.__class__ in _ATOMS or (value.__class__ is tuple and all(map(_is_constant, value)))
 
 
 def _holds(values: Values, value: Any) -> bool:
-    """Whether an unknown value is somewhere in a list."""
-    return isinstance(value, list | tuple) and any(item is values.unknown or _holds(values, item) for item in value)
+    """Whether something unknown is somewhere in a list, or in a mapping or message of one."""
+    if isinstance(value, dict):
+        return any(_holds(values, item) for item in value.values())
+    if isinstance(value, list | tuple):
+        return any(_holds(values, item) for item in value)
+    if hasattr(value, "__msgtype__"):
+        return any(_holds(values, getattr(value, field.name)) for field in fields(value))
+    return value is values.unknown
 
 
 def _set(message: Any, path: tuple[str, ...], value: Any) -> None:

@@ -1,0 +1,216 @@
+"""Variables that nothing reads any more: their values are forgotten, so that states differ only in what counts.
+
+From an element at which a token waits a variable is *live* if a way leads to an element that reads it, without passing
+one that certainly sets it before. A token may also come to boundary events and event sub-processes around it. A script
+that only changes a list or mapping in place, or counts, does not read it: if nothing else does, it is dead. What is
+dead becomes unknown: a wrong "live" costs states, a wrong "dead" precision, but neither hides a run. A variable is
+removed if no way leads to an element that reads it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence, Set
+
+from fame.bpmn import model
+from fame.bpmn.topics import topics_of
+from fame.check.explore.abstraction import Abstraction, taken
+from fame.check.explore.script_effects import certainly_set, only_changed, read_first
+from fame.check.expressions import expressions_in, names_of
+from fame.engine.data import variable_name
+from fame.errors import FameError
+
+Dead = tuple[frozenset[str], frozenset[str]]
+"""Variables whose values are not read before they are set, and variables that are not read at all."""
+
+
+class Liveness:
+    """Which variables are dead while tokens wait at some elements of an abstract process."""
+
+    def __init__(self, home: model.Definitions, process: model.Process, abstract: Abstraction, kept: Set[str]) -> None:
+        self._abstract, self._kept, self._matters = abstract, kept, abstract.matters
+        self._after: dict[str, set[str]] = defaultdict(set)  # where a token goes from an element
+        self._aside: dict[str, set[str]] = defaultdict(set)  # where it may come if something happens at the element
+        self._reads: dict[str, set[str]] = defaultdict(set)
+        self._changes: dict[str, set[str]] = defaultdict(set)  # what is read only to change it
+        self._sets: dict[str, set[str]] = {}
+        self._always: set[str] = set()
+        self._dead: dict[frozenset[str], Dead] = {}
+        self._live_at: dict[str, Dead] = {}
+        self.applies: bool = True
+        self._open: list[tuple[str, str]] = []  # called processes around
+        self._inner: set[str] = set()  # variables that scopes have of their own
+        self._add(home, abstract.process(home, process).body, (), ())
+        for sets in self._sets.values():
+            sets -= self._inner
+
+    def dead(self, waiting: Iterable[str]) -> Dead:
+        """The variables that nothing reads from now on before they are set, and those that nothing ever reads."""
+        elements = frozenset(waiting)
+        found = self._dead.get(elements)
+        if found is None:
+            found = (frozenset(), frozenset())
+            if self.applies and elements and elements <= self._reads.keys():
+                live, used = zip(*map(self._live, elements), strict=True)
+                left = frozenset(self._kept - self._always)
+                unused = left.difference(*used)
+                found = (left.difference(*live) - unused, unused)
+            self._dead[elements] = found
+        return found
+
+    def _live(self, element: str) -> Dead:
+        """The variables that are live while a token waits at an element, and those that an element behind it reads."""
+        if element not in self._live_at:
+            behind = self._reachable(element)
+            used = {name for one in behind for name in self._reads[one] | self._changes[one]} & self._kept
+            live = frozenset(name for name in used if self._is_read(element, name))
+            self._live_at[element] = (live, frozenset(used))
+        return self._live_at[element]
+
+    def _reachable(self, element: str) -> set[str]:
+        found, pending = {element}, [element]
+        while pending:
+            one = pending.pop()
+            for after in (self._after[one] | self._aside[one]) - found:
+                found.add(after)
+                pending.append(after)
+        return found
+
+    def _is_read(self, element: str, name: str) -> bool:
+        """Whether a token may come from an element to one that reads a variable before it is set."""
+        found, pending = {element}, [element]
+        while pending:
+            one = pending.pop()
+            if name in self._reads[one]:
+                return True
+            nexts = self._aside[one] if name in self._sets[one] else self._aside[one] | self._after[one]
+            for after in nexts - found:
+                found.add(after)
+                pending.append(after)
+        return False
+
+    # ---- the elements --------------------------------------------------------------------------------
+
+    def _add(
+        self, home: model.Definitions, body: model.Body, leaving: tuple[str, ...], aside: tuple[str, ...],
+        results: frozenset[str] = frozenset(), mapped: bool = False,
+    ) -> None:  # fmt: skip
+        """Add a body, behind whose end the elements `leaving` come; `aside` may come at any time.
+
+        `results` are read at its end, if it is that of a called process. `mapped`: it has variables of its own.
+        """
+        aside = (
+            *aside,
+            *(one.id for one in body.nodes if isinstance(one, model.SubProcess) and one.triggered_by_event),
+        )
+        boundary: dict[str, list[str]] = defaultdict(list)
+        behind: dict[str, set[str]] = defaultdict(set)
+        for node in body.nodes:
+            if isinstance(node, model.Event) and node.place == "boundary":
+                boundary[node.attached_to].append(node.id)
+        for flow in body.flows:
+            behind[flow.source].add(flow.target)
+        for node in body.nodes:
+            self.applies &= _is_simple(node)
+            around, follows = (*aside, *boundary[node.id]), behind[node.id] or {*leaving}
+            own = isinstance(node, model.Event | model.Activity) and node.io is not None
+            sets = set() if _loops(node) or mapped or own else {*_set_by(node, body)}
+            if isinstance(node, model.Activity) and isinstance(node.loop, model.MultiInstance):
+                self._inner.add(node.loop.element_variable)
+            self._sets[node.id] = self._sets.get(node.id, sets) & sets  # a process that is called twice
+            self._aside[node.id] |= {*around}
+            self._reads[node.id] |= {*_read_by(node, self._matters), *results}
+            self._after[node.id] |= follows
+            again = {node.id} if _loops(node) else set[str]()
+            if isinstance(node, model.SubProcess):
+                again |= {node.id} if node.triggered_by_event else set()
+                self._after[node.id] |= {*_entries(node.body)}
+                self._add(home, node.body, (*follows, *again), around, results, mapped or own)
+            elif isinstance(node, model.CallActivity):
+                self._add_called(home, node, (*follows, *again), around, results, mapped)
+        for use in expressions_in(body):
+            if isinstance(use.element, model.DataObject):
+                if self._kept & {*use.element.names}:
+                    self._always |= use.reads
+            elif use.use != "payload":
+                element = use.element.source if isinstance(use.element, model.SequenceFlow) else use.element.id
+                changes = frozenset[str]()  # what the script has set before, too
+                if use.use == "script":
+                    changes = only_changed(use.expression) | (use.reads - read_first(use.expression))
+                self._reads[element] |= use.reads - changes
+                self._changes[element] |= changes
+
+    def _add_called(
+        self, home: model.Definitions, call: model.CallActivity, leaving: tuple[str, ...], aside: tuple[str, ...],
+        results: frozenset[str], mapped: bool,
+    ) -> None:  # fmt: skip
+        try:
+            there, process = self._abstract.library.find(home, call)
+        except FameError:
+            self.applies = False
+            return
+        key = (there.file, process.id)
+        if key in self._open:  # it calls itself
+            self.applies = False
+            return
+        body = self._abstract.process(there, process).body
+        self._after[call.id] |= {*_entries(body)}
+        sources = [item.source for item in (*(call.io.outputs if call.io else ()), *call.copies_out)]
+        self._open.append(key)
+        mapped |= call.io is not None or bool(call.copies_in or call.copies_out)
+        self._add(there, body, leaving, aside, results.union(*(names_of(one)[0] for one in sources)), mapped)
+        self._open.pop()
+
+
+def _is_simple(node: model.FlowNode) -> bool:
+    """Whether a token can go from an element only where flows, boundary events and event sub-processes lead."""
+    if isinstance(node, model.Activity) and node.for_compensation:
+        return False
+    if isinstance(node, model.SubProcess) and node.kind not in ("embedded", "event"):
+        return False
+    if isinstance(node, model.Task) and node.script is not None and node.script.language != "python":
+        return False
+    if isinstance(node, model.Gateway) and node.kind == "complex":
+        return False
+    kinds = model.LinkDefinition | model.CompensateDefinition | model.CancelDefinition
+    return not any(isinstance(one, kinds) for one in getattr(node, "definitions", ()))
+
+
+def _entries(body: model.Body) -> Sequence[str]:
+    """The elements at which tokens come into a body."""
+    targets = {flow.target for flow in body.flows}
+    attached = {node.id for node in body.nodes if isinstance(node, model.Event) and node.place == "boundary"}
+    everywhere = [node.id for node in body.nodes]
+    return [id for id in everywhere if id not in targets and id not in attached] or everywhere
+
+
+def _loops(node: model.FlowNode) -> bool:
+    return isinstance(node, model.Activity) and node.loop is not None
+
+
+def _read_by(node: model.FlowNode, matters: Set[str]) -> Iterator[str]:
+    """What an element reads besides its texts: output collections, correlation keys, payloads that matter."""
+    if isinstance(node, model.Activity) and isinstance(node.loop, model.MultiInstance):
+        yield node.loop.output_collection
+    keys = [one.keys for one in getattr(node, "definitions", ()) if isinstance(one, model.MessageDefinition)]
+    keys += [node.keys] if isinstance(node, model.Task) else []
+    for name, source in (pair for pairs in keys for pair in pairs):
+        yield from (name, name.partition(".")[0], *names_of(source)[0])
+    for topic, throws in topics_of(node):
+        payload = topic.payload or getattr(node, "payload", None)
+        if throws and payload is not None and topic.qualified in matters:
+            yield from names_of(payload)[0]
+        elif not throws:
+            yield from (name for item in topic.takes for name in names_of(item.source)[0])
+
+
+def _set_by(node: model.FlowNode, body: model.Body) -> Iterator[str]:
+    """The variables that an element certainly sets if it completes."""
+    if isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
+        yield from certainly_set(node.script)
+    elif isinstance(node, model.Event) and len(node.definitions) == 1:
+        for topic, throws in topics_of(node):
+            name = variable_name(topic.name)
+            if not throws and not topic.takes and taken(node, topic, body) == (name,):
+                yield name
+            yield from (item.target for item in topic.takes if names_of(item.source)[0] <= {"msg"})

@@ -1,0 +1,249 @@
+"""What scripts change: the variables that they set, and the lists, mappings and objects that they change in place.
+
+`script_writes` names what a script certainly changes if it gets there, `may_change` what it only may change: values
+that it hands to functions which are not known to leave them as they are, and, in JavaScript, all that it reads. A
+number or a text cannot be changed in this way, so the exploration looks at the values before it forgets them.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from functools import lru_cache
+
+from fame.bpmn.model import Expression
+from fame.check.explore.purity import CHANGING_METHODS, READING_METHODS
+from fame.check.expressions import names_of
+from fame.errors import FameError
+from fame.scripting import code_names
+from fame.scripting.python import parse_python
+
+
+@lru_cache(maxsize=1024)
+def script_writes(script: Expression) -> frozenset[str]:
+    """The variables that a script sets or changes in place, functions and modules included."""
+    try:
+        return names_of(script, True)[1] | code_names(script) | _changed_in_place(script)
+    except FameError:
+        return frozenset()
+
+
+@lru_cache(maxsize=1024)
+def may_change(script: Expression) -> frozenset[str]:
+    """The variables whose lists, mappings or objects a script may change by functions, or in JavaScript."""
+    try:
+        reads = names_of(script, True)[0]
+        if script.language != "python":
+            return reads
+        tree = parse_python(script)
+    except FameError:
+        return frozenset()
+    changed = {name for call in ast.walk(tree) if isinstance(call, ast.Call) for name in _handed_over(call)}
+    return reads if changed & parts_of(tree) else reads & changed
+
+
+def _changed_in_place(script: Expression) -> frozenset[str]:
+    """The variables whose lists, mappings or objects a script in Python changes by items, attributes or methods.
+
+    A name that the script sets to a part of something else may stand for a part of anything that it reads.
+    """
+    if script.language != "python":
+        return frozenset()
+    tree = parse_python(script)
+    changed, reads = _changed(tree), names_of(script, True)[0]
+    return reads if changed & parts_of(tree) else reads & changed
+
+
+def changes_parts(tree: ast.AST) -> bool:
+    """Whether a script may change, in place, what is a part of another value."""
+    return bool(_changed(tree) & parts_of(tree))
+
+
+def _changed(tree: ast.AST) -> set[str]:
+    """The names whose values a script changes by items, attributes or methods."""
+    changed = set[str]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Subscript | ast.Attribute) and not isinstance(node.ctx, ast.Load):
+            changed |= _root(node)
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in CHANGING_METHODS:
+            changed |= _root(node.func.value)
+    return changed
+
+
+def parts_of(tree: ast.AST) -> set[str]:
+    """The names that a script sets to something that may be a part of another value."""
+    targets: list[ast.AST] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.For | ast.AsyncFor | ast.comprehension):
+            targets.append(node.target)
+        elif isinstance(node, ast.Assign) and not isinstance(node.value, _NEW):
+            targets += node.targets
+        elif isinstance(node, ast.NamedExpr) and not isinstance(node.value, _NEW):
+            targets.append(node.target)
+    return {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
+
+
+def _root(node: ast.AST) -> set[str]:
+    """The variable that an attribute or item belongs to."""
+    while isinstance(node, ast.Subscript | ast.Attribute):
+        node = node.value
+    return {node.id} if isinstance(node, ast.Name) else set()
+
+
+def _handed_over(call: ast.Call) -> Iterator[str]:
+    """The variables that a call may change: what it is given, and the object of the method."""
+    function = call.func
+    if isinstance(function, ast.Name) and function.id in _HARMLESS:
+        return
+    if isinstance(function, ast.Attribute):
+        if isinstance(function.value, ast.Name) and function.value.id in _HARMLESS_MODULES:
+            return
+        if function.attr in READING_METHODS:
+            return
+    yield from _whole(function.value if isinstance(function, ast.Attribute) else function)
+    for argument in (*call.args, *(keyword.value for keyword in call.keywords)):
+        yield from _whole(argument)
+
+
+def _whole(node: ast.AST) -> Iterator[str]:
+    """The names in an expression whose values may be its value, or a part of it."""
+    if isinstance(node, ast.Name):
+        yield node.id
+    elif not isinstance(node, ast.BinOp | ast.UnaryOp | ast.Compare | ast.JoinedStr | ast.Constant):
+        for inner in ast.iter_child_nodes(node):
+            yield from _whole(inner)
+
+
+_NEW = (ast.List, ast.Dict, ast.Set, ast.ListComp, ast.DictComp, ast.SetComp, ast.Constant, ast.BinOp, ast.JoinedStr)
+"""Expressions whose value is no part of another one."""
+_HARMLESS = frozenset(
+    ("abs", "all", "any", "bool", "BpmnError", "bytes", "dict", "divmod", "enumerate", "float", "format", "frozenset",
+     "hasattr", "hash", "int", "isinstance", "iter", "len", "list", "log", "max", "min", "print", "range", "receive",
+     "repr", "reversed", "round", "set", "signal", "sleep", "sorted", "str", "sum", "tuple", "type", "until", "zip")
+)  # fmt: skip
+"""Functions that leave their arguments as they are."""
+_HARMLESS_MODULES = frozenset(("json", "log", "math", "re", "robot", "statistics"))
+"""Modules and objects of the script interface all of whose functions do."""
+
+
+@lru_cache(maxsize=1024)
+def only_changed(script: Expression) -> frozenset[str]:
+    """The variables that a script reads only to change them: ``x[k] = ...``, ``x.append(...)``, ``x += ...``."""
+    try:
+        tree = parse_python(script)
+    except FameError:
+        return frozenset()
+    changing, counted_up = set[int](), set[int]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign):
+            changing |= {id(target.value) for target in node.targets if isinstance(target, ast.Subscript)}
+        elif isinstance(node, ast.AugAssign):
+            counted_up.add(id(node.target))
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+            function = node.value.func
+            if isinstance(function, ast.Attribute) and function.attr in CHANGING_METHODS:
+                changing.add(id(function.value))
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    read = {node.id for node in names if isinstance(node.ctx, ast.Load) and id(node) not in changing}
+    return frozenset({node.id for node in names if id(node) in changing | counted_up} - read)
+
+
+@lru_cache(maxsize=1024)
+def certainly_set(script: Expression) -> frozenset[str]:
+    """The variables that a script sets whatever happens, unless it fails."""
+    return frozenset(name for statement in _statements(script) for name in _targets(statement))
+
+
+@lru_cache(maxsize=1024)
+def read_first(script: Expression) -> frozenset[str]:
+    """The names that a script may read before it has certainly set them."""
+    found, done = set[str](), set[str]()
+    for statement in _statements(script):
+        found |= {
+            node.id for node in ast.walk(statement)
+            if isinstance(node, ast.Name) and node.id not in done
+            and (isinstance(node.ctx, ast.Load) or isinstance(statement, ast.AugAssign))
+        }  # fmt: skip
+        done |= {*_targets(statement)}
+    return frozenset(found)
+
+
+def _statements(script: Expression) -> list[ast.stmt]:
+    try:
+        return list(getattr(parse_python(script), "body", ()))
+    except FameError:
+        return []
+
+
+def _targets(statement: ast.stmt) -> Iterator[str]:
+    """The variables that an assignment sets."""
+    for target in statement.targets if isinstance(statement, ast.Assign) else ():
+        for part in target.elts if isinstance(target, ast.Tuple | ast.List) else (target,):
+            if isinstance(part, ast.Name):
+                yield part.id
+
+
+# ---- lists of which only the length is read --------------------------------------------------------------------------
+
+
+def list_uses(text: Expression, *, script: bool) -> tuple[frozenset[str], frozenset[str]]:
+    """(counted, others): the variables of which a text uses only the length as a list, and the others that it uses.
+
+    Using only the length is ``len(x)``, ``x.append(...)`` as a statement, and ``x = [...]``.
+    """
+    reads, writes = names_of(text, script)
+    if text.language != "python":
+        return frozenset(), reads | writes
+    try:
+        tree = parse_python(text, "exec" if script else "eval")
+    except FameError:
+        return frozenset(), reads | writes
+    fine = {id(name) for node in ast.walk(tree) for name in _only_counted(node)}
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    others = {node.id for node in names if id(node) not in fine} | {
+        name for node in ast.walk(tree) if isinstance(node, ast.Global | ast.Nonlocal) for name in node.names
+    }
+    return frozenset({node.id for node in names} - others), frozenset(others)
+
+
+def _only_counted(node: ast.AST) -> Iterator[ast.Name]:
+    """The names in a node that stand for a list of which only the length matters there."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "len":
+        yield node.func
+        yield from (argument for argument in node.args if isinstance(argument, ast.Name))
+    elif isinstance(node, ast.Assign) and isinstance(node.value, ast.List) and len(node.targets) == 1:
+        yield from (target for target in node.targets if isinstance(target, ast.Name))
+    elif (name := _appended_to(node)) is not None:
+        yield name
+
+
+def _appended_to(node: ast.AST) -> ast.Name | None:
+    """The list of a statement ``x.append(...)``."""
+    if (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) and isinstance(node.value.func, ast.Attribute)
+            and node.value.func.attr == "append" and len(node.value.args) == 1 and not node.value.keywords
+            and isinstance(node.value.func.value, ast.Name)):  # fmt: skip
+        return node.value.func.value
+    return None
+
+
+def without_items(script: Expression, counted: frozenset[str]) -> Expression:
+    """The script with ``x.append(None)`` for lists of which only the length is read."""
+    if script.language != "python" or "append" not in script.text:
+        return script
+    try:
+        tree = parse_python(script)
+    except FameError:
+        return script
+    changed = False
+    for node in ast.walk(tree):
+        name = _appended_to(node)
+        if name is not None and name.id in counted:
+            assert isinstance(node, ast.Expr)
+            assert isinstance(node.value, ast.Call)
+            if not any(isinstance(one, _EFFECTS) for one in ast.walk(node.value.args[0])):
+                node.value.args[0] = ast.copy_location(ast.Constant(None), node.value.args[0])
+                changed = True
+    return Expression(ast.unparse(tree), "python", script.line) if changed else script
+
+
+_EFFECTS = (ast.Call, ast.Await, ast.NamedExpr, ast.Yield, ast.YieldFrom)

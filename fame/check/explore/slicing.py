@@ -1,0 +1,146 @@
+"""Scripts without the statements that decide nothing.
+
+Two things are left out of the scripts of a team before it is explored:
+
+- operations on what is certainly unknown: if `odom` comes from a sensor, ``odom.x - shelf[0]`` is unknown whatever
+  `shelf` is, so ``odom.x`` takes its place;
+- statements that only set variables on which no decision depends. What they might raise is not found.
+
+A script that defines functions, waits, or hands variables to unknown functions is taken as a whole.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Set
+from dataclasses import replace
+from functools import lru_cache
+
+from fame.bpmn.model import Expression
+from fame.check.explore.purity import CHANGING_METHODS, READING_METHODS
+from fame.check.explore.script_effects import changes_parts, may_change, script_writes
+from fame.check.expressions import names_of
+from fame.errors import FameError
+from fame.scripting.python import parse_python
+
+Link = tuple[frozenset[str], frozenset[str]]
+"""(reads, writes): what is written depends on what is read."""
+
+_UNDIVIDED = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Import, ast.ImportFrom, ast.Global, ast.Nonlocal,
+              ast.Await, ast.AsyncFor, ast.AsyncWith, ast.NamedExpr, ast.Delete)  # fmt: skip
+_WITHOUT_EFFECT = frozenset(
+    ("abs", "all", "any", "bool", "dict", "divmod", "enumerate", "float", "frozenset", "int", "len", "list", "log",
+     "max", "min", "print", "range", "repr", "reversed", "round", "set", "sorted", "str", "sum", "tuple", "zip")
+)  # fmt: skip
+
+
+@lru_cache(maxsize=1024)
+def links(script: Expression) -> tuple[Link, ...]:
+    """What depends on what in a script: one link for each statement, or one for all if it is taken as a whole."""
+    statements = _statements(script)
+    if statements is None:
+        reads, writes = names_of(script, True)
+        return ((reads, writes | script_writes(script)),)
+    return tuple(link for _, _, link in statements)
+
+
+def sliced(script: Expression, needed: Set[str]) -> Expression:
+    """The script without the statements that set no variable that is needed."""
+    statements = _statements(script)
+    if statements is None or all(loud or writes & needed for _, loud, (_, writes) in statements):
+        return script
+    left = [statement for statement, loud, (_, writes) in statements if loud or writes & needed]
+    return replace(script, text="\n".join(map(ast.unparse, left)) or "pass")
+
+
+def _statements(script: Expression) -> list[tuple[ast.stmt, bool, Link]] | None:
+    """(statement, whether it does more than set variables, its link); None if a script is taken as a whole."""
+    tree = _tree(script)
+    if tree is None or any(isinstance(node, _UNDIVIDED) for node in ast.walk(tree)) or may_change(script):
+        return None
+    if changes_parts(tree):
+        return None
+    found = []
+    for statement in tree.body:
+        alone = replace(script, text=ast.unparse(statement))
+        nodes = list(ast.walk(statement))
+        loud = any(isinstance(node, ast.Raise | ast.Assert) for node in nodes) or not all(
+            _has_no_effect(node) for node in nodes if isinstance(node, ast.Call)
+        )
+        found.append((statement, loud, (names_of(alone, True)[0], script_writes(alone))))
+    return found
+
+
+def _tree(script: Expression) -> ast.Module | None:
+    try:
+        tree = parse_python(script) if script.language == "python" else None
+    except FameError:
+        return None
+    return tree if isinstance(tree, ast.Module) else None
+
+
+def _has_no_effect(call: ast.Call) -> bool:
+    function = call.func
+    if isinstance(function, ast.Attribute):
+        return function.attr in READING_METHODS or function.attr in CHANGING_METHODS or _is_of_numbers(function)
+    return isinstance(function, ast.Name) and function.id in _WITHOUT_EFFECT
+
+
+# ---- what is certainly unknown ---------------------------------------------------------------------------------------
+
+
+def assignments(script: Expression) -> Iterator[tuple[str, ast.expr | None]]:
+    """(variable, value) of what a script sets; None for a value that is not one expression."""
+    tree = _tree(script)
+    plain = [node for node in ast.walk(tree) if _is_plain(node)] if tree is not None else []
+    targets = {id(node.targets[0]) for node in plain if isinstance(node, ast.Assign)}
+    for node in plain:
+        assert isinstance(node, ast.Assign)
+        assert isinstance(node.targets[0], ast.Name)
+        yield node.targets[0].id, node.value
+    set_otherwise = {
+        node.id for node in ast.walk(tree) if isinstance(node, ast.Name)
+        and not isinstance(node.ctx, ast.Load) and id(node) not in targets
+    } if tree is not None else script_writes(script)  # fmt: skip
+    in_place = (script_writes(script) | may_change(script)) - names_of(script, True)[1]
+    yield from ((name, None) for name in (*set_otherwise, *in_place))
+
+
+def _is_plain(node: ast.AST) -> bool:
+    return isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name)
+
+
+def unknown_part(value: ast.expr, unknown: Set[str]) -> ast.expr | None:
+    """A part of an expression that is certainly unknown, which makes the whole so; None if there is no such.
+
+    A variable with a message from outside is a message of which nothing is known; its fields are unknown.
+    """
+    if isinstance(value, ast.Name):
+        return value if value.id in unknown else None
+    if isinstance(value, ast.Attribute | ast.Subscript):
+        return value if unknown_part(value.value, unknown) is not None else None
+    if isinstance(value, ast.BinOp):
+        return unknown_part(value.left, unknown) or unknown_part(value.right, unknown)
+    if isinstance(value, ast.UnaryOp) and not isinstance(value.op, ast.Not):
+        return unknown_part(value.operand, unknown)
+    if isinstance(value, ast.Call) and not value.keywords and _is_of_numbers(value.func):
+        return next((found for one in value.args if (found := unknown_part(one, unknown)) is not None), None)
+    return None
+
+
+def _is_of_numbers(function: ast.expr) -> bool:
+    if isinstance(function, ast.Attribute):
+        return isinstance(function.value, ast.Name) and function.value.id == "math"
+    return isinstance(function, ast.Name) and function.id in ("abs", "float", "round")
+
+
+def without_operations(script: Expression, unknown: Set[str]) -> Expression:
+    """The script with a variable that is certainly unknown in the place of each expression that it makes so."""
+    tree = _tree(script) if unknown else None
+    changed = False
+    for node in ast.walk(tree) if tree is not None else ():
+        if isinstance(node, ast.Assign):
+            part = unknown_part(node.value, unknown)
+            if part is not None and part is not node.value:
+                node.value, changed = part, True
+    return replace(script, text=ast.unparse(tree)) if tree is not None and changed else script
