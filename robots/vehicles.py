@@ -30,7 +30,7 @@ from robots.nav2 import Nav2
 from robots.navigation import Dock, Limits
 from robots.planner import Planner, PlannerParameters
 from robots.sensors import STILL, Motion, Odometer, OdometerParameters, Ultrasonic, UltrasonicParameters
-from sim2d.robot import Appearance, Pose, TopicCommand, body_of, period, rectangle
+from sim2d.robot import Appearance, Cone, Pose, TopicCommand, body_of, period, rectangle
 
 if TYPE_CHECKING:
     import pymunk
@@ -76,12 +76,15 @@ class Drive:
         self._parameters = parameters
         self._grip = parameters.friction * GRAVITY
         self._valid_until = 0
+        self._pose: Pose | None = None  # since the last step, as far as it was asked for
 
     @property
     def pose(self) -> Pose:
-        """The true pose of the body."""
-        x, y = self.body.position
-        return Pose(x, y, self.body.angle)
+        """The true pose of the body, which moves in steps only: `move` is called before each."""
+        if self._pose is None:
+            x, y = self.body.position
+            self._pose = Pose(x, y, self.body.angle)
+        return self._pose
 
     @property
     def motion(self) -> Motion:
@@ -102,6 +105,7 @@ class Drive:
     def move(self, now: int, duration: float) -> None:
         """Apply the forces of motors and tyres for a step of `duration` s."""
         limits, body = self._parameters, self.body
+        self._pose = None
         if self.blocked or (limits.watchdog and now > self._valid_until):
             self.speed = self.turn_rate = 0.0
         if self.speed == 0 and self.turn_rate == 0 and body.is_sleeping:
@@ -186,12 +190,11 @@ class Vehicle:
 
     @property
     def appearance(self) -> Appearance:
-        return self._appearance()
+        return Appearance(self.pose, cone=self._cone())
 
-    def _appearance(self, **equipment: Any) -> Appearance:
-        """Its appearance; subclasses add the fields of their equipment."""
-        pose = self.pose
-        return Appearance(pose, cone=self._ultrasonic.cone(pose), **equipment)
+    def _cone(self) -> Cone | None:
+        """What its range sensor saw last."""
+        return self._ultrasonic.cone(self.pose)
 
     @property
     def status(self) -> Mapping[str, Any]:
@@ -238,8 +241,9 @@ class Car(Vehicle):
         super().__init__(config, world)
         self._led = Led(self.node)
 
-    def _appearance(self, **equipment: Any) -> Appearance:
-        return super()._appearance(led=self._led.colour, **equipment)
+    @property
+    def appearance(self) -> Appearance:
+        return Appearance(self.pose, led=self._led.colour, cone=self._cone())
 
     @property
     def status(self) -> Mapping[str, Any]:
@@ -257,9 +261,6 @@ class BatteryVehicle(Vehicle):
         self._battery, self._charging = Battery(self.node, p), world.charging
         self._measure, self._drain = period(p.rate, world.step), period(DRAIN_RATE, world.step)
         self._drain_time = self._drain * world.step
-
-    def _appearance(self, **equipment: Any) -> Appearance:
-        return super()._appearance(charge=self._battery.charge, **equipment)
 
     @property
     def status(self) -> Mapping[str, Any]:
@@ -312,8 +313,10 @@ class Tractor(BatteryVehicle):
     def works(self) -> bool:  # type: ignore[override]
         return self._blade.turns
 
-    def _appearance(self, **equipment: Any) -> Appearance:
-        return super()._appearance(blade=self._blade.radius if self._blade.turns else 0.0, **equipment)
+    @property
+    def appearance(self) -> Appearance:
+        blade = self._blade.radius if self._blade.turns else 0.0
+        return Appearance(self.pose, cone=self._cone(), blade=blade, charge=self._battery.charge)
 
     @property
     def status(self) -> Mapping[str, Any]:
@@ -353,8 +356,10 @@ class Carrier(BatteryVehicle):
         super().__init__(config, world)
         self._tray = Tray(self.node, config.parameters.tray, config.name, world.parcels, lambda: self.pose[:2])
 
-    def _appearance(self, **equipment: Any) -> Appearance:
-        return super()._appearance(cargo=self._tray.parcel is not None, **equipment)
+    @property
+    def appearance(self) -> Appearance:
+        has_cargo = self._tray.parcel is not None
+        return Appearance(self.pose, cone=self._cone(), cargo=has_cargo, charge=self._battery.charge)
 
     @property
     def status(self) -> Mapping[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import marshal
+import struct
 from array import array
 from collections import Counter, defaultdict, deque
 from typing import Any, cast
@@ -33,6 +34,14 @@ VALUES = [
     messages.create("std_msgs/Empty"),
     messages.create("nav_msgs/Odometry", {"pose": {"covariance": [float("nan")] * 36}}),
     cast(Any, message_type("geometry_msgs/Point"))(x=numpy.float64(1.5), y=2, z=None),  # nothing is converted
+    cast(Any, message_type("geometry_msgs/Point"))(x=numpy.float64(1.5), y=2, z=0.0),
+    cast(Any, message_type("std_msgs/Bool"))(data=1),
+    cast(Any, message_type("std_msgs/String"))(data=numpy.str_("a")),
+    cast(Any, message_type("std_msgs/UInt8"))(data=-1 << 70),
+    cast(Any, message_type("std_msgs/UInt64"))(data=2**64 - 1),
+    messages.create("sensor_msgs/RegionOfInterest", {"height": 3, "do_rectify": True}),
+    messages.create("sensor_msgs/Imu", {"header": {"frame_id": "imu", "stamp": {"sec": -1}}}),
+    messages.create("sensor_msgs/CameraInfo", {"k": [float("inf")] * 9}),
 ]
 
 
@@ -50,8 +59,11 @@ def test_what_stands_for_a_message_in_changes_has_the_same_json(value: object) -
 
 
 def test_most_messages_are_taken_apart() -> None:
-    template, parts = plain_values.plain(messages.create("geometry_msgs/Twist", {"angular": {"z": 0.5}}))
-    assert parts == (0.0, 0.0, 0.0, 0.0, 0.0, 0.5)
+    (template, codes, _), numbers, others = plain_values.plain(
+        messages.create("geometry_msgs/Twist", {"angular": {"z": 0.5}})
+    )
+    parts = struct.unpack(codes, numbers)
+    assert (parts, others) == ((0.0, 0.0, 0.0, 0.0, 0.0, 0.5), ())
     assert json.loads(template % parts)["angular"] == {"x": 0.0, "y": 0.0, "z": 0.5}
 
 
@@ -75,6 +87,10 @@ def test_an_array_differs_from_its_snapshot_when_it_is_changed_in_place() -> Non
         (numpy.complex128(1 + 2j), "1+2j"),
         (numpy.array(2.5), 2.5),
         (numpy.array([[1, 2], [3, 4]]), [[1, 2], [3, 4]]),
+        (numpy.array([0.1, numpy.nan], dtype="f"), [0.10000000149011612, "NaN"]),
+        (numpy.array([1, 2], dtype=">i2"), [1, 2]),
+        (numpy.array([True]), [True]),
+        (numpy.array([], dtype=int), []),
         (numpy.zeros(17), {"$cut": "array of 17"}),
         (numpy.array([None, [1]], dtype=object), [None, [1]]),
         (array("d", [0.5, 1.5]), [0.5, 1.5]),

@@ -8,18 +8,18 @@ writes a recording starts quickly.
 from __future__ import annotations
 
 import json
+import struct
 from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from itertools import compress
-from operator import is_not
 from typing import Any
 
 Group = tuple[int, int, Sequence[tuple[str, str, Any]]]
 """Marks of a scope, with the keys of its instance and of the scope (see docs/recordings.md)."""
-ScopeChange = tuple[int, str, "Sequence[str] | None", Sequence[Any]]
+ScopeChange = tuple[int, str, "Sequence[str] | None", Sequence[int], Sequence[Any]]
 """A scope with variables of its own: its key, where it is (members of a JSON object; empty if that is known), the names
-of all its variables (None: as before), and their values in plain form (`fame.robot.plain_values.plain`)."""
+of all its variables (None: as before), the places in them of those that may have changed, and the values of these in
+plain form (`fame.robot.plain_values.plain`)."""
 Token = tuple[str, str, str, int, str, "tuple[int, str] | None"]
 """A waiting token: its key, where it is, its element, since when (ns), what it waits for, the last message missed."""
 Changes = tuple[Sequence[Group], Sequence[ScopeChange], Sequence[int], Sequence[Token], Sequence[str]]
@@ -27,6 +27,12 @@ Changes = tuple[Sequence[Group], Sequence[ScopeChange], Sequence[int], Sequence[
 
 Put = Callable[[str, int, str], object]
 """Takes a channel (``events``, ``variables``, ``waiting``), a time (ns) and JSON."""
+
+Layout = tuple[str, str, tuple[tuple[int, str], ...]]
+"""How JSON is made of the parts of a message: a template with ``%r`` for numbers and ``%s`` for everything else; the
+format of the numbers (`struct`); of everything else the place, and the format of an array (empty: no array)."""
+MessageParts = tuple[Layout, bytes, tuple[Any, ...]]
+"""A message taken apart (`fame.robot.message_parts`): its numbers, and everything else, arrays as bytes."""
 
 TEXT = 1000
 """Most characters of a text."""
@@ -122,10 +128,10 @@ class ChangeText:
 
     def _scope(self, change: ScopeChange) -> str:
         """The differences of a scope, as a JSON object; empty without a difference."""
-        key, where, names, values = change
+        key, where, names, places, values = change
         if where:
             self._scopes[key] = _ScopeText(where)
-        return self._scopes[key].differences(names, values)
+        return self._scopes[key].differences(names, places, values)
 
     def _token(self, token: Token) -> str:
         key, place, element, since, text, miss = token
@@ -162,22 +168,16 @@ class _ScopeText:
     def __init__(self, where: str) -> None:
         self.where = where
         self._names: Sequence[str] = ()
-        self._values: Sequence[Any] = ()
         self._texts: dict[str, str] = {}
 
-    def differences(self, names: Sequence[str] | None, values: Sequence[Any]) -> str:
-        """What is different with these variables, as a JSON object; empty if nothing is."""
-        texts, gone = self._texts, list[str]()
-        if names is None:
-            names = self._names
-            changed = list(compress(zip(names, values, strict=True), map(is_not, values, self._values)))
-        else:
-            changed = list(zip(names, values, strict=True))
-            gone = [name for name in texts if name not in names]
+    def differences(self, names: Sequence[str] | None, places: Sequence[int], values: Sequence[Any]) -> str:
+        """What is different with these values, as a JSON object; empty if nothing is."""
+        texts, gone, fresh = self._texts, list[str](), list[str]()
+        if names is not None:
             self._names = names
-        self._values = values
-        fresh = []
-        for name, value in changed:
+            gone = [name for name in texts if name not in names]
+        for place, value in zip(places, values, strict=True):
+            name = self._names[place]
             if value is ...:
                 gone += [name] * (name in texts)
                 continue
@@ -202,18 +202,27 @@ def variable_text(value: Any) -> str:
     if kind is float:
         return float_text(value)
     if kind is tuple:
-        template, parts = value
-        return message_text(template, parts)
+        return array_text(*value) if len(value) == 2 else message_text(value)
     return value_text(value)
 
 
-def message_text(template: str, parts: tuple[Any, ...]) -> str:
-    """The JSON of the parts of a message (`fame.robot.message_parts`)."""
-    text = template % parts
+def message_text(message: MessageParts) -> str:
+    """The JSON of a message taken apart."""
+    (template, numbers, places), data, others = message
+    parts: list[Any] = list(struct.unpack(numbers, data))
+    for (place, items), other in zip(places, others, strict=True):
+        parts.insert(place, array_text(items, other) if items else value_text(other))
+    text = template % tuple(parts)
     if ":nan" in text or ":inf" in text or ":-inf" in text:  # a number that JSON does not have, or a text like that
         finite = [float_text(part) if part.__class__ is float else part for part in parts]
         return template.replace("%r", "%s") % tuple(finite)
     return text
+
+
+@lru_cache(1000)
+def array_text(items: str, data: bytes) -> str:
+    """The JSON of an array, given as bytes. Most arrays in messages are covariances, which rarely differ."""
+    return f"[{','.join(map(value_text, struct.unpack(items, data)))}]"
 
 
 def value_text(value: Any) -> str:

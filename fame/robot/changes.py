@@ -93,8 +93,7 @@ class ChangeTracker:
                 where = variables.where
             change = variables.change()
             if change is not None or where:
-                names, values = change or ((), ())
-                changes.append((scope.key, where, names, values))
+                changes.append((scope.key, where, *(change or ((), (), ()))))
         gone: list[int] = []
         if len(known) > len(owners):
             there = {scope.key for scope in owners}
@@ -108,15 +107,14 @@ class ChangeTracker:
     ) -> tuple[list[Token], list[str]]:
         """The tokens that are new or wait for something else, and the keys of those that are gone."""
         before, now, fresh = self._tokens, dict[Hashable, tuple[object, int]](), list[Token]()
-        state_of = self._waiting.state
+        waiting, state_of = self._waiting, self._waiting.state
         for wait in waits:
-            state = state_of(wait)
-            known = before.get(wait.key)
+            state, known = state_of(wait), before.get(wait.key)
             if known is None or known[0] != state:
-                since = known[1] if known is not None else self._waiting.since(wait, time)
-                known = state, since
-                text, miss = self._details(wait, state), self._waiting.last_miss(wait)
-                fresh.append((str(wait.key), self._place(wait.scope), wait.node.id, since, text, miss))
+                known = state, known[1] if known is not None else waiting.since(wait, time)
+                miss = waiting.last_miss(wait) if waiting.missed or waiting.uncorrelated else None
+                text = self._details(wait, state)
+                fresh.append((str(wait.key), self._place(wait.scope), wait.node.id, known[1], text, miss))
             now[wait.key] = known
         for scope, join in joins:
             key = f"{scope.key}@{join.id}"
@@ -161,70 +159,59 @@ class _ScopeVariables:
         self.where: str = f'{{"instance":{scope.instance.key},"scope":{scope.key},"path":{_path_text(scope)}'
         self._variables = scope.variables
         self._names: list[str] = []
-        self._kinds: list[type] = []
         self._values: list[Any] = []
-        self._others: list[_Variable] = []  # those with a value that is not plain
+        self._hidden: list[int] = []  # places of names with two leading underscores
+        self._copies: dict[int, Any] = {}  # place -> a copy of a value that may be changed in place
 
-    def change(self) -> tuple[Sequence[str] | None, Sequence[Any]] | None:
-        """The names, if they are others than at the last look, and all values; None if nothing has changed."""
-        variables = self._variables
-        names, values = list(variables), list(dict.values(variables))
-        kinds = list(map(type, values))
+    def change(self) -> tuple[Sequence[str] | None, Sequence[int], Sequence[Any]] | None:
+        """The names, if they are others than at the last look; places and plain values that may have changed.
+
+        None if nothing has changed.
+        """
+        names, values = list(self._variables), list(dict.values(self._variables))
         has_new_names = names != self._names
-        is_same_kind = not has_new_names and kinds == self._kinds
-        if not is_same_kind:
-            self._sort(names, kinds)
-        for other in self._others:
-            value = values[other.place]
-            if value is not other.value or other.snapshot is not None:
-                other.look(value)
-            values[other.place] = other.plain
-        if is_same_kind and values == self._values:
+        if has_new_names:
+            self._rename(names)
+        before, self._values = self._values, values
+        places = [place for place, value in enumerate(values) if value is not before[place]]
+        if self._hidden or self._copies:
+            places = self._compare_further(values, places)
+        if not (places or has_new_names):
             return None
-        self._values = values
-        return names if has_new_names else None, values
+        found = [
+            value if (value := values[place]).__class__ in _PLAIN else self._plain(place, value) for place in places
+        ]
+        return names if has_new_names else None, places, found
 
-    def _sort(self, names: list[str], kinds: list[type]) -> None:
-        """Find the variables that are not plain."""
-        self._names, self._kinds = names, kinds
-        known = {other.name: other for other in self._others}
-        self._others = []
-        for place, name in enumerate(names):
-            if kinds[place] not in _PLAIN or name[:2] == "__":
-                other = known.get(name) or _Variable(name)
-                other.place = place
-                self._others.append(other)
+    def _rename(self, names: list[str]) -> None:
+        """Take other names: each keeps its value and its copy."""
+        values = dict(zip(self._names, self._values, strict=True))
+        copies = {self._names[place]: copied for place, copied in self._copies.items()}
+        self._names, self._values = names, [values.get(name, _NOTHING) for name in names]
+        self._copies = {place: copies[name] for place, name in enumerate(names) if name in copies}
+        self._hidden = [place for place, name in enumerate(names) if name[:2] == "__"]
 
+    def _compare_further(self, values: list[Any], places: list[int]) -> list[int]:
+        """The places of the values that have changed, also in place; `places` are those of other objects."""
+        changed = set(places).difference(self._hidden)
+        for place, copied in list(self._copies.items()):
+            if differs(values[place], copied):
+                del self._copies[place]
+                changed.add(place)
+            else:
+                changed.discard(place)
+        return sorted(changed)
 
-class _Variable:
-    """A variable with a value that is not plain.
-
-    place     its number in the scope
-    value     its value at the last look
-    plain     its plain form: the same object until something changes
-    snapshot  a copy of a value that may be changed in place, else None
-    """
-
-    __slots__ = ("name", "place", "plain", "snapshot", "value")
-
-    def __init__(self, name: str) -> None:
-        self.name, self.place = name, 0
-        self.value: Any = None
-        self.plain: Any = ...
-        self.snapshot: Any = None
-
-    def look(self, value: Any) -> None:
-        """Take its value now."""
-        if self.snapshot is not None and not differs(value, self.snapshot):
-            return
-        self.value, self.snapshot = value, None
-        found = ... if self.name[:2] == "__" else plain(value)
-        if found.__class__ is bytes and is_changeable(value) and not found.startswith(_CUT_ARRAY):
-            self.snapshot = snapshot_of(value)
-        if found != self.plain:
-            self.plain = found
+    def _plain(self, place: int, value: Any) -> Any:
+        """The plain form of a value."""
+        found = plain(value)
+        if is_changeable(value) and not (found.__class__ is bytes and found.startswith(_CUT_ARRAY)):
+            self._copies[place] = snapshot_of(value)
+        return found
 
 
+_NOTHING = object()
+"""The value of a variable that was not there."""
 _PLAIN: frozenset[type] = frozenset((float, int, bool, type(None), complex))
 """The classes of values that stand for themselves."""
 _CUT_ARRAY = b'{"$cut":"array of'

@@ -1,4 +1,4 @@
-"""Messages taken apart quickly: the numbers and texts in them, and the JSON around these.
+"""Messages taken apart quickly: the numbers, texts and arrays in them, and how JSON is made of these.
 
 A robot gives away thousands of messages a second while it is recorded. To make JSON of one takes ten times as long as
 to read its fields: so that is done elsewhere, by whoever has the parts (`fame.robot.change_text`).
@@ -6,26 +6,20 @@ to read its fields: so that is done elsewhere, by whoever has the parts (`fame.r
 
 from __future__ import annotations
 
-import json
+import struct
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any
 
 from fame.middleware import typesystem
 from fame.middleware.definitions import Field
 from fame.middleware.messages import Message
-from fame.robot.change_text import name_text
+from fame.robot.change_text import Layout, MessageParts, name_text
 
 LONG = 64
 """Items of an array in a message, above which it is cut: such a message is not taken apart."""
 
-Parts = tuple[str, tuple[Any, ...]]
-"""A template of JSON, and what belongs into it: numbers (``%r``), and JSON of everything else (``%s``)."""
-
-
-def parts_of(message: Message) -> Parts | None:
-    """The parts of a message; None if it has sequences or long arrays, or something in it has another class."""
-    return reader(message.__msgtype__)(message)
+Read = Callable[[Message], MessageParts | None]
 
 
 def _fields(type: str) -> Sequence[Field]:
@@ -42,73 +36,66 @@ def has_lists(type: str) -> bool:
     )
 
 
-class _Reader:
-    """Reads the parts of the messages of one type."""
+@cache
+def reader(type: str) -> Read:
+    """The function that takes the messages of a type apart.
 
-    def __init__(self, type: str) -> None:
-        paths, kinds = map(list, zip(*_leaves(type, ""), strict=True))
-        self._kinds = kinds
-        self._template = _template(type)
-        self._get = _getter(paths)
-        self._others = [(place, _TEXTS[kind]) for place, kind in enumerate(self._kinds) if kind not in _NUMBERS]
-        self._message: Message | None = None  # the last one: several scopes often have the same
-        self._parts: Parts | None = None
+    It returns None if the type has sequences or long arrays, or if something in a message has another class.
+    """
+    leaves = () if has_lists(type) else tuple(_leaves(type, ""))
+    if not leaves or any(field.shape != "single" and field.base not in _ARRAYS for _, field in leaves):
+        return lambda message: None
+    get = _getter(type, leaves)
+    last: Message | None = None  # several scopes often have the same message
+    parts: MessageParts | None = None
 
-    def read(self, message: Message) -> Parts | None:
-        """The parts of a message; None if it has others than its type."""
-        if message is self._message:
-            return self._parts
-        self._message, self._parts = message, None
-        try:
-            parts = self._get(message)
-            if list(map(type, parts)) != self._kinds:
-                return None
-            if self._others:
-                items = list(parts)
-                for place, text in self._others:
-                    items[place] = text(items[place])
-                parts = tuple(items)
-        except (AttributeError, ValueError):  # a number where a message belongs; numbers that JSON does not have
-            return None
-        self._parts = self._template, parts
-        return self._parts
+    def read(message: Message) -> MessageParts | None:
+        nonlocal last, parts
+        if message is not last:
+            try:
+                last, parts = message, get(message)
+            except (AttributeError, struct.error):  # a number where a message belongs; a text where a number belongs
+                parts = None
+        return parts
+
+    return read
 
 
-def _getter(paths: Sequence[str]) -> Callable[[Message], tuple[Any, ...]]:
-    """The function that reads these attributes of attributes. Compiled, it is ten times as fast as an `attrgetter`."""
-    function: Callable[[Message], tuple[Any, ...]] = eval(f"lambda m: ({''.join(f'm.{path}, ' for path in paths)})")
+def _getter(type: str, leaves: Sequence[tuple[str, Field]]) -> Read:
+    """The function that reads all fields of a type. Compiled, it is ten times as fast as an `attrgetter`."""
+    numbers, codes, values, checks, others = [], "<", [], ["True"], []
+    names: dict[str, Any] = {}
+    for place, (path, field) in enumerate(leaves):
+        if field.shape == "single" and field.base not in _CLASSES:
+            numbers.append(f"m.{path}")
+            codes += _NUMBERS.get(field.base, "q")
+            continue
+        value = f"v{place}"
+        if field.shape == "single":
+            names[f"c{place}"] = _CLASSES[field.base]
+            checks.append(f"({value} := m.{path}).__class__ is c{place}")
+        else:
+            import numpy
+
+            names[f"c{place}"] = numpy.dtype(field.base)
+            checks.append(f"({value} := m.{path}).dtype is c{place} and {value}.size == {field.size}")
+        values.append(value if field.shape == "single" else f"{value}.tobytes()")
+        others.append((place, "" if field.shape == "single" else f"<{field.size}{_ARRAYS[field.base]}"))
+    layout: Layout = _template(type), codes, tuple(others)
+    names |= {"layout": layout, "pack": struct.Struct(codes).pack}
+    parts = f"layout, pack({', '.join(numbers)}), ({''.join(f'{value}, ' for value in values)})"
+    function: Read = eval(f"lambda m: ({parts}) if {' and '.join(checks)} else None", names)
     return function
 
 
-_KINDS: dict[str, type[Any]] = {"string": str, "wstring": str, "bool": bool, "float32": float, "float64": float}
-"""The classes of single primitives; the others are int."""
-
-
-@cache
-def reader(type: str) -> Callable[[Message], Parts | None]:
-    """The function that takes the messages of a type apart (see `parts_of`)."""
-    if has_lists(type) or any(kind is None for _, kind in _leaves(type, "")):
-        return lambda message: None
-    return _Reader(type).read
-
-
-def _leaves(type: str, path: str) -> Iterator[tuple[str, Any]]:
-    """The path and class of every primitive and array of them; None: an array of another kind."""
+def _leaves(type: str, path: str) -> Iterator[tuple[str, Field]]:
+    """The path of every primitive and array, and its field."""
     for field in _fields(type):
         here = path + field.attribute
-        if field.shape != "single":
-            yield here, None if field.is_message or field.base in ("string", "wstring") else _array_class()
-        elif field.is_message:
+        if field.shape == "single" and field.is_message:
             yield from _leaves(field.base, f"{here}.")
         else:
-            yield here, _KINDS.get(field.base, int)
-
-
-def _array_class() -> type[Any]:
-    import numpy
-
-    _TEXTS[numpy.ndarray] = _array_text
-    return numpy.ndarray
+            yield here, field
 
 
 def _template(type: str) -> str:
@@ -117,24 +104,18 @@ def _template(type: str) -> str:
 
 
 def _place(field: Field) -> str:
-    if field.shape != "single":
-        return "%s"
-    return _template(field.base) if field.is_message else "%r" if _KINDS.get(field.base, int) in _NUMBERS else "%s"
+    if field.shape == "single" and field.is_message:
+        return _template(field.base)
+    return "%s" if field.shape != "single" or field.base in _CLASSES else "%r"
 
 
-def _array_text(array: Any) -> str:
-    """The JSON of an array."""
-    return _known_array(array.dtype.char, array.tobytes())
-
-
-@lru_cache(256)
-def _known_array(kind: str, data: bytes) -> str:
-    """The JSON of an array. Most arrays in messages are covariances, which rarely differ."""
-    import numpy
-
-    return json.dumps(numpy.frombuffer(data, kind).tolist(), separators=(",", ":"), allow_nan=False)
-
-
-_NUMBERS = (float, int)
-_TEXTS: dict[type[Any], Callable[[Any], str]] = {str: name_text, bool: lambda value: "true" if value else "false"}
-"""The JSON of what is no number, by class."""
+_NUMBERS = {"float32": "d", "float64": "d", "uint64": "Q"}
+"""The codes of `struct` for numbers as Python has them; for other ones it is ``q``."""
+_CLASSES: dict[str, type[Any]] = {"string": str, "wstring": str, "bool": bool}
+"""The classes of what is no number."""
+_ARRAYS = {"float32": "f", "float64": "d"} | {
+    f"{sign}int{8 * 2**power}": code
+    for sign, codes in (("", "bhiq"), ("u", "BHIQ"))
+    for power, code in enumerate(codes)
+}
+"""The codes of `struct` for the items of arrays."""

@@ -21,7 +21,7 @@ from typing import Any
 from fame.middleware import typesystem
 from fame.middleware.messages import Message
 from fame.robot.change_text import TEXT, complex_text, float_text, message_text, name_text, string
-from fame.robot.message_parts import LONG, has_lists, parts_of, reader
+from fame.robot.message_parts import LONG, has_lists, reader
 
 try:
     import orjson
@@ -53,7 +53,8 @@ def is_data(name: str, value: Any) -> bool:
 def plain(value: Any) -> Any:
     """The plain form of a value in changes: plain data that `marshal` takes and that does not change.
 
-    That is a number or short text itself, the parts of a message, JSON (bytes), or ``...`` for code, which is no data.
+    That is a number or short text itself, the parts of a message, the format and bytes of an array of numbers, JSON
+    (bytes), or ``...`` for code, which is no data.
     """
     kind = value.__class__
     if kind is str and len(value) <= TEXT:
@@ -67,8 +68,10 @@ def plain(value: Any) -> Any:
 def _plain_maker(kind: type) -> Callable[[Any], Any]:
     """The function that converts the values of a class to their plain form."""
     if issubclass(kind, Message):
-        parts = reader(kind.__msgtype__)
-        return lambda message: parts(message) or _json_bytes(message)
+        read = reader(kind.__msgtype__)
+        return lambda message: read(message) or _json_bytes(message)
+    if kind.__module__ == "numpy" and kind.__name__ == "ndarray":
+        return _plain_array
     return next((base for base in (bool, int, float, complex) if issubclass(kind, base)), _json_bytes)
 
 
@@ -76,6 +79,16 @@ def _json_bytes(value: Any) -> Any:
     return json_text(value).encode("utf-8", "surrogatepass") if is_data("", value) else ...
 
 
+def _plain_array(array: Any) -> Any:
+    """A small array of numbers as the format of its items (`struct`) and bytes; another one as JSON."""
+    code = array.dtype.char
+    if array.ndim == 1 and 0 < array.size <= ITEMS and code in _NUMBERS and array.dtype.isnative:
+        return f"{array.size}{code}", array.tobytes()
+    return _json_bytes(array)
+
+
+_NUMBERS = frozenset("bBhHiIlLqQfd")
+"""The codes of items that numpy and `struct` have in common."""
 _PLAIN: dict[type, Callable[[Any], Any]] = {}
 
 
@@ -103,8 +116,10 @@ def snapshot_of(value: Any, depth: int = _DEPTH) -> Any:
         return [snapshot_of(item, depth - 1) if item.__class__ in _CHANGEABLE else item for item in value]
     if kind is dict:
         return {key: snapshot_of(item, depth - 1) for key, item in value.items()}
+    if kind in _CHANGEABLE:
+        return copy(value)
     has_bytes = hasattr(kind, "tobytes") and not getattr(getattr(value, "dtype", None), "hasobject", True)  # numpy
-    return copy(value) if kind in _CHANGEABLE or has_bytes else value
+    return value.copy() if has_bytes else value
 
 
 def differs(value: Any, snapshot: Any) -> bool:
@@ -214,8 +229,8 @@ def _message(value: Any, depth: int) -> str:
 
 def _small_message(value: Any, depth: int) -> str:
     """A message of a type without lists of any length."""
-    parts = parts_of(value)
-    return message_text(*parts) if parts is not None else _message(value, depth)
+    parts = reader(value.__msgtype__)(value)
+    return message_text(parts) if parts is not None else _message(value, depth)
 
 
 @cache
