@@ -70,6 +70,16 @@ def test_seeking_gives_the_state_that_playing_gives(run: tuple[Path, EventLog]) 
                     assert not robot.tokens
 
 
+def test_a_recording_that_is_opened_again_is_read_and_closed_independently(run: tuple[Path, EventLog]) -> None:
+    with Recording(run[0]) as recording:
+        with recording.reopen() as again:
+            assert next(again.messages()) == next(recording.messages())
+        for other in (recording.reopen(), recording.reopen()):
+            for one, same in zip(recording.messages(), other.messages(), strict=True):
+                assert one == same
+            other.close()
+
+
 def test_the_last_state_is_that_of_the_end(run: tuple[Path, EventLog]) -> None:
     path, events = run
     entered = Counter(event.element for event in events if event.robot == "Drone" and event.what == "enter")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
 from operator import attrgetter
@@ -107,9 +108,25 @@ class Recording:
         }
         self.start = min((chunk.start for chunk in self._chunks), default=0)
         self.end = max((chunk.end for chunk in self._chunks), default=0)
-        self._load: Callable[[ChunkPlace], list[Message]] = lru_cache(_KEPT_CHUNKS)(self._read_chunk)
+        self._keep_chunks()
         last = self.state(self.end)
         self.robots = sorted(last.robots)
+
+    def _keep_chunks(self) -> None:
+        self._load: Callable[[ChunkPlace], list[Message]] = lru_cache(_KEPT_CHUNKS)(self._read_chunk)
+
+    def reopen(self) -> Recording:
+        """The same recording for another thread, without reading its index again. To be closed as well.
+
+        Raises ConfigError if the file cannot be read any more.
+        """
+        other = copy(self)
+        try:
+            other._stream = Path(self.file).open("rb")  # noqa: SIM115 (open until `close`)
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror}", file=self.file) from None
+        other._keep_chunks()
+        return other
 
     def _check_format(self) -> None:
         written = self.metadata.get("format", "1")

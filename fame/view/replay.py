@@ -57,7 +57,7 @@ class Replay:
         self._done = 0
         self._reading = 0.0
         self._lock = threading.Lock()
-        self._ahead = Recording(self._path)  # for what is asked for before it is read
+        self._ahead = self._recording.reopen()  # for what is asked for before it is read
         self._ahead_lock = threading.Lock()
         self._asked = 0  # answers that are being made
         self._pause_until = 0.0  # of the reader, on the monotonic clock
