@@ -30,6 +30,7 @@ function numbers(value, path = [], found = [], depth = 3) {
 export class Inspector {
   constructor(root, app) {
     this.app = app;
+    this.root = root;
     this.tab = "state";
     this.robots = h("div", { cls: "robots", role: "group", "aria-label": "Robots" });
     this.tabs = h("div", { cls: "tabs", role: "tablist" }, [["state", "State"], ["topics", "Messages"], ["log", "Log"]].map(([name, text]) =>
@@ -47,6 +48,14 @@ export class Inspector {
       for (const { target, isIntersecting } of changes) this.hidden[isIntersecting ? "delete" : "add"](target);
       if (this.stale.size) app.redraw();
     }, { root: this.body });
+  }
+
+  /** Lay out a variable that nobody sees: the browser looks for fonts when it first needs them, and the first jump would wait. */
+  warm() {
+    const sample = h("div", { cls: "sample", "aria-hidden": "true" }, h("h4", null, "Variables"), h("table", { cls: "variables" }, h("tbody", null, this.variable(-1, 0, "x", 0, 1, 2))));
+    this.root.append(sample);
+    sample.getBoundingClientRect();
+    sample.remove();
   }
 
   /** Show what is next without a pause. */

@@ -59,6 +59,7 @@ class App {
     this.fromLink();
     this.listen();
     addEventListener("hashchange", (event) => this.fromLink(new URL(event.newURL).hash)); // the address may be replaced meanwhile
+    this.inspector.warm();
     this.prefetch();
   }
 
