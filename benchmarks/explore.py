@@ -20,7 +20,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 MODELS = ROOT / "models"
 SHIPPED = ("ground_vehicles", "agriculture", "agriculture_resilient", "agriculture_return", "convoy", "shuttle",
-           "reassembly", "sabotage")  # fmt: skip
+           "reassembly", "sabotage", "warehouse")  # fmt: skip
 
 
 def shipped(name: str) -> Callable[[], dict[str, object]]:

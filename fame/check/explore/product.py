@@ -154,6 +154,7 @@ class Product:
         self.add_faults: Callable[[int, list[Transition]], None] = lambda state, found: None
         self.reduction: Callable[[int, int], tuple[Move, ...]] | None = None
         self.shortcuts: Callable[[int, int], tuple[int, ...]] | None = None
+        self._ends_at: list[dict[int, tuple[int, ...]]] = [{} for _ in self.robots]
         self.path: Callable[[int, int, int], list[Move]] = lambda robot, state, end: []
         self._index: dict[int, int] = {}
         self._firsts: dict[int, _Queue] = {}
@@ -394,11 +395,15 @@ class Product:
             return [new + difference for difference in ends] if ends else (new,)
         if new >> self.top and self.options.delivery == "fast":  # messages arrive before anybody goes on
             return (new,)
-        found = [new]
-        for one in range(self.count):
-            old = new >> (one * BITS) & MASK
-            if ends := self.shortcuts(one, old):
-                found = [state + ((end - old) << (one * BITS)) for state in found for end in ends]
+        found, rest = [new], new
+        for one, table in enumerate(self._ends_at):
+            old = rest & MASK
+            rest >>= BITS
+            known = table.get(old)
+            if known is None:
+                known = table[old] = self.shortcuts(one, old)
+            if known:
+                found = [state + ((end - old) << (one * BITS)) for state in found for end in known]
         return found
 
     def _ends(self, robot: int, move: Move) -> tuple[int, ...]:
