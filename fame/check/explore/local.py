@@ -20,7 +20,7 @@ from fame.check.explore.liveness import Dead, Liveness
 from fame.check.explore.running_states import load_known
 from fame.check.explore.values import UNKNOWN, Values
 from fame.engine import Engine, compile_program, restore
-from fame.engine.canonical import Form, Forms, Keys, stimuli
+from fame.engine.canonical import Form, Forms, Keys, Stimuli, stimuli
 from fame.engine.host import BpmnError, Host
 from fame.engine.migration import arm_new
 from fame.engine.program import LoopInstance
@@ -368,15 +368,17 @@ class Local:
         if self._grows(engine, walk.scopes):
             return None
         form, keys = walk.form()
+        found: Stimuli | None = None
         if form[0] not in self._dead:
-            tokens = [element for element, _ in stimuli(engine).waiting]
+            found = stimuli(engine)
+            tokens = [element for element, _ in found.waiting]
             tokens += [node.id for scope in walk.scopes for node in scope.held]  # which go on after a suspension
             self._dead[form[0]] = self._liveness.dead(tokens)
         form = self._without_dead(form)
         state = (form, self._timers(keys)) if self.host.timers else (form, ())
         number = self._numbers.get(state)
         if number is None:
-            number = self._add(state, self._view(engine, form, keys, state[1]))
+            number = self._add(state, self._view(engine, form, keys, state[1], found))
         walk.dissolve()
         return number
 
@@ -436,17 +438,19 @@ class Local:
             for number, timer in pending
         )
 
-    def _view(self, engine: Engine, form: Form, keys: Keys, timers: Timers) -> View:
-        """What can happen in the state that an engine is in, which its control state and timers decide."""
+    def _view(self, engine: Engine, form: Form, keys: Keys, timers: Timers, found: Stimuli | None) -> View:
+        """What can happen in the state that an engine is in, which its control state and timers decide.
+
+        `found` are the engine's stimuli, if they are known.
+        """
         known = self._views.get((form[0], timers))
         if known is None:
             self._note_entered(engine)
-            known = self._views[form[0], timers] = self._new_view(engine, keys)
+            known = self._views[form[0], timers] = self._new_view(engine, keys, found or stimuli(engine))
         return known
 
-    def _new_view(self, engine: Engine, keys: Keys) -> View:
+    def _new_view(self, engine: Engine, keys: Keys, found: Stimuli) -> View:
         """The same; stimuli have the keys that an engine revived from the state has."""
-        found = stimuli(engine)
         own: dict[Stimulus, str] = {}
         for key in sorted(found.scripts, key=keys.__getitem__):
             wait, number = found.scripts[key], keys[key]
