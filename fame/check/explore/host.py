@@ -241,15 +241,18 @@ class ExplorationHost:
 
     def end_step(self, step: Step, variables: dict[str, Any]) -> None:
         """Its results are unknown; what it publishes conditionally is published or not."""
+        unknown, kept = self.values.unknown, self.kept
         for name in step.writes:
-            if self.kept(name):
-                variables[name] = self.values.unknown
+            if kept(name):
+                variables[name] = unknown
         for name in step.changes:
-            if self.kept(name) and name in variables and not is_fixed(variables[name]):
-                variables[name] = self.values.unknown
+            if kept(name):
+                value = variables.get(name, unknown)
+                if value is not unknown and not is_fixed(value):
+                    variables[name] = unknown
         for topic, certain in step.emits:
             if topic in self.types and (certain or self.choose(2) == 0):
-                self._emit(topic, self.values.unknown)
+                self._emit(topic, unknown)
 
     def service(self, operation: str, *, element: str, file: str) -> Callable[..., Any]:
         running = Running(self.steps.get(operation, Step()))
