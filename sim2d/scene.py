@@ -12,8 +12,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from fame.config.values import Point
 from sim2d import style
@@ -26,8 +25,9 @@ if TYPE_CHECKING:
     from sim2d.config import WorldConfig
     from sim2d.world import World
 
-Put = Callable[[str, int, Callable[[], str]], object]
-"""Takes a topic, a time (ns), and what makes the message (JSON), which can be pickled: in another process, perhaps."""
+Put = Callable[..., object]
+"""Takes a topic, a time (ns), the function that makes the message (JSON), always the same one for a topic, and its
+arguments, which are plain data: it may be called in another process."""
 
 _RATE = 10.0
 _FRAME = "world"
@@ -46,35 +46,59 @@ class SceneRecorder:
         self._put, self._wanted = put, wanted
         self._every = max(1, math.floor(1 / (_RATE * world.step) + 0.5))
         robots = [Shown.of(robot, number) for number, robot in enumerate(world.robots.values())]
-        # Bound once: where many are pickled together, what they have in common is pickled once.
         self._scene, self._ground = SceneText(robots).scene, GroundText.of(world).scene
         self._last: list[_Look] = []
-        self._changes: object = None
+        self._state: _GroundState | None = None
         world.watchers.append(self._watch)
 
     def _watch(self, world: World) -> None:
         if world.steps % self._every:
             return
-        changes = _changes(world)
-        if changes != self._changes:
-            self._changes = changes
-            self._put("/fame/ground", world.scheduler.now, partial(self._ground, world.now, GroundState.of(world)))
+        state = _ground_state(world)
+        if state != self._state:
+            self._state = state
+            self._put("/fame/ground", world.scheduler.now, self._ground, world.now, state)
         if not self._wanted():
             self._last = []
             return
         looks = [_plain(robot.appearance) for robot in world.robots.values()]
         if looks != self._last:
             self._last = looks
-            self._put("/fame/world", world.scheduler.now, partial(self._scene, world.now, looks))
+            self._put("/fame/world", world.scheduler.now, self._scene, world.now, looks)
 
 
 _Look = tuple[Any, ...]
-"""The fields of an `Appearance` as plain tuples, which are compared and pickled quickly."""
+"""The fields of an `Appearance` as plain tuples and lists."""
+_GroundState = tuple[
+    Sequence[tuple[float | None, str | None]], Sequence[float], Sequence[tuple[tuple[float, float], str]]
+]
+"""The changeable part of the ground: the time of the cut (s) and the robot that cut it, or None and None, of each weed;
+the opening of each door, 0 to 1; the position (m) of each parcel, and the robot that carries it, or ""."""
 
 
 def _plain(look: Appearance) -> _Look:
-    pose, altitude, led, cone, *others = look
-    return tuple(pose), altitude, led, cone and (tuple(cone.pose), *cone[1:]), *others
+    pose, altitude, led, cone, *others, limb, jaws, workpieces, note = look
+    return (
+        (*pose,),
+        altitude,
+        led,
+        cone and ((*cone.pose,), *cone[1:]),
+        *others,
+        limb and _plain_points(limb),
+        jaws,
+        workpieces and [(kind, _plain_points(corners), closed) for kind, corners, closed in workpieces],
+        note,
+    )
+
+
+def _plain_points(points: Iterable[Point]) -> list[Point]:
+    return [(x, y) for x, y in points]
+
+
+def _ground_state(world: World) -> _GroundState:
+    weeds = [(weed.cut_at, weed.cut_by) for weed in world.weeds.all]
+    doors = [round(door.opening, 2) for door in world.doors]
+    return weeds, doors, [((*parcel.at,), parcel.carrier) for parcel in world.parcels.all]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,13 +146,6 @@ class SceneText:
         )
 
 
-def _changes(world: World) -> object:
-    """The changeable part of the ground: weeds, doors, parcels."""
-    cut = [weed.cut_at for weed in world.weeds.all]
-    doors = [round(door.opening, 2) for door in world.doors]
-    return cut, doors, [(parcel.at, parcel.carrier) for parcel in world.parcels.all]
-
-
 def _data(look: _Look) -> dict[str, Any]:
     """A look as plain data (m, rad), without default values."""
     (x, y, heading), altitude, led, cone, footprint, blade, cargo, charge, limb, jaws, workpieces, note = look
@@ -155,7 +172,7 @@ def _data(look: _Look) -> dict[str, Any]:
         data["limb"] = _rounded(limb)
     if workpieces:
         data["workpieces"] = [
-            {"kind": piece.kind, "corners": _rounded(piece.corners), "closed": piece.closed} for piece in workpieces
+            {"kind": kind, "corners": _rounded(corners), "closed": closed} for kind, corners, closed in workpieces
         ]
     if note:
         data["note"] = note
@@ -234,28 +251,6 @@ def _points(points: Iterable[Sequence[float]]) -> list[Point]:
     return [(x, y) for x, y in points]
 
 
-class GroundState(NamedTuple):
-    """The changeable part of the ground.
-
-    weeds    time of the cut (s) and the robot that cut it, or None and None, of each weed
-    doors    opening of each door, 0 to 1
-    parcels  position (m) of each parcel, and the robot that carries it, or ""
-    """
-
-    weeds: Sequence[tuple[float | None, str | None]]
-    doors: Sequence[float]
-    parcels: Sequence[tuple[Point, str]]
-
-    @classmethod
-    def of(cls, world: World) -> GroundState:
-        """Return the current state of a world."""
-        return cls(
-            [(weed.cut_at, weed.cut_by) for weed in world.weeds.all],
-            [door.opening for door in world.doors],
-            [(parcel.at, parcel.carrier) for parcel in world.parcels.all],
-        )
-
-
 @dataclass(frozen=True, slots=True)
 class GroundText:
     """Makes the messages of the ground. It has what does not change of it."""
@@ -276,26 +271,27 @@ class GroundText:
         config = world.config
         return cls(**{each.name: getattr(config, each.name) for each in dataclasses.fields(cls)})
 
-    def scene(self, now: float, state: GroundState) -> str:
+    def scene(self, now: float, state: _GroundState) -> str:
         """The ground at a time (s), as a SceneUpdate with one entity."""
+        weeds, doors, parcels = state
         low_x, low_y, high_x, high_y = self.bounds
         solid = [(thing.shape, style.OBSTACLE, 0.3) for thing in self.obstacles]
         solid += [(thing.shape, style.TARGET, 0.3) for thing in self.targets]
         solid += [
             (Circle(weed.at, weed.radius), style.WEED if cut_at is None else style.STUBBLE, 0.01)
-            for weed, (cut_at, _) in zip(self.weeds, state.weeds, strict=True)
+            for weed, (cut_at, _) in zip(self.weeds, weeds, strict=True)
         ]
         solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in self.chargers]
         solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in self.stations]
         solid += [
             (Polygon(tuple(style.parcel(at))), style.PARCEL, style.PARCEL_SIZE)
-            for at, carrier in state.parcels
+            for at, carrier in parcels
             if not carrier
         ]
         edge = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
         leaves = [
             leaf
-            for door, opening in zip(self.doors, state.doors, strict=True)
+            for door, opening in zip(self.doors, doors, strict=True)
             for leaf in style.door_leaves(door.start, door.end, opening)
         ]
         entity = {
@@ -306,20 +302,21 @@ class GroundText:
         }
         return _encode({"deletions": [], "entities": [entity]})
 
-    def _data(self, state: GroundState) -> dict[str, Any]:
+    def _data(self, state: _GroundState) -> dict[str, Any]:
         """The objects on the ground, as plain data: m."""
+        weeds, doors, parcels = state
         warehouse: dict[str, Any] = {}
         if self.stations:
             warehouse["stations"] = [_flat(one) for one in self.stations]
         if self.doors:
             warehouse["doors"] = [
-                {"name": one.name, "from": list(one.start), "to": list(one.end), "opening": round(opening, 2)}
-                for one, opening in zip(self.doors, state.doors, strict=True)
+                {"name": one.name, "from": list(one.start), "to": list(one.end), "opening": opening}
+                for one, opening in zip(self.doors, doors, strict=True)
             ]
         if self.parcels:
             warehouse["parcels"] = [
                 {"name": parcel.name, "at": _rounded([at])[0], "carrier": carrier}
-                for parcel, (at, carrier) in zip(self.parcels, state.parcels, strict=True)
+                for parcel, (at, carrier) in zip(self.parcels, parcels, strict=True)
             ]
         return {
             "bounds": list(self.bounds),
@@ -329,7 +326,7 @@ class GroundText:
             "chargers": [_flat(charger) for charger in self.chargers],
             "weeds": [
                 {"name": weed.name, "at": list(weed.at), "radius": weed.radius, "cut": cut_at, "by": by}
-                for weed, (cut_at, by) in zip(self.weeds, state.weeds, strict=True)
+                for weed, (cut_at, by) in zip(self.weeds, weeds, strict=True)
             ],
             **warehouse,
         }

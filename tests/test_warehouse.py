@@ -169,7 +169,7 @@ def test_the_same_seed_gives_the_same_events(run: tuple[Result, list[Event]]) ->
 def test_a_recording_has_doors_parcels_and_what_robots_carry() -> None:
     hall = Hall()
     put: list[tuple[str, str]] = []
-    SceneRecorder(hall.world, lambda topic, time, text: put.append((topic, text())))
+    SceneRecorder(hall.world, lambda topic, time, make, *data: put.append((topic, make(*data))))
     hall.run(0.5)
     hall.ask("/door/open")
     hall.answer("load")

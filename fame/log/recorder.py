@@ -82,8 +82,9 @@ class TopicRecorder:
         return all(name.endswith(f"/{ENGINE}") for name in (*info.publishers, *info.subscribers))
 
 
-PutScene = Callable[[str, int, Callable[[], str]], object]
-"""Takes a topic, a time (ns), and what makes the message (JSON), which can be pickled."""
+PutScene = Callable[..., object]
+"""Takes a topic, a time (ns), the function that makes the message (JSON) and can be pickled, and its arguments, which
+are plain data."""
 
 
 class Recorder:
@@ -128,7 +129,7 @@ class Recorder:
 
     def watch_world(self, record: Callable[[PutScene], object]) -> None:
         """Record a simulated world: `record` is called with a function that takes its messages."""
-        record(lambda topic, time, text: self.begin().scene(topic, time, text))
+        record(lambda *scene: (self._file or self.begin()).scene(*scene))
 
     def __call__(self, event: Event) -> None:
         tracker = self._trackers.get(event.robot)

@@ -1,7 +1,7 @@
 """Writes the recording of a run in a second process, so that the run is slowed down little.
 
-The run gives batches of calls of a `RunWriter` through a pipe: `marshal` (and `pickle`, for what makes the messages of
-the simulated world) to the same Python, started by itself. A pipe that is full holds the run up. The second process
+The run gives batches of calls of a `RunWriter` through a pipe: `marshal` (and `pickle`, for the functions that make the
+messages of the simulated world) to the same Python, started by itself. A pipe that is full holds the run up. The second process
 writes to the file that the run has opened and locked; it ends when the pipe does, also if the run was killed: then
 everything that was sent is in the recording, and it is whole. Ctrl-C does not reach it.
 """
@@ -14,7 +14,7 @@ import marshal
 import os
 import pickle
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from io import BufferedWriter, FileIO
 from subprocess import PIPE, Popen
@@ -50,7 +50,7 @@ class RecorderProcess:
         self._pipe = self._process.stdin
         _enlarge(self._pipe.fileno())
         self._calls: list[tuple[Any, ...]] = []
-        self._scenes: list[Callable[[], str]] = []
+        self._makers: dict[int, Callable[..., str]] = {}  # of the messages of the simulated world, by `id`
         self._channels = 0
         self._error: ConfigError | None = None  # why there is no process any more
 
@@ -76,10 +76,12 @@ class RecorderProcess:
         """Everything as it is before the changes of this time (ns) is wanted."""
         self._calls.append(("key", time))
 
-    def scene(self, topic: str, time: int, text: Callable[[], str]) -> None:
-        """A message of the simulated world at a time (ns)."""
-        self._calls.append(("scene", topic, time, len(self._scenes)))
-        self._scenes.append(text)
+    def scene(self, topic: str, time: int, make: Callable[..., str], *data: Any) -> None:
+        """A message of the simulated world at a time (ns): what `make`, which can be pickled, makes of plain data."""
+        if id(make) not in self._makers:
+            self._makers[id(make)] = make
+            self._calls.append(("maker", id(make), pickle.dumps(make)))
+        self._calls.append(("scene", topic, time, id(make), *data))
 
     def message_channel(self, topic: str, type: str, node: str) -> int:
         """The number of a new channel for messages of a ROS 2 type that `node` (full name) publishes."""
@@ -108,10 +110,9 @@ class RecorderProcess:
             calls = marshal.dumps(self._calls)
         except ValueError:  # a detail of an event that is no plain data
             calls = marshal.dumps(_plain(self._calls))
-        scenes = pickle.dumps(self._scenes, pickle.HIGHEST_PROTOCOL) if self._scenes else b""
-        self._calls, self._scenes = [], []
+        self._calls = []
         try:
-            self._pipe.write(len(calls).to_bytes(8, "little") + len(scenes).to_bytes(8, "little") + calls + scenes)
+            self._pipe.write(len(calls).to_bytes(8, "little") + calls)
             self._pipe.flush()
         except BrokenPipeError:
             self._end()
@@ -183,29 +184,32 @@ def _print_error(text: str) -> int:
 def write_calls(calls: BinaryIO, file: FileIO, chunk: int) -> None:
     """Write a recording from a stream of batches of calls; without a batch the file is left as it is."""
     writer: FileWriter | None = None
+    makers: dict[int, Callable[..., str]] = {}
     finished = False
     with BufferedWriter(file, 1 << 16) as stream:
-        for batch, scenes in _batches(calls):
+        for batch in _batches(calls):
             if writer is None:
                 emptied(file)
                 writer = FileWriter(RecordingFile(stream, chunk))
             for name, *arguments in batch:
+                if name == "maker":
+                    makers[arguments[0]] = pickle.loads(arguments[1])
+                    continue
                 if name == "scene":
-                    arguments[2] = scenes[arguments[2]]
+                    arguments[2] = makers[arguments[2]]
                 getattr(writer, name)(*arguments)
                 finished = finished or name == "finish"
         if writer is not None and not finished:  # the run was killed
             writer.finish()
 
 
-def _batches(calls: BinaryIO) -> Any:
-    """Each batch: calls, and what makes the messages of the simulated world."""
-    while len(head := calls.read(16)) == 16:
-        sizes = int.from_bytes(head[:8], "little"), int.from_bytes(head[8:], "little")
-        parts = [calls.read(size) for size in sizes]
-        if tuple(map(len, parts)) != sizes:
+def _batches(calls: BinaryIO) -> Iterator[list[tuple[Any, ...]]]:
+    """The batches of calls, as far as they are whole."""
+    while len(head := calls.read(8)) == 8:
+        batch = calls.read(size := int.from_bytes(head, "little"))
+        if len(batch) != size:
             return
-        yield marshal.loads(parts[0]), pickle.loads(parts[1]) if parts[1] else ()
+        yield marshal.loads(batch)
 
 
 def emptied(file: FileIO) -> None:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
 from fame.log.channels import CHANNELS, FORMAT, KEY
 from fame.robot.change_text import Changes, ChangeText, name_text
@@ -111,8 +111,8 @@ class RunWriter(Protocol):
     def key(self, time: int) -> None:
         """Everything as it is before the changes of this time (ns) is wanted."""
 
-    def scene(self, topic: str, time: int, text: Callable[[], str]) -> None:
-        """A message of the simulated world at a time (ns); `text` can be pickled."""
+    def scene(self, topic: str, time: int, make: Callable[..., str], *data: Any) -> None:
+        """A message of the simulated world at a time (ns): what `make`, which can be pickled, makes of plain data."""
 
     def message_channel(self, topic: str, type: str, node: str) -> int:
         """The number of a new channel for messages of a ROS 2 type that `node` (full name) publishes."""
@@ -151,9 +151,9 @@ class FileWriter:
         robots = ",".join(f"{name_text(name)}:{text.key()}" for name, text in self._robots.items())
         self._file.put(KEY, time, f'{{"robots":{{{robots}}}}}')
 
-    def scene(self, topic: str, time: int, text: Callable[[], str]) -> None:
+    def scene(self, topic: str, time: int, make: Callable[..., str], *data: Any) -> None:
         """Write a message of the simulated world."""
-        self._file.put(topic, time, text())
+        self._file.put(topic, time, make(*data))
 
     def message_channel(self, topic: str, type: str, node: str, definition: str = "") -> int:
         """The number of a new channel."""

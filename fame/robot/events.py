@@ -108,7 +108,7 @@ class _CombinedObserver:
         steps = [observer.watch(node) for observer in self._observers if hasattr(observer, "watch")]
         return steps[0] if len(steps) == 1 else lambda: [step() for step in steps]
 
-    def watch_world(self, record: Callable[[Callable[[str, int, Callable[[], str]], object]], object]) -> None:
+    def watch_world(self, record: Callable[[Callable[..., object]], object]) -> None:
         """Pass a simulated world to the observers that record it."""
         for observer in self._observers:
             if hasattr(observer, "watch_world"):

@@ -110,8 +110,8 @@ class WorldNode:
         scene = self._node.publisher(WORLD_SCENE, _STRING)
         ground = self._node.publisher(WORLD_GROUND, _STRING, LATCHED)
 
-        def put(topic: str, time: int, text: Callable[[], str]) -> None:
-            (ground if topic == GROUND else scene).publish(messages.create(_STRING, text()))
+        def put(topic: str, time: int, make: Callable[..., str], *data: Any) -> None:
+            (ground if topic == GROUND else scene).publish(messages.create(_STRING, make(*data)))
 
         SceneRecorder(self._world, put, wanted=lambda: scene.subscriber_count() > 0)
 

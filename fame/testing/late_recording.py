@@ -54,9 +54,9 @@ class LateWriter:
         """Take the wish for everything as it is before the changes of this time (ns)."""
         self._keep("key", time)
 
-    def scene(self, topic: str, time: int, text: Callable[[], str]) -> None:
-        """Take a message of the simulated world at a time (ns)."""
-        self._keep("scene", topic, time, text)
+    def scene(self, topic: str, time: int, make: Callable[..., str], *data: Any) -> None:
+        """Take a message of the simulated world at a time (ns): what `make` makes of plain data."""
+        self._keep("scene", topic, time, make, *data)
 
     def message_channel(self, topic: str, type: str, node: str) -> int:
         """The number of a new channel for messages of a ROS 2 type that `node` (full name) publishes."""
