@@ -141,7 +141,8 @@ class Recorder:
         """Record what happened at one instant."""
         tracker = self._trackers[robot]
         tracker.trail(trail)
-        self._mark(tracker)
+        if robot not in self._changed:
+            self._mark(tracker)
 
     def _mark(self, tracker: ChangeTracker) -> None:
         """Write possible changes at the end of the current instant."""

@@ -7,6 +7,7 @@ it elsewhere (`fame.robot.change_text`), in recordings by another process, so th
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ from fame.clock import SECOND
 from fame.engine.program import Node
 from fame.engine.state import Instance, Scope, Trail, Wait
 from fame.robot.change_text import Changes, Group, ScopeChange, Token, encode, name_text
-from fame.robot.plain_values import differs, is_changeable, plain, snapshot_of
+from fame.robot.plain_values import FIXED, differs, is_changeable, plain, snapshot_of
 
 if TYPE_CHECKING:
     from fame.robot.events import Event
@@ -57,7 +58,8 @@ class ChangeTracker:
 
     def trail(self, trail: Trail) -> None:
         """Tokens moved."""
-        self._groups += [(scope.instance.key, scope.key, marks) for scope, marks in trail]
+        for scope, marks in trail:
+            self._groups.append((scope.instance.key, scope.key, marks))
         if not self.active and len(self._groups) > _MANY:
             self.give_groups(0)
 
@@ -107,45 +109,46 @@ class ChangeTracker:
     ) -> tuple[list[Token], list[str]]:
         """The tokens that are new or wait for something else, and the keys of those that are gone."""
         before, now, fresh = self._tokens, dict[Hashable, tuple[object, int]](), list[Token]()
-        waiting, state_of = self._waiting, self._waiting.state
+        waiting, places = self._waiting, self._places
         for wait in waits:
-            state, known = state_of(wait), before.get(wait.key)
+            is_simple = not (wait.started or wait.paused or wait.key in waiting.uncorrelated)
+            state, known = _NO_SCRIPT if is_simple else waiting.state(wait), before.get(wait.key)
             if known is None or known[0] != state:
                 known = state, known[1] if known is not None else waiting.since(wait, time)
                 miss = waiting.last_miss(wait) if waiting.missed or waiting.uncorrelated else None
-                text = self._details(wait, state)
-                fresh.append((str(wait.key), self._place(wait.scope), wait.node.id, known[1], text, miss))
+                place = places.get(wait.scope.key) or self._place(wait.scope)
+                text = (self._waits.get(wait.node) if is_simple else None) or self._details(wait, state)
+                fresh.append((str(wait.key), place, wait.node.id, known[1], text, miss))
             now[wait.key] = known
         for scope, join in joins:
             key = f"{scope.key}@{join.id}"
             known = before.get(key)
             if known is None or known[0] is None:
                 known = _NO_SCRIPT, known[1] if known is not None else time
-                fresh.append((key, self._place(scope), join.id, known[1], _JOIN, None))
+                place = places.get(scope.key) or self._place(scope)
+                fresh.append((key, place, join.id, known[1], _JOIN, None))
             now[key] = known
         self._tokens = now
         return fresh, [str(key) for key in before if key not in now]
 
     def _place(self, scope: Scope) -> str:
         """The position of a scope, as members of a JSON object."""
-        text = self._places.get(scope.key)
-        if text is None:
-            body: Scope | None = scope
-            while body is not None and body.body is None:
-                body = body.parent
-            if len(self._places) >= _KNOWN:
-                self._places.clear()
-            text = self._places[scope.key] = (
-                f'"instance":{scope.instance.key},"scope":{scope.key},"path":{_path_text(scope)},'
-                f'"body":{name_text(body.body.id if body is not None and body.body is not None else "")}'
-            )
+        body: Scope | None = scope
+        while body is not None and body.body is None:
+            body = body.parent
+        if len(self._places) >= _KNOWN:
+            self._places.clear()
+        text = self._places[scope.key] = (
+            f'"instance":{scope.instance.key},"scope":{scope.key},"path":{_path_text(scope)},'
+            f'"body":{name_text(body.body.id if body is not None and body.body is not None else "")}'
+        )
         return text
 
     def _details(self, wait: Wait, state: object) -> str:
         """What a token waits for, as members of a JSON object."""
-        text = self._waits.get(wait.node) if state == _NO_SCRIPT else encode(self._waiting.details(wait))[1:-1]
-        if text is None:
-            text = self._waits[wait.node] = encode(self._waiting.details(wait))[1:-1]
+        text = encode(self._waiting.details(wait))[1:-1]
+        if state == _NO_SCRIPT:
+            self._waits[wait.node] = text
         return text
 
 
@@ -160,7 +163,7 @@ class _ScopeVariables:
         self._variables = scope.variables
         self._names: list[str] = []
         self._values: list[Any] = []
-        self._hidden: list[int] = []  # places of names with two leading underscores
+        self._hidden: frozenset[int] = frozenset()  # places of names with two leading underscores
         self._copies: dict[int, Any] = {}  # place -> a copy of a value that may be changed in place
 
     def change(self) -> tuple[Sequence[str] | None, Sequence[int], Sequence[Any]] | None:
@@ -174,13 +177,23 @@ class _ScopeVariables:
             self._rename(names)
         before, self._values = self._values, values
         places = [place for place, value in enumerate(values) if value is not before[place]]
-        if self._hidden or self._copies:
-            places = self._compare_further(values, places)
+        if self._copies:
+            self._compare_copies(values, places)
+        if not self._hidden.isdisjoint(places):
+            places = [place for place in places if place not in self._hidden]
         if not (places or has_new_names):
             return None
-        found = [
-            value if (value := values[place]).__class__ in _PLAIN else self._plain(place, value) for place in places
-        ]
+        try:
+            found = [
+                value
+                if (kind := (value := values[place]).__class__) in _PLAIN
+                else make(value)
+                if (make := FIXED.get(kind))
+                else self._plain(place, value)
+                for place in places
+            ]
+        except (AttributeError, struct.error):  # of a message with a value of another class
+            found = [self._plain(place, values[place]) for place in places]
         return names if has_new_names else None, places, found
 
     def _rename(self, names: list[str]) -> None:
@@ -189,18 +202,17 @@ class _ScopeVariables:
         copies = {self._names[place]: copied for place, copied in self._copies.items()}
         self._names, self._values = names, [values.get(name, _NOTHING) for name in names]
         self._copies = {place: copies[name] for place, name in enumerate(names) if name in copies}
-        self._hidden = [place for place, name in enumerate(names) if name[:2] == "__"]
+        self._hidden = frozenset(place for place, name in enumerate(names) if name[:2] == "__")
 
-    def _compare_further(self, values: list[Any], places: list[int]) -> list[int]:
-        """The places of the values that have changed, also in place; `places` are those of other objects."""
-        changed = set(places).difference(self._hidden)
+    def _compare_copies(self, values: list[Any], places: list[int]) -> None:
+        """Change `places` of other objects to those of values that differ, also by changes in place."""
         for place, copied in list(self._copies.items()):
             if differs(values[place], copied):
                 del self._copies[place]
-                changed.add(place)
-            else:
-                changed.discard(place)
-        return sorted(changed)
+                if place not in places:
+                    places.append(place)
+            elif place in places:
+                places.remove(place)
 
     def _plain(self, place: int, value: Any) -> Any:
         """The plain form of a value."""

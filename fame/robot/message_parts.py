@@ -19,7 +19,7 @@ from fame.robot.change_text import Layout, MessageParts, name_text
 LONG = 64
 """Items of an array in a message, above which it is cut: such a message is not taken apart."""
 
-Read = Callable[[Message], MessageParts | None]
+Read = Callable[[Message], MessageParts]
 
 
 def _fields(type: str) -> Sequence[Field]:
@@ -37,28 +37,28 @@ def has_lists(type: str) -> bool:
 
 
 @cache
-def reader(type: str) -> Read:
-    """The function that takes the messages of a type apart.
+def reader(type: str) -> Read | None:
+    """The function that takes the messages of a type apart; None if the type has sequences or long arrays.
 
-    It returns None if the type has sequences or long arrays, or if something in a message has another class.
+    It raises AttributeError or struct.error if something in a message has another class.
     """
     leaves = () if has_lists(type) else tuple(_leaves(type, ""))
     if not leaves or any(field.shape != "single" and field.base not in _ARRAYS for _, field in leaves):
-        return lambda message: None
-    get = _getter(type, leaves)
-    last: Message | None = None  # several scopes often have the same message
-    parts: MessageParts | None = None
+        return None
+    return _getter(type, leaves)
 
-    def read(message: Message) -> MessageParts | None:
-        nonlocal last, parts
-        if message is not last:
-            try:
-                last, parts = message, get(message)
-            except (AttributeError, struct.error):  # a number where a message belongs; a text where a number belongs
-                parts = None
-        return parts
 
-    return read
+_READ = """
+last = parts = None
+def read(m):
+    global last, parts  # several scopes often have the same message
+    if m is not last:
+        if not ({checks}):
+            raise AttributeError("a value of another class")
+        parts = layout, pack({numbers}), ({others})
+        last = m
+    return parts
+"""
 
 
 def _getter(type: str, leaves: Sequence[tuple[str, Field]]) -> Read:
@@ -85,9 +85,10 @@ def _getter(type: str, leaves: Sequence[tuple[str, Field]]) -> Read:
             codes += _NUMBERS.get(field.base, "q")
     layout: Layout = _template(type), codes, tuple(places)
     names |= {"layout": layout, "pack": struct.Struct(codes).pack}
-    parts = f"layout, pack({', '.join(numbers)}), ({''.join(others)})"
-    function: Read = eval(f"lambda m: ({parts}) if {' and '.join(checks) or True} else None", names)
-    return function
+    source = _READ.format(checks=" and ".join(checks) or True, numbers=", ".join(numbers), others="".join(others))
+    exec(source, names)
+    read: Read = names["read"]
+    return read
 
 
 def _leaves(type: str, path: str) -> Iterator[tuple[str, Field]]:

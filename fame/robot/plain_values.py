@@ -10,6 +10,7 @@ texts, too. In messages without lists, NaN and infinities are null.
 from __future__ import annotations
 
 import reprlib
+import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
@@ -57,22 +58,30 @@ def plain(value: Any) -> Any:
     (bytes), or ``...`` for code, which is no data.
     """
     kind = value.__class__
-    if kind is str and len(value) <= TEXT:
-        return value
     make = _PLAIN.get(kind)
     if make is None:
         make = _PLAIN[kind] = _plain_maker(kind)
-    return make(value)
+        if kind is not tuple and not is_changeable(value):
+            FIXED[kind] = make
+    try:
+        return make(value)
+    except (AttributeError, struct.error):  # a message with a number where a message belongs, a text where a number
+        return _json_bytes(value)
 
 
 def _plain_maker(kind: type) -> Callable[[Any], Any]:
     """The function that converts the values of a class to their plain form."""
     if issubclass(kind, Message):
-        read = reader(kind.__msgtype__)
-        return lambda message: read(message) or _json_bytes(message)
+        return reader(kind.__msgtype__) or _json_bytes
+    if kind is str:
+        return _plain_text
     if kind.__module__ == "numpy" and kind.__name__ == "ndarray":
         return _plain_array
     return next((base for base in (bool, int, float, complex) if issubclass(kind, base)), _json_bytes)
+
+
+def _plain_text(text: str) -> Any:
+    return text if len(text) <= TEXT else _json_bytes(text)
 
 
 def _json_bytes(value: Any) -> Any:
@@ -89,7 +98,10 @@ def _plain_array(array: Any) -> Any:
 
 _NUMBERS = frozenset("bBhHiIlLqQfd")
 """The codes of items that numpy and `struct` have in common."""
-_PLAIN: dict[type, Callable[[Any], Any]] = {}
+FIXED: dict[type, Callable[[Any], Any]] = {type(None): lambda none: none}
+"""The functions that `plain` calls for values that are not changed in place, by their class. They raise AttributeError
+or struct.error for a message with a value of another class in it; `plain` does not."""
+_PLAIN: dict[type, Callable[[Any], Any]] = {**FIXED}
 
 
 def is_changeable(value: Any) -> bool:
@@ -229,8 +241,11 @@ def _message(value: Any, depth: int) -> str:
 
 def _small_message(value: Any, depth: int) -> str:
     """A message of a type without lists of any length."""
-    parts = reader(value.__msgtype__)(value)
-    return message_text(parts) if parts is not None else _message(value, depth)
+    read = reader(value.__msgtype__)
+    if read is not None:
+        with suppress(AttributeError, struct.error):
+            return message_text(read(value))
+    return _message(value, depth)
 
 
 @cache
