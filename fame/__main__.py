@@ -13,6 +13,9 @@ _PATIENCE = 0.5
 
 def main() -> int:
     """Run the command line and return the exit code. See `fame.cli`."""
+    # Threads of OpenBLAS, which numpy starts, would keep a processor busy for a tenth of a second before they sleep:
+    # the processor on which the recording is written, or that of other engines.
+    os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
     try:
         from fame import cli
     except KeyboardInterrupt:
