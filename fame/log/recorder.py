@@ -129,7 +129,10 @@ class Recorder:
 
     def watch_world(self, record: Callable[[PutScene], object]) -> None:
         """Record a simulated world: `record` is called with a function that takes its messages."""
-        record(lambda *scene: (self._file or self.begin()).scene(*scene))
+        record(self._put_scene)
+
+    def _put_scene(self, *scene: Any) -> None:
+        (self._file or self.begin()).scene(*scene)
 
     def __call__(self, event: Event) -> None:
         tracker = self._trackers.get(event.robot)

@@ -1,9 +1,9 @@
 """Writes the recording of a run in a second process, so that the run is slowed down little.
 
 The run gives batches of calls of a `RunWriter` through a pipe: `marshal` (and `pickle`, for the functions that make the
-messages of the simulated world) to the same Python, started by itself. A pipe that is full holds the run up. The second process
-writes to the file that the run has opened and locked; it ends when the pipe does, also if the run was killed: then
-everything that was sent is in the recording, and it is whole. Ctrl-C does not reach it.
+messages of the simulated world) to the same Python, started by itself. A pipe that is full holds the run up. The second
+process writes to the file that the run has opened and locked; it ends when the pipe does, also if the run was killed:
+then everything that was sent is in the recording, and it is whole. Ctrl-C does not reach it.
 """
 
 from __future__ import annotations

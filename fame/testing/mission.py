@@ -484,9 +484,7 @@ class _UntilSaved:
 
     def watch_world(self, record: Callable[[PutScene], object]) -> None:
         """Record a simulated world."""
-        self._recorder.watch_world(
-            lambda put: record(lambda *scene: put(*scene) if self._is_open() else None)
-        )
+        self._recorder.watch_world(lambda put: record(lambda *scene: put(*scene) if self._is_open() else None))
 
 
 @contextmanager
