@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from itertools import compress, count
+from operator import is_not
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
@@ -176,7 +178,7 @@ class _ScopeVariables:
         if has_new_names:
             self._rename(names)
         before, self._values = self._values, values
-        places = [place for place, value in enumerate(values) if value is not before[place]]
+        places = list(compress(count(), map(is_not, values, before)))
         if self._copies:
             self._compare_copies(values, places)
         if not self._hidden.isdisjoint(places):
