@@ -17,7 +17,7 @@ from fame.clock import EPOCH, SECOND, Entry, Kind, Scheduler, date_text
 from fame.engine.state import Trail
 from fame.middleware import messages
 from fame.middleware.interface import Node, Publisher
-from fame.robot.change_text import COUNTED, Changes, ChangeText
+from fame.robot.change_text import COUNTED, Changes, ChangeText, name_text
 from fame.robot.changes import ChangeTracker
 from fame.robot.events import Event
 
@@ -63,7 +63,7 @@ class LiveFeed:
         log: FeedLog | None = None,
     ) -> None:
         self._publisher, self._models, self._log = publisher, models, log
-        self._scheduler, self._session, self._epoch = scheduler, session, epoch
+        self._scheduler, self._session, self._epoch = scheduler, session, date_text(epoch)
         self._current: ProcessFeed | None = None
         self._loaded: list[ProcessFeed] = []
         self._subscribers = self._batch = 0
@@ -98,7 +98,7 @@ class LiveFeed:
         self._key_due = self._scheduler.now + _KEY_PERIOD if self._begins else 0
         self._current.resume(active=self.watched)
         self._send_soon()
-        model = model_data(node, self._epoch)
+        model = _model_data(node, self._epoch)
         self._models.publish(messages.create(STRING, json.dumps(model)))
         if self._log is not None:
             self._log.on_model(model)
@@ -142,8 +142,8 @@ class LiveFeed:
             key, self._key_due = f',"key":{self._current.key()}', self._sent + _KEY_PERIOD
         self._batch += 1
         text = (
-            f'{{"robot":{json.dumps(node.name)},"session":{self._session},"batch":{self._batch},'
-            f'"epoch":"{date_text(self._epoch)}","time":{node.scheduler.now}{key},'
+            f'{{"robot":{name_text(node.name)},"session":{self._session},"batch":{self._batch},'
+            f'"epoch":"{self._epoch}","time":{node.scheduler.now}{key},'
             f'"changes":[{",".join(self._changes)}]}}'
         )
         self._changes.clear()
@@ -245,13 +245,13 @@ class ElementFeed:
             self._publisher.publish(messages.create(STRING, text))
 
 
-def model_data(node: RobotNode, epoch: datetime) -> Mapping[str, Any]:
+def _model_data(node: RobotNode, epoch: str) -> Mapping[str, Any]:
     """The content of ``bpmn_model``: the running process, its file and those of all processes that it calls."""
     files = {home.file: home for home, _ in node.mission.processes()}
     return {
         "robot": node.name,
         "process": node.mission.process.id,
-        "epoch": date_text(epoch),
+        "epoch": epoch,
         "models": [
             {"name": file.rpartition("/")[2], "xml": home.source.decode("utf-8", "replace")}
             for file, home in files.items()
