@@ -59,6 +59,8 @@ function limb(outline, { limb: joints = [], jaws = -1 }) {
   return [...parts, ...[-1, 1].map((side) => [moved(turned(box(0, side * (jaws / 2 + 0.01), 0.06, 0.02), ahead), tool), "ink"])];
 }
 
+/** Ranks of labels: names of robots, what they do, names of things. */
+const [NAME, TASK, THING] = [0, 1, 2];
 const SYMBOLS = { drone, tractor, mh5: arm, ur5e: arm };
 
 /** Whether a robot was put from one place to the next: [ns, x, y] each. */
@@ -116,7 +118,7 @@ export class World {
     if (width < 2 || height < 2) return;
     const context = sharp(this.canvas, width, height), look = COLOURS[isDark() ? "dark" : "light"];
     context.clearRect(0, 0, width, height);
-    const pen = { context, look, scale: this.place.scale * unit, at: ([x, y]) => [this.place.x + (x - x0) * this.place.scale * unit,
+    const pen = { context, look, labels: [], scale: this.place.scale * unit, at: ([x, y]) => [this.place.x + (x - x0) * this.place.scale * unit,
       this.place.y + (y1 - y) * this.place.scale * unit] };
     this.drawGround(pen, ground);
     for (const weed of ground.weeds) this.drawWeed(pen, weed, time, ground);
@@ -127,6 +129,7 @@ export class World {
     if (robots.length <= MOST_NAMES) for (const one of robots) this.drawName(pen, one, robots, width, state);
     this.robots = robots.map(({ r, pose }) => [r, pen.at([pose.x, pose.y])]);
     this.drawScale(pen, ground, width, height);
+    this.writeLabels(pen);
   }
 
   polygon({ context, at }, corners) {
@@ -233,15 +236,27 @@ export class World {
     }
   }
 
-  label({ context, look }, text, x, y, colour, size, bold = false) {
-    context.font = `${bold ? "600 " : ""}${size}px system-ui, sans-serif`;
+  /** A text at a place, to be written when all are known. The `rank` decides which of two that overlap is left out. */
+  label(pen, text, x, y, colour, size, rank = THING) {
+    pen.labels.push({ text, x, y, colour, size, rank });
+  }
+
+  /** Write the labels: those of the highest rank always, others where they cover none of a higher one. */
+  writeLabels({ context, look, labels }) {
+    const taken = [];
     context.textAlign = "center";
     context.lineJoin = "round";
     context.lineWidth = 3;
     context.strokeStyle = look.ground;
-    context.strokeText(text, x, y);
-    context.fillStyle = colour;
-    context.fillText(text, x, y);
+    for (const { text, x, y, colour, size, rank } of labels.sort((a, b) => a.rank - b.rank)) {
+      context.font = `${rank === NAME ? "600 " : ""}${size}px system-ui, sans-serif`;
+      const half = context.measureText(text).width / 2, [left, right, top, bottom] = [x - half, x + half, y - 0.8 * size, y + 0.2 * size];
+      if (rank !== NAME && taken.some((box) => left < box[1] && box[0] < right && top < box[3] && box[2] < bottom)) continue;
+      taken.push([left, right, top, bottom]);
+      context.strokeText(text, x, y);
+      context.fillStyle = colour;
+      context.fillText(text, x, y);
+    }
   }
 
   /** Ways so far: of all loaded blocks, collected once and extended as blocks come. */
@@ -420,20 +435,20 @@ export class World {
       const half = pen.context.measureText(text).width / 2;
       return Math.min(Math.max(x, half + 4), width - half - 4);
     };
-    this.label(pen, name, inside(name, 12.5), base, robotColour(r), 12.5, true);
+    this.label(pen, name, inside(name, 12.5), base, robotColour(r), 12.5, NAME);
     const note = [task, pose.note, (pose.charge ?? 1) <= 0 ? "battery empty" : ""].filter(Boolean).join(" · ");
-    if (note) this.label(pen, note.length > 44 ? `${note.slice(0, 43)}…` : note, inside(note.slice(0, 44), 11), base + 13, pen.look.faint, 11);
+    if (note) this.label(pen, note.length > 44 ? `${note.slice(0, 43)}…` : note, inside(note.slice(0, 44), 11), base + 13, pen.look.faint, 11, TASK);
   }
 
-  drawScale({ context, look, scale }, ground, width, height) {
-    const length = roundLength(40 / scale), x = width - 14, y = height - 12;
+  drawScale(pen, ground, width, height) {
+    const { context, look, scale } = pen, length = roundLength(40 / scale), x = width - 14, y = height - 12;
     context.strokeStyle = look.ink;
     context.lineWidth = 2;
     context.beginPath();
     context.moveTo(x - length * scale, y);
     context.lineTo(x, y);
     context.stroke();
-    this.label({ context, look }, `${Number(length.toPrecision(2))} m`, x - (length * scale) / 2, y - 5, look.ink, 11);
+    this.label(pen, `${Number(length.toPrecision(2))} m`, x - (length * scale) / 2, y - 5, look.ink, 11, TASK);
   }
 
   clicked(event) {
