@@ -83,11 +83,11 @@ ENOUGH = 1000
 
 def measure(case: str) -> dict[str, float | None]:
     """Explore one case in this process."""
-    from fame.check.explore import local, product
+    from fame.check.explore import exploration, local, product
     from fame.scenario.exploration import explore
 
     spent = {"steps": 0.0, "count": 0, "engine": 0.0, "by engine": 0, "search": 0.0}
-    searched = product.Product.explore
+    searched = exploration.explore
 
     def timed(step: Callable[..., object], total: str, count: str) -> Callable[..., object]:
         def steps(self: local.Local, *arguments: object, **options: object) -> object:
@@ -100,10 +100,10 @@ def measure(case: str) -> dict[str, float | None]:
 
         return steps
 
-    def search(self: product.Product) -> object:
+    def search(team: product.Product) -> object:
         begun, within = time.process_time(), spent["steps"]
         try:
-            return searched(self)
+            return searched(team)
         finally:
             spent["search"] += time.process_time() - begun - (spent["steps"] - within)
 
@@ -112,7 +112,7 @@ def measure(case: str) -> dict[str, float | None]:
     for name in ("start", "_new_step", "chosen"):
         setattr(local.Local, name, timed(getattr(local.Local, name), "steps", "count"))
     local.Local._explored = timed(local.Local._explored, "engine", "by engine")  # type: ignore[method-assign, assignment]
-    product.Product.explore = search  # type: ignore[method-assign, assignment]
+    exploration.explore = search  # type: ignore[assignment, attr-defined]
     before, begun = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     result = explore(**options)  # type: ignore[arg-type]
     seconds = time.process_time() - begun

@@ -10,13 +10,23 @@
     values          known values by number, and the unknown one
     host            the host of an explored engine
     liveness        variables that nothing reads any more
+    timers          pending timers, and which may fire next
+    stimuli         what may happen to a robot
+    views           what can happen in a local state
+    growth          states that are not explored: too many instances or tokens
+    footprints      what a step reads and writes
     local           the transitions of one robot, computed by the engine and cached
     running_states  states of running robots, to explore from
-    product         the states of the team: local states, messages in transit
-    faults          single faults as transitions
+    transitions     transitions of the team: moves of robots
     network         messages in transit
-    graph           explored states, and what can be reached from where
+    broadcast       delivery to all receivers at once
+    symmetry        robots that nothing tells apart
+    product         what may happen in each state of the team
     reduction       steps that need not be interleaved with those of others
+    independence    steps of parallel branches that commute
+    faults          single faults as transitions
+    graph           explored states, and what can be reached from where
+    search          all states of the team, breadth first
     trace           runs, in the terms of the model
     semantics       semantics of other verifiers, as options
     findings        deadlocks, lost signals, errors ... one per cause

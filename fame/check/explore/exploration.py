@@ -15,13 +15,16 @@ from fame.check.explore.abstraction import Abstraction, abstraction
 from fame.check.explore.faults import Faults
 from fame.check.explore.findings import FAILING, KINDS, Finding, Kind, Report
 from fame.check.explore.graph import Explored
+from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
 from fame.check.explore.host import field_names
-from fame.check.explore.local import MOST_AT_ONE_PLACE, MOST_INSTANCES, Local
+from fame.check.explore.local import Local
 from fame.check.explore.network import Kind as NetworkKind
-from fame.check.explore.product import MASK, Delivery, Options, Product
+from fame.check.explore.product import Delivery, Options, Product
 from fame.check.explore.reduction import Reduction
 from fame.check.explore.running_states import as_explored, real_program
+from fame.check.explore.search import explore
 from fame.check.explore.trace import Place, Runs
+from fame.check.explore.transitions import MASK
 from fame.check.explore.values import Values
 from fame.check.expressions import expressions_in
 from fame.engine import Program
@@ -240,12 +243,12 @@ class Team:
         product = Product(self.robots, self.locals, options)
         if request.reduced:
             reduction = Reduction(product)
-            product.reduction = reduction.moves
+            product.alone, product.first_arrivals = reduction.alone, reduction.first_arrivals
             if not faults and not request.weak:  # a fault may happen between, and a loop may be there
-                product.shortcuts, product.path = reduction.ends, reduction.path
+                product.settled, product.between = reduction.settled, reduction.between
         if faults:
             product.add_faults = Faults(product).add
-        explored = product.explore()
+        explored = explore(product)
         cuts = tuple(self._cuts(product, explored))
         report = Report(
             Runs(product, explored, self.places),

@@ -10,8 +10,10 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from fame.check.explore.graph import Explored
-from fame.check.explore.local import Stimulus, Way
-from fame.check.explore.product import BITS, DEAD, FAULTS, Fault, Move, Product, Reactions, Transition
+from fame.check.explore.local import Way
+from fame.check.explore.product import Fault, Product
+from fame.check.explore.stimuli import Stimulus
+from fame.check.explore.transitions import BITS, DEAD, FAULTS, Move, Reactions, Transition
 
 
 class Faults:
@@ -62,7 +64,7 @@ class Faults:
             _, topic, message = reaction.stimulus
             fault = self._happens(("message", str(topic), product.robots[receiver]))
             lost = Move(receiver, 0, Way(0, (), (), False), 0, ("loss", topic, message))
-            for after, others in product.spread(state + move.difference | move.mark, move.sending, place):
+            for after, others in product.broadcast.spread(state + move.difference | move.mark, move.sending, place):
                 yield after + fault, robot, move, (*others[:place], (receiver, lost), *others[place:])
 
     def _loss(self, state: int, robot: int, move: Move) -> Iterator[Transition]:

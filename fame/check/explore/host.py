@@ -18,6 +18,7 @@ from fame.check.events import raised_codes
 from fame.check.explore.abstraction import Step, emitted
 from fame.check.explore.purity import STEPS, is_certain, is_computable, waits
 from fame.check.explore.script_effects import may_change, script_writes
+from fame.check.explore.timers import Timer
 from fame.check.explore.values import UndecidableError, Values, is_fixed, numbers_of
 from fame.engine import UNDEFINED, Engine, Instance
 from fame.engine.host import BpmnError
@@ -48,15 +49,6 @@ class Running:
     def send(self, value: Any) -> None: ...
 
     throw = send
-
-
-@dataclass(slots=True)
-class Timer:
-    """A pending timer. `group` and `offset` order those whose order is known; a cycle has its `period` (s)."""
-
-    group: Any
-    offset: float
-    period: float | None
 
 
 @dataclass(slots=True)

@@ -7,38 +7,26 @@ run once for each way: with a longer and longer list of decisions. A step whose 
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Container, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from fame.bpmn.model import Definitions, Process
-from fame.check.explore.abstraction import Abstraction, Step
+from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.footprints import Effect, Footprints, Watched
-from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, Running, Send, Timer
+from fame.check.explore.growth import growth
+from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, Send
 from fame.check.explore.liveness import Dead, Liveness
-from fame.check.explore.running_states import load_known
+from fame.check.explore.running_states import go_on, resumed
+from fame.check.explore.stimuli import Stimulus, apply
+from fame.check.explore.timers import Timer, Timers, canonical_timers
 from fame.check.explore.values import UNKNOWN, Values
-from fame.engine import Engine, compile_program, restore
+from fame.check.explore.views import Interned, View, view_of
+from fame.engine import Engine, compile_program
 from fame.engine.canonical import Form, Forms, Keys, Stimuli, stimuli
-from fame.engine.host import BpmnError, Host
-from fame.engine.migration import arm_new
-from fame.engine.program import LoopInstance
+from fame.engine.host import Host
 from fame.engine.snapshot import Data
-from fame.engine.state import Scope, Wait, scopes_of
-from fame.engine.tasks import SCRIPT
+from fame.engine.state import Wait, scopes_of
 
-Stimulus = tuple[str, Any, Any]
-"""What happens to a robot: (kind, key or element or topic, code or message number).
-
-``end`` and ``block`` of a step by key, ``timer`` by key, ``person`` and ``offer`` by element, ``hear`` and ``outside``
-by topic.
-"""
-
-MOST_INSTANCES = 4
-"""Instances of a process at a time beyond which it counts as growing without bound."""
-MOST_AT_ONE_PLACE = 3
-"""Tokens and handlers at one element of one scope beyond which they count as growing without bound."""
 MOST_VALUES = 64
 """Values of one variable, after which further ones are unknown."""
 MOST_MOVES = 20_000
@@ -60,29 +48,6 @@ class Way(NamedTuple):
     quiet: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class View:
-    """What the product needs to know of a local state.
-
-    own        stimuli that may come at any time, and the `elements` that they are for ("": for a topic)
-    listens    topics that it takes now
-    hears      those of them on which a message may have an effect: it is not just dropped as a start trigger
-    listeners  how many tokens and handlers listen to each topic
-    instances  how many instances run
-    waiting    (element, topic or "") of each token
-    """
-
-    own: tuple[Stimulus, ...]
-    elements: tuple[str, ...]
-    listens: frozenset[str]
-    hears: frozenset[str]
-    listeners: tuple[tuple[str, int], ...]
-    instances: int
-    waiting: tuple[tuple[str, str], ...]
-
-
-Timers = tuple[tuple[int, int, float, float | None], ...]
-"""Pending timers: (key, group, offset, period)."""
 State = tuple[Form, Timers]
 
 
@@ -122,7 +87,7 @@ class Local:
         self.steps = 0
         self._numbers: dict[State, int] = {}
         self._states: list[State] = []
-        self._topic_sets: dict[frozenset[str], frozenset[str]] = {}
+        self._topic_sets: Interned = {}
         self.views: list[View] = []
         self._views: dict[tuple[int, Timers], View] = {}
         self._liveness = Liveness(definitions, process, model, kept)
@@ -153,7 +118,7 @@ class Local:
         self, state: int, stimulus: Stimulus, keep: Callable[[Way, Outcome], object] | None = None
     ) -> tuple[Way, ...]:
         """The same, by an engine."""
-        return self._explored(lambda: self.revived(state), lambda engine: self._apply(engine, stimulus), keep)
+        return self._explored(lambda: self.revived(state), lambda engine: apply(engine, stimulus, self.host), keep)
 
     def _new_step(self, state: int, stimulus: Stimulus) -> tuple[Way, ...]:
         """The ways of a step: by its footprint if that is known, else by an engine."""
@@ -221,21 +186,12 @@ class Local:
         """How the first step is taken."""
         if given is None:
             return self._new, lambda engine: engine.begin({})
-        return lambda: self._restored(given), _go_on
+        return lambda: self._resumed(given), go_on
 
-    def _restored(self, data: Data) -> Engine:
-        """The engine of a snapshot; of its timers no times are known."""
+    def _resumed(self, data: Data) -> Engine:
         self.host.reset()
-        host, unknown = self.host, self.values.unknown
-        outside: Host = host
-        engine = restore(self.program, data, outside, host.new_variables, load=lambda value: load_known(value, unknown))
+        engine = self.host.engine = resumed(self.program, data, self.host)
         engine.limit = engine.portion = MOST_MOVES
-        pending = {key: wait.catch for key, wait in engine.waits.items() if wait.catch.trigger is not SCRIPT}
-        pending |= {key: node.catch for key, node in engine.armed_starts.items() if node.catch is not None}
-        host.timers = {
-            key: Timer(("alone", key), 0.0, 1.0 if catch.timer == "cycle" else None) for key, catch in pending.items()
-        }
-        host.engine = engine
         return engine
 
     def _new(self) -> Engine:
@@ -267,7 +223,7 @@ class Local:
     def _explored(
         self,
         make: Callable[[], Engine],
-        apply: Callable[[Engine], object],
+        act: Callable[[Engine], object],
         keep: Callable[[Way, Outcome], object] | None = None,
     ) -> tuple[Way, ...]:
         """All ways of a step: run it with each list of decisions."""
@@ -276,7 +232,7 @@ class Local:
         while pending:
             host.decisions = pending.pop()
             engine = make()
-            apply(engine)
+            act(engine)
             self.steps += 1
             outcome = host.outcome
             choices = outcome.choices
@@ -323,49 +279,14 @@ class Local:
                     if child.node is not None and not (isinstance(child, Wait) and not child.token):
                         self._entered.add(child.node.id)
 
-    def _apply(self, engine: Engine, stimulus: Stimulus) -> None:
-        kind, what, detail = stimulus
-        host = self.host
-        if kind == "hear" or kind == "outside":
-            if kind == "hear":
-                received = what in engine.listeners or what in self.program.starts
-                host.outcome.flags.append(
-                    ("received" if received else "lost" if engine.instances else "unneeded", what)
-                )
-            engine.deliver(what, self.values.value(detail))
-        elif kind == "end":
-            self._end(engine, what, detail)
-        elif kind == "timer":
-            timer = host.timers.pop(what)
-            host.fired = timer
-            if timer.period is not None:
-                host.timers[what] = Timer(timer.group, timer.offset + timer.period, timer.period)
-            engine.timer_fired(what, last=timer.period is None)
-        elif kind == "person":
-            engine.complete_task(what)
-        elif kind == "offer":
-            engine.activate(what)
-        elif kind == "block":
-            engine.waits.pop(what).started = False
-
-    def _end(self, engine: Engine, key: int, code: str | None) -> None:
-        wait = engine.waits[key]
-        step = _step_of(wait)
-        host = self.host
-        host.place = wait.node.id
-        if code is None:
-            host.end_step(step, wait.scope.variables)
-        variable = getattr(wait.node.spec, "variable", "")
-        if variable in self.kept:
-            wait.scope.variables[variable] = self.values.unknown
-        engine.script_ended(key, None if code is None else BpmnError(code))
-
     # ---- states --------------------------------------------------------------------------------------
 
     def number(self, engine: Engine) -> int | None:
         """The number of the state that an engine is in; None if it is one that grows without bound."""
         walk = self.forms.walk(engine)
-        if self._grows(engine, walk.scopes):
+        grown = growth(engine, walk.scopes)
+        if grown:
+            self.cut.add(grown)
             return None
         form, keys = walk.form()
         found: Stimuli | None = None
@@ -375,7 +296,7 @@ class Local:
             tokens += [node.id for scope in walk.scopes for node in scope.held]  # which go on after a suspension
             self._dead[form[0]] = self._liveness.dead(tokens)
         form = self._without_dead(form)
-        state = (form, self._timers(keys)) if self.host.timers else (form, ())
+        state = (form, canonical_timers(self.host.timers, keys)) if self.host.timers else (form, ())
         number = self._numbers.get(state)
         if number is None:
             number = self._add(state, self._view(engine, form, keys, state[1], found))
@@ -415,29 +336,6 @@ class Local:
             seen.add(number)
         return number
 
-    def _grows(self, engine: Engine, scopes: Iterable[Scope]) -> bool:
-        if len(engine.instances) > MOST_INSTANCES and self.program.instances is None:
-            self.cut.add(f"instances\n{self.program.process}")
-            return True
-        for scope in scopes:
-            if len(scope.children) > MOST_AT_ONE_PLACE and (crowded := _crowded(scope)):
-                self.cut.add(f"tokens\n{crowded}")
-                return True
-        return False
-
-    def _timers(self, keys: Keys) -> tuple[tuple[int, int, float, float | None], ...]:
-        """Pending timers by key; only the order within a group counts, so each begins at 0."""
-        pending = sorted(((keys[key], timer) for key, timer in self.host.timers.items() if key in keys), key=_first)
-        groups: dict[Any, int] = {}
-        earliest: dict[Any, float] = {}
-        for _, timer in pending:
-            groups.setdefault(timer.group, len(groups))
-            earliest[timer.group] = min(earliest.get(timer.group, timer.offset), timer.offset)
-        return tuple(
-            (number, groups[timer.group], round(timer.offset - earliest[timer.group], 9), timer.period)
-            for number, timer in pending
-        )
-
     def _view(self, engine: Engine, form: Form, keys: Keys, timers: Timers, found: Stimuli | None) -> View:
         """What can happen in the state that an engine is in, which its control state and timers decide.
 
@@ -446,81 +344,12 @@ class Local:
         known = self._views.get((form[0], timers))
         if known is None:
             self._note_entered(engine)
-            known = self._views[form[0], timers] = self._new_view(engine, keys, found or stimuli(engine))
+            made = view_of(engine, keys, found or stimuli(engine), self.host, self.outside, self._topic_sets)
+            known = self._views[form[0], timers] = made
         return known
-
-    def _new_view(self, engine: Engine, keys: Keys, found: Stimuli) -> View:
-        """The same; stimuli have the keys that an engine revived from the state has."""
-        own: dict[Stimulus, str] = {}
-        for key in sorted(found.scripts, key=keys.__getitem__):
-            wait, number = found.scripts[key], keys[key]
-            own["end", number, None] = wait.node.id
-            for code in _step_of(wait).codes:
-                own["end", number, code] = wait.node.id
-        if found.timers:
-            for key in sorted(self._next_timers(found.timers), key=keys.__getitem__):
-                own["timer", keys[key], None] = found.timers[key].id
-        for wait in found.people:
-            own["person", wait.node.id, None] = wait.node.id
-        for element in found.offers:
-            own["offer", element, None] = element
-        for topic in self.outside:
-            if topic in found.topics:
-                own["outside", topic, self.host.blank(topic)] = ""
-        topics = self._topic_sets.setdefault(found.topics, found.topics)
-        dropped = frozenset(topic for topic in topics if self._is_dropped(engine, topic))
-        hears = self._topic_sets.setdefault(topics - dropped, topics - dropped)
-        listeners = tuple(sorted((topic, len(listening)) for topic, listening in engine.listeners.items()))
-        instances = len(engine.instances)
-        return View(tuple(own), tuple(own.values()), topics, hears, listeners, instances, found.waiting)
-
-    def _is_dropped(self, engine: Engine, topic: str) -> bool:
-        """Whether a message on a topic has no effect now: it would start an instance, but as many as may run do."""
-        limit = self.program.instances
-        if limit is None or len(engine.instances) < limit or topic in engine.listeners:
-            return False
-        starts = self.program.starts[topic]
-        return all(one.catch is not None and not one.catch.queue and one.spec.whole is None for one in starts)
-
-    def _next_timers(self, alive: Container[int]) -> list[int]:
-        """The timers that may fire now: of each group the earliest."""
-        first: dict[Any, int] = {}
-        for key, timer in self.host.timers.items():
-            if key in alive:
-                other = first.get(timer.group)
-                if other is None or timer.offset < self.host.timers[other].offset:
-                    first[timer.group] = key
-        return list(first.values())
 
     def element(self, state: int, stimulus: Stimulus) -> str:
         """The id of the element that an own stimulus is for; "" for one of a topic."""
         view = self.views[state]
         kind = "end" if stimulus[0] == "block" else stimulus[0]
         return next(one for own, one in zip(view.own, view.elements, strict=True) if own[:2] == (kind, stimulus[1]))
-
-
-def _go_on(engine: Engine) -> None:
-    """What is held goes on; what a migrated state lacks is armed."""
-    engine.release()
-    arm_new(engine)
-    engine.run()
-
-
-def _step_of(wait: Wait) -> Step:
-    """What takes time where a token waits."""
-    made = wait.node.spec.run(wait.scope.variables)
-    assert isinstance(made, Running)
-    return made.step
-
-
-def _crowded(scope: Scope) -> str:
-    """The element of a scope at which too many tokens and handlers are, or empty; instances of loops may be many."""
-    nodes = [child.node for child in scope.children if child.node is not None]
-    if len(set(nodes)) > len(nodes) - MOST_AT_ONE_PLACE:
-        return ""
-    places = Counter(node for node in nodes if not isinstance(node.spec, LoopInstance))
-    return next((node.id for node, count in places.items() if count > MOST_AT_ONE_PLACE), "")
-
-
-def _first(item: tuple[int, Timer]) -> int:
-    return item[0]

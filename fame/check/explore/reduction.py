@@ -1,4 +1,4 @@
-"""Steps that need not be interleaved with others: they are explored alone.
+"""Partial-order reduction: steps that need not be interleaved with others are explored alone.
 
 Two kinds of steps of one robot may go first, because whatever else happens may as well happen afterwards:
 
@@ -10,21 +10,24 @@ Two kinds of steps of one robot may go first, because whatever else happens may 
 Neither may send, report or start anything, nor change which messages the robot takes. The search explores such steps
 alone only if each of them leads to a state that it has still to explore, so that nothing is put off forever; one that
 changes nothing does not count. Which of its steps these are depends on the robot alone, so the search goes through all
-of them at once where it can (`Reduction.ends`), and keeps only the states behind them.
+of them at once where it can (`Reduction.settled`), and keeps only the states behind them.
+
+With delivery ``fast``, messages that wait for several robots arrive at one of them first, if at most one answers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
 
-from fame.bpmn import model
-from fame.check.explore.local import Local
-from fame.check.explore.product import DEAD, Move, Product
-from fame.check.expressions import expressions_in
+from fame.check.explore.independence import Structure
+from fame.check.explore.product import Product
+from fame.check.explore.transitions import BITS, DEAD, MASK, Move, Transition
 
 MOST_BETWEEN = 1_000
 """Local states of one robot that are gone through at once."""
+
+_Pending = tuple[tuple[str, tuple[int, ...]], ...]
+"""Messages on their way to one robot: (topic, message numbers) of each channel."""
 
 
 class Reduction:
@@ -34,20 +37,103 @@ class Reduction:
         self.product = product
         structures = {id(local): Structure.of(local) for local in product.locals}
         self._structures = [structures[id(local)] for local in product.locals]
+        self._index, self._canonical = product.index, product.symmetry.canonical
+        self._fast: bool = product.options.delivery == "fast"
+        self._alone: list[dict[int, tuple[Move, ...] | None]] = [{DEAD: None} for _ in product.locals]
         self._ends: list[dict[int, tuple[int, ...]]] = [{DEAD: ()} for _ in product.locals]
+        self._answering: dict[tuple[int, int, _Pending], bool] = {}
 
-    def moves(self, robot: int, state: int) -> tuple[Move, ...]:
-        """The moves that may be explored alone in a local state; none if there are no such."""
-        moves = self.product.own(robot, state)
-        silent = [move for move in moves if self._is_silent(robot, state, move)]
-        if not silent:
-            return ()
-        one = self._of_one_token(robot, state, moves, silent)
-        if one or len(silent) < len(moves):
-            return one
-        views = self.product.locals[robot].views
-        foreign = self._foreign(robot)
-        return () if any(views[at].hears & foreign for at in (state, *(move.state for move in moves))) else moves
+    # ---- fewer transitions ---------------------------------------------------------------------------
+
+    def alone(self, state: int) -> list[Transition] | None:
+        """The moves of one robot that no other can influence or notice, if they lead to states not yet explored."""
+        rest, index, canonical = state, self._index, self._canonical
+        at = index[state]
+        for robot, table in enumerate(self._alone):
+            old = rest & MASK
+            rest >>= BITS
+            if old in table:
+                moves = table[old]
+            else:
+                moves = table[old] = self.moves(robot, old) or None
+            if moves is not None:
+                found: list[Transition] = [(state + move.difference | move.mark, robot, move, ()) for move in moves]
+                ahead = [index.get(canonical(one[0]), len(index)) for one in found if one[0] != state]
+                if ahead and min(ahead) > at:
+                    return found
+        return None
+
+    def first_arrivals(self, state: int, found: list[Transition]) -> list[Transition]:
+        """The arrivals at one robot, if those at others lead to no more messages, and lead to states not yet explored.
+
+        Nothing but arrivals happens now, so robots that send nothing in them may as well receive their messages later.
+        """
+        product, waiting = self.product, dict[int, _Pending]()
+        for (_, topic, receiver), messages in product.network.content(state >> product.top):
+            waiting[receiver] = (*waiting.get(receiver, ()), (topic, messages))
+        if len(waiting) < 2:
+            return found
+        answering = [one for one, all in waiting.items() if self._answers(one, state >> (one * BITS) & MASK, all)]
+        if len(answering) > 1:
+            return found
+        first = answering[0] if answering else found[0][1]
+        chosen = [one for one in found if one[1] == first]
+        at, index = self._index[state], self._index
+        ahead = all(index.get(self._canonical(one[0]), len(index)) > at for one in chosen)
+        return chosen if ahead else found
+
+    def _answers(self, robot: int, old: int, waiting: _Pending) -> bool:
+        """Whether a robot may send something as these messages arrive, in any order of their channels."""
+        key = (robot, old, waiting)
+        found = self._answering.get(key)
+        if found is None:
+            found = False
+            for place, (topic, messages) in enumerate(waiting):
+                left = ((topic, messages[1:]),) if len(messages) > 1 else ()
+                rest = (*waiting[:place], *left, *waiting[place + 1 :])
+                moves = self.product.receive(robot, old, topic, messages[0])
+                if any(move.sending or self._answers(robot, move.state, rest) for move in moves):
+                    found = True
+                    break
+            self._answering[key] = found
+        return found
+
+    # ---- steps gone through at once ------------------------------------------------------------------
+
+    def settled(self, transition: Transition) -> Sequence[int]:
+        """The states to which a transition leads once the robots have gone on as far as nobody notices."""
+        new, robot, move, reactions = transition
+        if not reactions and move.stimulus[0] != "hear":
+            if move.sending and new >> self.product.top and self._fast:
+                return (new,)
+            ends = self._differences(robot, move)
+            return [new + difference for difference in ends] if ends else (new,)
+        if new >> self.product.top and self._fast:  # messages arrive before anybody goes on
+            return (new,)
+        found, rest = [new], new
+        for one, table in enumerate(self._ends):
+            old = rest & MASK
+            rest >>= BITS
+            known = table.get(old)
+            if known is None:
+                known = self.ends(one, old)
+            if known:
+                found = [state + ((end - old) << (one * BITS)) for state in found for end in known]
+        return found
+
+    def _differences(self, robot: int, move: Move) -> tuple[int, ...]:
+        if move.ends is None:
+            old = move.state
+            move.ends = tuple((end - old) << (robot * BITS) for end in self.ends(robot, old))
+        return move.ends
+
+    def between(self, state: int, end: int) -> Iterator[Transition]:
+        """The transitions from a state to one to which the robots have gone on from there, see `settled`."""
+        for robot in range(self.product.count):
+            old, new = (one >> (robot * BITS) & MASK for one in (state, end))
+            for move in self._path(robot, old, new) if old != new else ():
+                state += move.difference
+                yield state, robot, move, ()
 
     def ends(self, robot: int, state: int) -> tuple[int, ...]:
         """The local states in which a robot is once it has gone all steps that may be explored alone; () if none may.
@@ -79,7 +165,7 @@ class Reduction:
             leading |= grown
         return tuple(sorted(ends)) if after.keys() <= leading else ()
 
-    def path(self, robot: int, state: int, end: int) -> list[Move]:
+    def _path(self, robot: int, state: int, end: int) -> list[Move]:
         """The steps from a state to one of its `ends`."""
         before: dict[int, tuple[int, Move]] = {}
         pending = [state]
@@ -93,6 +179,21 @@ class Reduction:
             end, last = before[end]
             found.append(last)
         return found[::-1]
+
+    # ---- of one robot ----------------------------------------------------------------------------------
+
+    def moves(self, robot: int, state: int) -> tuple[Move, ...]:
+        """The moves that may be explored alone in a local state; none if there are no such."""
+        moves = self.product.own(robot, state)
+        silent = [move for move in moves if self._is_silent(robot, state, move)]
+        if not silent:
+            return ()
+        one = self._of_one_token(robot, state, moves, silent)
+        if one or len(silent) < len(moves):
+            return one
+        views = self.product.locals[robot].views
+        foreign = self._foreign(robot)
+        return () if any(views[at].hears & foreign for at in (state, *(move.state for move in moves))) else moves
 
     def _is_silent(self, robot: int, state: int, move: Move) -> bool:
         """Whether nobody notices the move."""
@@ -129,157 +230,3 @@ class Reduction:
         """The topics on which another robot may send to it."""
         topics = self.product.locals[robot].topics
         return frozenset(topic for topic in topics if topic[0] == "/") if self.product.count > 1 else frozenset()
-
-
-@dataclass(slots=True)
-class _Touched:
-    """The variables that an element reads and writes."""
-
-    reads: set[str] = field(default_factory=set)
-    writes: set[str] = field(default_factory=set)
-
-    def add(self, other: _Touched) -> None:
-        self.reads |= other.reads
-        self.writes |= other.writes
-
-    def meets(self, other: _Touched) -> bool:
-        """Whether the order of the two makes a difference."""
-        return bool(self.writes & (other.reads | other.writes) or self.reads & other.writes)
-
-
-class Structure:
-    """The elements of a robot's process: what follows each, what it touches, in which sub-processes it is."""
-
-    def __init__(self, local: Local) -> None:
-        self._kept = local.kept
-        self._after: dict[str, set[str]] = {}
-        self._touched: dict[str, _Touched] = {}
-        self._around: dict[str, tuple[str, ...]] = {}  # ids of the sub-processes around an element, inner first
-        self._nodes: dict[str, model.FlowNode] = {}
-        self._joins: set[str] = set()
-        self._restless: set[str] = set()  # sub-processes in which a token may be cancelled, or inclusive joins are
-        self._add(local.body, ())
-        self._regions: dict[tuple[str, frozenset[str]], frozenset[str]] = {}
-
-    @classmethod
-    def of(cls, local: Local) -> Structure | None:
-        """The structure of a process that calls no other; else None."""
-        if any((isinstance(node, model.CallActivity | model.SubProcess) and node.loop is not None)
-               or isinstance(node, model.CallActivity) for node in local.body.walk()):  # fmt: skip
-            return None
-        return cls(local)
-
-    def _add(self, body: model.Body, around: tuple[str, ...]) -> None:
-        ids = [node.id for node in body.nodes]
-        for id in ids:
-            self._after.setdefault(id, set())
-            self._touched[id] = _Touched()
-            self._around[id] = around
-        owner = around[0] if around else ""
-        for flow in body.flows:
-            self._after[flow.source].add(flow.target)
-        for use in expressions_in(body):
-            element = use.element.source if isinstance(use.element, model.SequenceFlow) else use.element.id
-            if element in self._touched:
-                reads = use.reads if use.use != "script" else use.reads | use.writes
-                self._touched[element].add(_Touched(set(reads) & self._kept, set(use.writes) & self._kept))
-        for node in body.nodes:
-            self._nodes[node.id] = node
-            self._add_node(node, owner, around)
-        if any(isinstance(use.element, model.Event) and use.use == "condition" for use in expressions_in(body)):
-            self._restless.add(owner)
-        if body.data_objects:  # they assign variables where elements begin and end
-            self._restless.add(owner)
-
-    def _add_node(self, node: model.FlowNode, owner: str, around: tuple[str, ...]) -> None:
-        if isinstance(node, model.SubProcess):
-            if node.triggered_by_event or node.kind != "embedded":
-                self._restless.add(owner)
-            self._add(node.body, (node.id, *around))
-        elif isinstance(node, model.Gateway):
-            if node.kind in ("inclusive", "complex"):
-                self._restless.add(owner)
-            elif node.kind == "parallel" and len(node.incoming) > 1:
-                self._joins.add(node.id)
-        elif isinstance(node, model.Event):
-            kinds = (model.TerminateDefinition, model.CancelDefinition, model.CompensateDefinition,
-                     model.EscalationDefinition, model.LinkDefinition)  # fmt: skip
-            if any(isinstance(one, kinds) for one in node.definitions):
-                self._restless.add(owner)
-            if node.place == "boundary":
-                self._after[node.attached_to].add(node.id)
-                armed = any(not isinstance(one, model.ErrorDefinition) for one in node.definitions)
-                if armed or isinstance(self._node_of(node.attached_to), model.SubProcess | None):
-                    self._restless.add(node.attached_to)
-        if isinstance(node, model.Task):
-            if node.script is not None and node.script.language == "javascript":
-                self._restless.add(owner)
-            self._touched[node.id].writes |= {node.result_variable} & self._kept
-
-    def _node_of(self, id: str) -> model.FlowNode | None:
-        return self._nodes.get(id)
-
-    def commutes(self, element: str, reached: set[str], others: list[str]) -> bool:
-        """Whether a step of the token at an element, to where it waits next, commutes with what the others may do."""
-        if element not in self._around or self._restless & {element, *self._around[element], ""}:
-            return False
-        passage = self._region(element, frozenset())
-        if not reached <= passage | self._joins:
-            return False
-        touched = self._touches(passage)
-        if not (touched.reads or touched.writes):
-            return True
-        before = frozenset(self._joins & self._beyond(element))
-        return all(
-            other in self._around and not touched.meets(self._touches(self._future(other, before))) for other in others
-        )
-
-    def _touches(self, elements: frozenset[str]) -> _Touched:
-        found = _Touched()
-        for one in elements:
-            found.add(self._touched[one])
-        return found
-
-    def _region(self, element: str, stops: frozenset[str]) -> frozenset[str]:
-        """The elements that a token at an element may pass until it waits, itself and those where it waits included."""
-        found, pending = {element}, list(self._after[element])
-        while pending:
-            one = pending.pop()
-            if one not in found and one not in self._joins:
-                found.add(one)
-                if not self._waits(one):
-                    pending += self._after[one]
-        return frozenset(found)
-
-    def _waits(self, id: str) -> bool:
-        node = self._nodes[id]
-        if isinstance(node, model.Task):
-            return node.kind != "plain" and not (node.script is not None and "await" not in node.script.text)
-        if isinstance(node, model.Event):
-            return node.place == "catch"
-        return isinstance(node, model.SubProcess) or (isinstance(node, model.Gateway) and node.kind == "event")
-
-    def _future(self, element: str, stops: frozenset[str]) -> frozenset[str]:
-        """All elements that a token may ever pass, until joins that it cannot pass alone."""
-        key = (element, stops)
-        if key not in self._regions:
-            found, pending = {element}, [element]
-            while pending:
-                for one in self._next(pending.pop()):
-                    if one not in found and one not in stops:
-                        found.add(one)
-                        pending.append(one)
-            self._regions[key] = frozenset(found)
-        return self._regions[key]
-
-    def _beyond(self, element: str) -> frozenset[str]:
-        return self._future(element, frozenset())
-
-    def _next(self, element: str) -> Iterator[str]:
-        """What follows an element, into sub-processes and out of them."""
-        yield from self._after[element]
-        node = self._nodes[element]
-        if isinstance(node, model.SubProcess):
-            yield from (inner.id for inner in node.body.nodes)
-        if self._around[element]:
-            yield from self._after[self._around[element][0]]

@@ -12,11 +12,15 @@ from typing import Any
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import CallActivity, Definitions, Process
+from fame.check.explore.host import ExplorationHost
+from fame.check.explore.timers import Timer
 from fame.check.explore.values import Unknown
-from fame.engine import compile_program
+from fame.engine import Engine, compile_program, restore
 from fame.engine.host import Host
+from fame.engine.migration import arm_new
 from fame.engine.program import Node, Program
 from fame.engine.snapshot import OF_NO_PROGRAM, Data
+from fame.engine.tasks import SCRIPT
 from fame.errors import FameError, MissionError
 from fame.middleware import messages
 
@@ -29,7 +33,27 @@ def as_explored(data: Data, real: Program, explored: Program) -> Data:
     return _Translation(data, real, explored).result()
 
 
-def load_known(data: Any, unknown: Unknown) -> Any:
+def resumed(program: Program, data: Data, host: ExplorationHost) -> Engine:
+    """The engine of a snapshot of an explored program; of its timers no times are known."""
+    outside: Host = host
+    unknown = host.values.unknown
+    engine = restore(program, data, outside, host.new_variables, load=lambda value: _load_known(value, unknown))
+    pending = {key: wait.catch for key, wait in engine.waits.items() if wait.catch.trigger is not SCRIPT}
+    pending |= {key: node.catch for key, node in engine.armed_starts.items() if node.catch is not None}
+    host.timers = {
+        key: Timer(("alone", key), 0.0, 1.0 if catch.timer == "cycle" else None) for key, catch in pending.items()
+    }
+    return engine
+
+
+def go_on(engine: Engine) -> None:
+    """What is held goes on; what a migrated state lacks is armed."""
+    engine.release()
+    arm_new(engine)
+    engine.run()
+
+
+def _load_known(data: Any, unknown: Unknown) -> Any:
     """A value of what `fame.robot.stored_values.dump` made of it: a message, else the unknown one."""
     if isinstance(data, dict) and "message" in data:
         try:

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from fame.check.explore.graph import Explored
-from fame.check.explore.product import BITS, DEAD, MASK, Move, Product, Seen, Transition
+from fame.check.explore.product import Product
+from fame.check.explore.transitions import BITS, DEAD, MASK, Move, Seen, Transition
 from fame.errors import display_name
 
 
@@ -69,7 +70,7 @@ class Runs:
     places: dict[str, Place] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.product.reduction = None  # which depends on the states that were known at the time
+        self.product.alone = self.product.first_arrivals = None  # they depend on what was explored at the time
 
     def place(self, element: str) -> Place:
         """Where an element is."""
@@ -78,7 +79,7 @@ class Runs:
     def to(self, at: int, last: Transition | None = None) -> tuple[list[Step], list[tuple[int, ...]]]:
         """The shortest run to a state, with the numbers of the states after each step; `last` follows it.
 
-        They are several after a step behind which the search went on at once, see `Reduction.ends`.
+        They are several after a step behind which the search went on at once, see `Reduction.settled`.
         """
         names = list(self.product.robots)
         steps: list[Step] = []
@@ -119,7 +120,7 @@ class Runs:
     def _numbers(self, transition: Transition) -> tuple[int, ...]:
         """The numbers of the states to which the search went at once after a transition; empty if one is not known."""
         product = self.product
-        found = [product.number(state) for state in product.settled(transition)]
+        found = [product.number(state) for state in self._settled(transition)]
         return tuple(one for one in found if one is not None) if None not in found else ()
 
     def _leading(self, before: int | None, state: int) -> list[Transition]:
@@ -132,21 +133,25 @@ class Runs:
             if product.options.faults and not product.fault_of(before):
                 product.add_faults(before, found)
         for transition in found:
-            for end in product.settled(transition):
-                if product.canonical(end) == state:
-                    return [transition, *product.between(transition[0], end)]
+            for end in self._settled(transition):
+                if product.symmetry.canonical(end) == state:
+                    return [transition, *(product.between(transition[0], end) if product.between else ())]
         raise LookupError("no transition leads to the next state")
+
+    def _settled(self, transition: Transition) -> Sequence[int]:
+        """The states to which the search went at once after a transition."""
+        return self.product.settled(transition) if self.product.settled else (transition[0],)
 
     def _renamed(self, state: int, names: list[str]) -> list[str]:
         """The names by place, once equal robots are sorted."""
         names = list(names)
         for group in self.product.options.groups:
-            order = self.product.order(state, group)
+            order = self.product.symmetry.order(state, group)
             if order is not None:
                 old = [names[robot] for robot in group]
                 for place, robot in enumerate(group):
                     names[robot] = old[order[place]]
-                state = self.product.permuted(state, group, order)
+                state = self.product.symmetry.permuted(state, group, order)
         return names
 
     def _add(self, steps: list[Step], after: list[tuple[int, ...]], transition: Transition, names: Sequence[str],

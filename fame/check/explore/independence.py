@@ -1,0 +1,164 @@
+"""Independence of tokens: which steps of one token commute with whatever the other tokens of its robot may do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from fame.bpmn import model
+from fame.check.explore.local import Local
+from fame.check.expressions import expressions_in
+
+
+@dataclass(slots=True)
+class _Touched:
+    """The variables that an element reads and writes."""
+
+    reads: set[str] = field(default_factory=set)
+    writes: set[str] = field(default_factory=set)
+
+    def add(self, other: _Touched) -> None:
+        self.reads |= other.reads
+        self.writes |= other.writes
+
+    def meets(self, other: _Touched) -> bool:
+        """Whether the order of the two makes a difference."""
+        return bool(self.writes & (other.reads | other.writes) or self.reads & other.writes)
+
+
+class Structure:
+    """The elements of a robot's process: what follows each, what it touches, in which sub-processes it is."""
+
+    def __init__(self, local: Local) -> None:
+        self._kept = local.kept
+        self._after: dict[str, set[str]] = {}
+        self._touched: dict[str, _Touched] = {}
+        self._around: dict[str, tuple[str, ...]] = {}  # ids of the sub-processes around an element, inner first
+        self._nodes: dict[str, model.FlowNode] = {}
+        self._joins: set[str] = set()
+        self._restless: set[str] = set()  # sub-processes in which a token may be cancelled, or inclusive joins are
+        self._add(local.body, ())
+        self._regions: dict[tuple[str, frozenset[str]], frozenset[str]] = {}
+
+    @classmethod
+    def of(cls, local: Local) -> Structure | None:
+        """The structure of a process that calls no other; else None."""
+        if any((isinstance(node, model.CallActivity | model.SubProcess) and node.loop is not None)
+               or isinstance(node, model.CallActivity) for node in local.body.walk()):  # fmt: skip
+            return None
+        return cls(local)
+
+    def _add(self, body: model.Body, around: tuple[str, ...]) -> None:
+        ids = [node.id for node in body.nodes]
+        for id in ids:
+            self._after.setdefault(id, set())
+            self._touched[id] = _Touched()
+            self._around[id] = around
+        owner = around[0] if around else ""
+        for flow in body.flows:
+            self._after[flow.source].add(flow.target)
+        for use in expressions_in(body):
+            element = use.element.source if isinstance(use.element, model.SequenceFlow) else use.element.id
+            if element in self._touched:
+                reads = use.reads if use.use != "script" else use.reads | use.writes
+                self._touched[element].add(_Touched(set(reads) & self._kept, set(use.writes) & self._kept))
+        for node in body.nodes:
+            self._nodes[node.id] = node
+            self._add_node(node, owner, around)
+        if any(isinstance(use.element, model.Event) and use.use == "condition" for use in expressions_in(body)):
+            self._restless.add(owner)
+        if body.data_objects:  # they assign variables where elements begin and end
+            self._restless.add(owner)
+
+    def _add_node(self, node: model.FlowNode, owner: str, around: tuple[str, ...]) -> None:
+        if isinstance(node, model.SubProcess):
+            if node.triggered_by_event or node.kind != "embedded":
+                self._restless.add(owner)
+            self._add(node.body, (node.id, *around))
+        elif isinstance(node, model.Gateway):
+            if node.kind in ("inclusive", "complex"):
+                self._restless.add(owner)
+            elif node.kind == "parallel" and len(node.incoming) > 1:
+                self._joins.add(node.id)
+        elif isinstance(node, model.Event):
+            kinds = (model.TerminateDefinition, model.CancelDefinition, model.CompensateDefinition,
+                     model.EscalationDefinition, model.LinkDefinition)  # fmt: skip
+            if any(isinstance(one, kinds) for one in node.definitions):
+                self._restless.add(owner)
+            if node.place == "boundary":
+                self._after[node.attached_to].add(node.id)
+                armed = any(not isinstance(one, model.ErrorDefinition) for one in node.definitions)
+                if armed or isinstance(self._node_of(node.attached_to), model.SubProcess | None):
+                    self._restless.add(node.attached_to)
+        if isinstance(node, model.Task):
+            if node.script is not None and node.script.language == "javascript":
+                self._restless.add(owner)
+            self._touched[node.id].writes |= {node.result_variable} & self._kept
+
+    def _node_of(self, id: str) -> model.FlowNode | None:
+        return self._nodes.get(id)
+
+    def commutes(self, element: str, reached: set[str], others: list[str]) -> bool:
+        """Whether a step of the token at an element, to where it waits next, commutes with what the others may do."""
+        if element not in self._around or self._restless & {element, *self._around[element], ""}:
+            return False
+        passage = self._region(element, frozenset())
+        if not reached <= passage | self._joins:
+            return False
+        touched = self._touches(passage)
+        if not (touched.reads or touched.writes):
+            return True
+        before = frozenset(self._joins & self._beyond(element))
+        return all(
+            other in self._around and not touched.meets(self._touches(self._future(other, before))) for other in others
+        )
+
+    def _touches(self, elements: frozenset[str]) -> _Touched:
+        found = _Touched()
+        for one in elements:
+            found.add(self._touched[one])
+        return found
+
+    def _region(self, element: str, stops: frozenset[str]) -> frozenset[str]:
+        """The elements that a token at an element may pass until it waits, itself and those where it waits included."""
+        found, pending = {element}, list(self._after[element])
+        while pending:
+            one = pending.pop()
+            if one not in found and one not in self._joins:
+                found.add(one)
+                if not self._waits(one):
+                    pending += self._after[one]
+        return frozenset(found)
+
+    def _waits(self, id: str) -> bool:
+        node = self._nodes[id]
+        if isinstance(node, model.Task):
+            return node.kind != "plain" and not (node.script is not None and "await" not in node.script.text)
+        if isinstance(node, model.Event):
+            return node.place == "catch"
+        return isinstance(node, model.SubProcess) or (isinstance(node, model.Gateway) and node.kind == "event")
+
+    def _future(self, element: str, stops: frozenset[str]) -> frozenset[str]:
+        """All elements that a token may ever pass, until joins that it cannot pass alone."""
+        key = (element, stops)
+        if key not in self._regions:
+            found, pending = {element}, [element]
+            while pending:
+                for one in self._next(pending.pop()):
+                    if one not in found and one not in stops:
+                        found.add(one)
+                        pending.append(one)
+            self._regions[key] = frozenset(found)
+        return self._regions[key]
+
+    def _beyond(self, element: str) -> frozenset[str]:
+        return self._future(element, frozenset())
+
+    def _next(self, element: str) -> Iterator[str]:
+        """What follows an element, into sub-processes and out of them."""
+        yield from self._after[element]
+        node = self._nodes[element]
+        if isinstance(node, model.SubProcess):
+            yield from (inner.id for inner in node.body.nodes)
+        if self._around[element]:
+            yield from self._after[self._around[element][0]]

@@ -1,0 +1,58 @@
+"""Symmetry reduction: of the states that differ only in the order of equal robots, one is explored."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from fame.check.explore.network import Network
+from fame.check.explore.transitions import BITS, MASK
+
+
+class Symmetry:
+    """Sorts the robots of each group of equal ones. `top`: the place of the network in a state of the team."""
+
+    def __init__(self, groups: Sequence[tuple[int, ...]], network: Network, top: int) -> None:
+        self.groups, self.network, self.top = groups, network, top
+
+    def canonical(self, state: int) -> int:
+        """The same state with robots that nothing tells apart in the order of their local states."""
+        for group in self.groups:
+            order = self.order(state, group)
+            if order is not None:
+                state = self.permuted(state, group, order)
+        return state
+
+    def order(self, state: int, group: tuple[int, ...]) -> tuple[int, ...] | None:
+        """The places of a group in the order of what they are at; None if they are in order."""
+        found = [state >> (robot * BITS) & MASK for robot in group]
+        if not state >> self.top:
+            if all(first <= second for first, second in pairwise(found)):
+                return None
+            return tuple(sorted(range(len(group)), key=found.__getitem__))
+        content = self.network.content(state >> self.top)
+        inside = set(group)
+
+        def signature(place: int) -> tuple[int, str]:
+            robot = group[place]
+            parts = [
+                (topic, -1 if sender in inside else sender, -1 if receiver in inside else receiver,
+                 receiver == robot, messages)
+                for (sender, topic, receiver), messages in content
+                if robot in (sender, receiver)
+            ]  # fmt: skip
+            return found[place], repr(sorted(parts))
+
+        order = tuple(sorted(range(len(group)), key=signature))
+        return None if order == tuple(range(len(group))) else order
+
+    def permuted(self, state: int, group: tuple[int, ...], order: tuple[int, ...]) -> int:
+        """The state in which the robot at `order[k]` of the group has taken place k."""
+        found = [state >> (robot * BITS) & MASK for robot in group]
+        network = state >> self.top
+        for place, robot in enumerate(group):
+            state += (found[order[place]] - found[place]) << (robot * BITS)
+        if network:
+            places = {group[old]: group[new] for new, old in enumerate(order)}
+            state += (self.network.renamed(network, places) - network) << self.top
+        return state

@@ -1,0 +1,62 @@
+"""Transitions of a team: moves of its robots, as differences of its state.
+
+A state of the team is one integer: a field for each robot's local state, one for a fault, a bit for each pool that has
+to start (1 once it has), above them the number of what the network holds. So a move is added to any state in which its
+robot is where the move begins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fame.check.explore.local import Way
+from fame.check.explore.stimuli import Stimulus
+
+BITS = 20
+MASK = (1 << BITS) - 1
+DEAD = MASK
+"""The local state of a robot whose engine has died."""
+FAULT_BITS = 10
+FAULTS = (1 << FAULT_BITS) - 1
+
+
+class Move:
+    """A way that a robot may go, ready to be added to a state of the team.
+
+    difference  of the team's state, without what is sent
+    sending     number of what is sent, 0 for nothing
+    mark        the bit of its pool, if it starts an instance of one that has to start
+    flags       what to report, once; None if that is done
+    failed      whether an error was not caught in it
+    ends        differences to where the robot is after further steps of its own, see `Reduction.ends`; None if unknown
+    """
+
+    mark: int
+    sending: int
+    state: int
+    stimulus: Stimulus
+    way: Way
+
+    __slots__ = ("difference", "ends", "failed", "flags", "mark", "sending", "state", "stimulus", "way")
+
+    def __init__(self, robot: int, old: int, way: Way, sending: int, stimulus: Stimulus, mark: int = 0) -> None:
+        self.mark = mark
+        self.difference: int = (way.state - old) << (robot * BITS)
+        self.sending, self.state, self.stimulus, self.way = sending, way.state, stimulus, way
+        self.flags = way.flags or None
+        self.failed: bool = any(kind == "error" for kind, _ in way.flags)
+        self.ends: tuple[int, ...] | None = None
+
+
+Reactions = tuple[tuple[int, Move], ...]
+"""What the receivers of a message did, at once: (robot, move)."""
+Transition = tuple[int, int, Move, Reactions]
+"""(new state, robot, its move, moves of others that follow at once)"""
+
+
+@dataclass(slots=True)
+class Seen:
+    """The first occurrence of something: the state before, the robot and its move, and what followed."""
+
+    at: int
+    transition: Transition | None
