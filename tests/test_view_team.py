@@ -20,7 +20,7 @@ from fame.log.recording_file import RecordingFile
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.view import Replay, TeamView
-from tests.bpmn_text import process
+from tests.bpmn_text import document, process
 from tests.test_live_team import COUNTING
 
 ROOT = Path(__file__).parent.parent
@@ -134,6 +134,19 @@ def test_a_second_robot_joins_while_the_first_is_watched(field: Field) -> None:
     field.engines.pop(0).close()
     field.run(5)
     assert ("DINGO", "Sign") in field.waiting()
+
+
+def test_each_robot_has_the_pool_of_its_own_model(field: Field) -> None:
+    for name in ("REX", "DINGO"):
+        pool = f'<participant id="{name}_pool" name="{name}" processRef="{name}_process"/>'
+        start = f'<process id="{name}_process"><startEvent id="{name}_start"/></process>'
+        field.engine(name)
+        field.run(1)
+        field.deploy(name, document(f'<collaboration id="C">{pool}</collaboration>{start}'))
+        field.run(2)
+    mission = field.view.mission()
+    pools = {robot["name"]: mission["elements"][robot["pool"]]["id"] for robot in mission["robots"]}
+    assert pools == {"REX": "REX_pool", "DINGO": "DINGO_pool"}
 
 
 def test_a_robot_that_has_left_is_named_until_it_is_back(field: Field) -> None:

@@ -73,6 +73,15 @@ class Catalogue:
                     return plane
         return NOWHERE
 
+    def pool_of(self, process: str) -> int:
+        """The pool that a process belongs to, by the id of the process."""
+        for number in self.candidates(process):
+            file = self.elements[number].file
+            for pool in self.files[file].participants:
+                if pool.process == process:
+                    return self._number[file, pool.id]
+        return NOWHERE
+
     def number(self, file: int, id: str) -> int:
         """The number of an element of a file, which is added if the file does not have it."""
         found = self._number.get((file, id))

@@ -162,6 +162,7 @@ class TeamView:
             for robot in found["robots"]:
                 process = str(team.models.get(robot["name"], {}).get("process", ""))
                 robot["plane"] = packer.catalogue.plane_of(process) if process else NOWHERE
+                robot["pool"] = packer.catalogue.pool_of(process) if process else NOWHERE
             return found
 
     def plane(self, number: int) -> Mapping[str, Any]:
