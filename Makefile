@@ -17,7 +17,7 @@ DEMO := out/ground_vehicles
 
 ROS_PYTHON := .venv-ros/bin/python
 ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test_service_tasks.py test_engine_processes.py \
-	test_ros.py test_ros_parameters.py test_ros_package.py test_gazebo.py test_node_parameters.py test_lockstep.py)
+	test_ros.py test_ros_parameters.py test_ros_package.py test_ros_view.py test_gazebo.py test_node_parameters.py test_lockstep.py)
 
 # What Camunda Modeler is made of, as a file for browsers.
 MODELER := camunda-bpmn-js@5.35.0
@@ -69,4 +69,4 @@ $(BIN)/python:
 
 $(ROS_PYTHON):
 	python3 -m venv --system-site-packages .venv-ros
-	.venv-ros/bin/pip install --quiet --editable '.[sim,dds]' 'cryptography>=42' 'pytest>=8'
+	.venv-ros/bin/pip install --quiet --editable '.[sim,dds,view]' 'cryptography>=42' 'pytest>=8'
