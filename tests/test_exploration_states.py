@@ -31,7 +31,7 @@ def explored(model: str | Path | Definitions, delivery: str = "any", limit: int 
 def test_states_of_the_missions_come_back(mission: str) -> None:
     for local in explored(MODELS / f"{mission}.bpmn"):
         for state in range(len(local)):
-            assert local.number(local.revived(state)) == state
+            assert local.states.number(local.revived(state)) == state
 
 
 def test_states_of_generated_collaborations_come_back() -> None:
@@ -39,7 +39,7 @@ def test_states_of_generated_collaborations_come_back() -> None:
     for seed in range(40):
         for local in explored(team(generated(seed)), limit=500):
             for state in range(len(local)):
-                assert local.number(local.revived(state)) == state, f"seed {seed}"
+                assert local.states.number(local.revived(state)) == state, f"seed {seed}"
                 count += 1
     assert count > 500
 

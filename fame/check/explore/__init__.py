@@ -15,6 +15,7 @@
     views           what can happen in a local state
     growth          states that are not explored: too many instances or tokens
     footprints      what a step reads and writes
+    states          the states of one robot, by number
     local           the transitions of one robot, computed by the engine and cached
     running_states  states of running robots, to explore from
     transitions     transitions of the team: moves of robots

@@ -271,11 +271,11 @@ class Team:
         if product.network.piles:
             yield "more messages under way than are kept apart"
         for local in dict.fromkeys(self.locals):
-            if "decisions" in local.cut:
+            if local.cut:
                 yield f"too many decisions in one step of {local.robot}"
-            if any(cut.startswith("instances") for cut in local.cut):
+            if any(kind == "instances" for kind, _ in local.states.grown):
                 yield f"more than {MOST_INSTANCES} instances on {local.robot}"
-            if any(cut.startswith("tokens") for cut in local.cut):
+            if any(kind == "tokens" for kind, _ in local.states.grown):
                 yield f"more than {MOST_AT_ONE_PLACE} tokens at one element of {local.robot}"
             if len(local) >= MASK:
                 yield f"too many states of {local.robot}"
@@ -352,7 +352,9 @@ def _explored(team: Team, begun: float) -> Exploration:
         local={local.robot: len(local) for local in dict.fromkeys(team.locals)},
         outside=tuple(sorted({topic for local in team.locals for topic in local.outside})),
         seconds=time.perf_counter() - begun,
-        widened=tuple((local.robot, name) for local in dict.fromkeys(team.locals) for name in sorted(local.widened)),
+        widened=tuple(
+            (local.robot, name) for local in dict.fromkeys(team.locals) for name in sorted(local.states.widened)
+        ),
     )
 
 

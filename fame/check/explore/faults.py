@@ -14,6 +14,7 @@ from fame.check.explore.local import Way
 from fame.check.explore.product import Fault, Product
 from fame.check.explore.stimuli import Stimulus
 from fame.check.explore.transitions import BITS, DEAD, FAULTS, Move, Reactions, Transition
+from fame.check.explore.views import element_of
 
 
 class Faults:
@@ -85,7 +86,7 @@ class Faults:
         for kind, key, code in local.views[old].own:
             if kind == "end" and code is None:
                 stimulus: Stimulus = ("block", key, None)
-                fault = self._happens(("behaviour", product.robots[robot], local.element(old, stimulus), ""))
+                fault = self._happens(("behaviour", product.robots[robot], element_of(local.views[old], stimulus), ""))
                 for move in product.moves(robot, old, stimulus, local.step(old, stimulus)):
                     yield state + move.difference + fault, robot, move, ()
 

@@ -336,13 +336,11 @@ class Report:
     def _growth(self) -> Iterator[Finding]:
         locals_ = {id(local): local for local in self.product.locals}.values()
         for local in locals_:
-            for cut in sorted(local.cut):
-                kind, _, what = cut.partition("\n")
-                if kind in ("instances", "tokens"):
-                    place = self.runs.place(what)
-                    more = "instances of" if kind == "instances" else "tokens at"
-                    text = f"{local.robot}: the number of {more} {place.display_name} grows without bound"
-                    yield Finding("growth", text, (place,), (local.program.process,))
+            for kind, what in sorted(local.states.grown):
+                place = self.runs.place(what)
+                more = "instances of" if kind == "instances" else "tokens at"
+                text = f"{local.robot}: the number of {more} {place.display_name} grows without bound"
+                yield Finding("growth", text, (place,), (local.program.process,))
         for sender, topic, receiver in sorted(self.product.network.piles):
             robots = self.product.robots
             text = f"messages on {topic} from {robots[sender]} to {robots[receiver]} pile up without bound"
@@ -352,7 +350,7 @@ class Report:
         """Elements that no robot of a pool ever enters."""
         visited: dict[str, set[str]] = defaultdict(set)
         for pool, local in zip(self.pools, self.product.locals, strict=True):
-            visited[pool] |= local.visited
+            visited[pool] |= local.states.visited
         failed = {what.partition("\n")[0] for kind, _, what in self.product.flags if kind == "error"}
         for pool in dict.fromkeys(self.pools):
             robot = self.pools.index(pool)

@@ -15,14 +15,17 @@ MOST_AT_ONE_PLACE = 3
 """Tokens and handlers at one element of one scope beyond which they count as growing without bound."""
 
 
-def growth(engine: Engine, scopes: Iterable[Scope]) -> str:
-    """What grows without bound in the state that an engine is in, with where it does; empty if nothing does."""
+def growth(engine: Engine, scopes: Iterable[Scope]) -> tuple[str, str] | None:
+    """What grows without bound in the state that an engine is in: ``instances`` of a process, ``tokens`` at an element.
+
+    None if nothing does.
+    """
     if len(engine.instances) > MOST_INSTANCES and engine.program.instances is None:
-        return f"instances\n{engine.program.process}"
+        return "instances", engine.program.process
     for scope in scopes:
         if len(scope.children) > MOST_AT_ONE_PLACE and (crowded := _crowded(scope)):
-            return f"tokens\n{crowded}"
-    return ""
+            return "tokens", crowded
+    return None
 
 
 def _crowded(scope: Scope) -> str:

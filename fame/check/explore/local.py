@@ -1,34 +1,31 @@
 """The transitions of one robot, computed by the engine that runs it, and remembered.
 
-A local state is the canonical form of the robot's engine with its pending timers, by number. `Local.step` makes an
-engine of a state, gives it a stimulus and notes the new state and what was sent. Where a value is unknown the step is
-run once for each way: with a longer and longer list of decisions. A step whose footprint is known needs no engine.
+`Local.step` makes an engine of a state, gives it a stimulus and notes the new state and what was sent. Where a value is
+unknown the step is run once for each way: with a longer and longer list of decisions. A step whose footprint is known
+needs no engine.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from fame.bpmn.model import Definitions, Process
 from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.footprints import Effect, Footprints, Watched
-from fame.check.explore.growth import growth
 from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, Send
-from fame.check.explore.liveness import Dead, Liveness
+from fame.check.explore.liveness import Liveness
 from fame.check.explore.running_states import go_on, resumed
+from fame.check.explore.states import States
 from fame.check.explore.stimuli import Stimulus, apply
-from fame.check.explore.timers import Timer, Timers, canonical_timers
-from fame.check.explore.values import UNKNOWN, Values
-from fame.check.explore.views import Interned, View, view_of
+from fame.check.explore.timers import Timer
+from fame.check.explore.values import Values
+from fame.check.explore.views import View
 from fame.engine import Engine, compile_program
-from fame.engine.canonical import Form, Forms, Keys, Stimuli, stimuli
+from fame.engine.canonical import Forms
 from fame.engine.host import Host
 from fame.engine.snapshot import Data
-from fame.engine.state import Wait, scopes_of
 
-MOST_VALUES = 64
-"""Values of one variable, after which further ones are unknown."""
 MOST_MOVES = 20_000
 """Moves of tokens within one step, after which it is a livelock."""
 MOST_WAYS = 300
@@ -48,17 +45,15 @@ class Way(NamedTuple):
     quiet: bool = True
 
 
-State = tuple[Form, Timers]
-
-
 class Local:
-    """The states of one robot, or of several that nothing tells apart, by number from 0."""
+    """The transitions of one robot, or of several that nothing tells apart, between its `states`."""
 
     robot: str
     process: Process
     values: Values
     host: ExplorationHost
     forms: Forms
+    views: list[View]
 
     def __init__(self, robot: str, definitions: Definitions, process: Process, model: Abstraction, values: Values, *,
                  kept: frozenset[str], fields: frozenset[str], robots: tuple[str, ...],
@@ -76,31 +71,17 @@ class Local:
         self.topics: frozenset[str] = frozenset(catch.topic for catch in catches if catch.topic)
         self.host.own_topics = self.topics
         self.outside: tuple[str, ...] = tuple(sorted(self.topics & model.outside))
-        self._seen: dict[str, set[int]] = {}
-        self.widened: set[str] = set()
-        self.forms = Forms(
-            self.program, values.number, values.value, kept.__contains__, self._variable, values.is_constant
-        )
-        self.elements: dict[str, Any] = {node.id: node for node in reversed(self.program.nodes) if node.id}
-        self._entered: set[str] = set()
-        self.cut: set[str] = set()
+        self.states = States(self.program, self.host, self.outside, Liveness(definitions, process, model, kept))
+        self.forms, self.views = self.states.forms, self.states.views
+        self.cut: bool = False
+        """Whether ways were left out, because one step makes too many decisions."""
         self.steps = 0
-        self._numbers: dict[State, int] = {}
-        self._states: list[State] = []
-        self._topic_sets: Interned = {}
-        self.views: list[View] = []
-        self._views: dict[tuple[int, Timers], View] = {}
-        self._liveness = Liveness(definitions, process, model, kept)
-        self._dead: dict[int, Dead] = {}  # control state -> variables that nothing reads any more
-        self._live: dict[tuple[int, int], int] = {}  # (control state, content) -> content without their values
         self._memo: dict[tuple[int, Stimulus], tuple[Way, ...]] = {}
         self._footprints = Footprints(self.forms.contents.codes)
         self._watched: Watched | None = None
 
     def __len__(self) -> int:
-        return len(self._states)
-
-    # ---- steps ---------------------------------------------------------------------------------------
+        return len(self.states.all)
 
     def start(self, given: Data | None = None) -> tuple[Way, ...]:
         """The ways in which the robot may start, or go on from a snapshot of this program."""
@@ -127,17 +108,20 @@ class Local:
         if kind == "hear" and topic not in view.listens:  # the engine would drop the message
             self.steps += 1
             return (Way(state, (), (("lost" if view.instances else "unneeded", topic),), False),)
-        (control, contents), timers = self._states[state]
+        (control, contents), timers = self.states.all[state]
         if not self._is_watched(contents):
             return self.computed(state, stimulus)
         content, step = contents[0], (control, timers, stimulus)
         known = self._footprints.find(step, content)
         if known is not None:
-            return tuple(dict.fromkeys([self._way(content, effect) for effect in known]))
+            self.steps += len(known)
+            after = self.states.after
+            ways = [Way(after(content, one), one.sent, one.flags, False, one.quiet) for one in known]
+            return tuple(dict.fromkeys(ways))
         reads, effects, before = set[str](), list[Effect](), self.steps
 
         def note(way: Way, outcome: Outcome) -> None:
-            watched, ((after, left), rest) = self._watched, self._states[way.state]
+            watched, ((after, left), rest) = self._watched, self.states.all[way.state]
             if watched is not None and not watched.whole and not outcome.begun and len(left) < 2:
                 reads.update(watched.reads)
                 changes = self.forms.contents.difference(content, left[0], watched.writes) if left else None
@@ -151,17 +135,6 @@ class Local:
     def _is_watched(self, contents: tuple[int, ...]) -> bool:
         """Whether footprints of steps are noted: of one instance, without variables of inner scopes."""
         return len(contents) == 1 and self.host.traceable and not self.forms.contents.is_empty(contents[0])
-
-    def _way(self, content: int, effect: Effect) -> Way:
-        """The way that a step goes in a state with that content."""
-        self.steps += 1
-        control, timers, changes, sent, flags, quiet = effect
-        contents = () if changes is None else (self.forms.contents.changed(content, changes),)
-        state = (self._without_dead((control, contents)), timers)
-        number = self._numbers.get(state)
-        if number is None:
-            number = self._add(state, self._views[control, timers])
-        return Way(number, sent, flags, False, quiet)
 
     def chosen(
         self, state: int | None, stimulus: Stimulus | None, way: Way, given: Data | None = None
@@ -202,7 +175,7 @@ class Local:
 
     def revived(self, state: int) -> Engine:
         """An engine in a state."""
-        form, timers = self._states[state]
+        form, timers = self.states.all[state]
         self.host.reset()
         host: Host = self.host
         watched = self._is_watched(form[1])
@@ -238,14 +211,14 @@ class Local:
             choices = outcome.choices
             if choices:
                 if len(choices) > MOST_DECISIONS:
-                    self.cut.add("decisions")
+                    self.cut = True
                 for place in range(len(host.decisions), min(len(choices), MOST_DECISIONS)):
                     _, chosen, ways = choices[place]
                     prefix = tuple(one[1] for one in choices[:place])
                     pending += [(*prefix, other) for other in range(ways) if other != chosen]
             if outcome.begun:
-                self._note_begun(outcome)
-            number = self.number(engine)
+                self.states.note_begun(outcome.begun)
+            number = self.states.number(engine)
             if number is None:
                 continue
             way = Way(
@@ -255,101 +228,6 @@ class Local:
             if keep is not None:
                 keep(way, outcome)
             if len(found) > MOST_WAYS:
-                self.cut.add("decisions")
+                self.cut = True
                 break
         return tuple(found)
-
-    @property
-    def visited(self) -> set[str]:
-        """The elements that a token has entered so far."""
-        elements = self.program.elements
-        return self._entered | {elements[slot] for slot, count in enumerate(self.forms.counts) if count}
-
-    def _note_begun(self, outcome: Outcome) -> None:
-        """Count what instances that have begun have passed; all others count together."""
-        elements = self.program.elements
-        for instance in outcome.begun:
-            self._entered |= {elements[slot] for slot, count in enumerate(instance.counts) if count}
-
-    def _note_entered(self, engine: Engine) -> None:
-        """Note where the tokens of a new state are."""
-        for instance in engine.instances.values():
-            for scope in scopes_of(instance.root):
-                for child in scope.children:
-                    if child.node is not None and not (isinstance(child, Wait) and not child.token):
-                        self._entered.add(child.node.id)
-
-    # ---- states --------------------------------------------------------------------------------------
-
-    def number(self, engine: Engine) -> int | None:
-        """The number of the state that an engine is in; None if it is one that grows without bound."""
-        walk = self.forms.walk(engine)
-        grown = growth(engine, walk.scopes)
-        if grown:
-            self.cut.add(grown)
-            return None
-        form, keys = walk.form()
-        found: Stimuli | None = None
-        if form[0] not in self._dead:
-            found = stimuli(engine)
-            tokens = [element for element, _ in found.waiting]
-            tokens += [node.id for scope in walk.scopes for node in scope.held]  # which go on after a suspension
-            self._dead[form[0]] = self._liveness.dead(tokens)
-        form = self._without_dead(form)
-        state = (form, canonical_timers(self.host.timers, keys)) if self.host.timers else (form, ())
-        number = self._numbers.get(state)
-        if number is None:
-            number = self._add(state, self._view(engine, form, keys, state[1], found))
-        walk.dissolve()
-        return number
-
-    def _without_dead(self, form: Form) -> Form:
-        """A form without the values that nothing reads any more."""
-        control, contents = form
-        (dead, unused), live = self._dead[control], self._live
-        if not dead and not unused:
-            return form
-        left = []
-        for content in contents:
-            found = live.get((control, content))
-            if found is None:
-                found = live[control, content] = self.forms.contents.forgotten(content, dead, UNKNOWN, unused)
-            left.append(found)
-        return control, tuple(left)
-
-    def _add(self, state: State, view: View) -> int:
-        number = self._numbers[state] = len(self._states)
-        self._states.append(state)
-        self.views.append(view)
-        return number
-
-    def _variable(self, name: str, value: Any) -> int:
-        """The number of a variable's value; one that has too many of them is unknown from then on."""
-        number = self.values.number(value)
-        seen = self._seen.get(name)
-        if seen is None:
-            seen = self._seen[name] = set()
-        if number not in seen:
-            if len(seen) >= MOST_VALUES:
-                self.widened.add(name)
-                return UNKNOWN
-            seen.add(number)
-        return number
-
-    def _view(self, engine: Engine, form: Form, keys: Keys, timers: Timers, found: Stimuli | None) -> View:
-        """What can happen in the state that an engine is in, which its control state and timers decide.
-
-        `found` are the engine's stimuli, if they are known.
-        """
-        known = self._views.get((form[0], timers))
-        if known is None:
-            self._note_entered(engine)
-            made = view_of(engine, keys, found or stimuli(engine), self.host, self.outside, self._topic_sets)
-            known = self._views[form[0], timers] = made
-        return known
-
-    def element(self, state: int, stimulus: Stimulus) -> str:
-        """The id of the element that an own stimulus is for; "" for one of a topic."""
-        view = self.views[state]
-        kind = "end" if stimulus[0] == "block" else stimulus[0]
-        return next(one for own, one in zip(view.own, view.elements, strict=True) if own[:2] == (kind, stimulus[1]))

@@ -68,7 +68,8 @@ class Reduction:
 
         Nothing but arrivals happens now, so robots that send nothing in them may as well receive their messages later.
         """
-        product, waiting = self.product, dict[int, _Pending]()
+        product = self.product
+        waiting: dict[int, _Pending] = {}
         for (_, topic, receiver), messages in product.network.content(state >> product.top):
             waiting[receiver] = (*waiting.get(receiver, ()), (topic, messages))
         if len(waiting) < 2:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from fame.check.explore.graph import Explored
 from fame.check.explore.product import Product
 from fame.check.explore.transitions import BITS, DEAD, MASK, Move, Seen, Transition
+from fame.check.explore.views import element_of
 from fame.errors import display_name
 
 
@@ -178,11 +179,11 @@ class Runs:
         element, code = "", ""
         match kind:
             case "end":
-                element = local.element(old, move.stimulus)
+                element = element_of(local.views[old], move.stimulus)
                 kind, code = ("end", "") if detail is None else ("fail", detail)
                 text = f"{robot}'s {self._label(element)} " + (f"fails: {code}" if code else "ends")
             case "timer":
-                element = local.element(old, move.stimulus)
+                element = element_of(local.views[old], move.stimulus)
                 text = f"{robot}'s timer {self._label(element)} fires"
             case "person":
                 element = what
@@ -191,7 +192,7 @@ class Runs:
                 element = what
                 text = f"a person starts {robot}'s {self._label(element)}"
             case "block":
-                element = local.element(old, move.stimulus)
+                element = element_of(local.views[old], move.stimulus)
                 text = f"{robot}'s {self._label(element)} never ends"
             case "die":
                 text = f"{robot}'s engine dies"

@@ -75,3 +75,9 @@ def _is_dropped(engine: Engine, topic: str) -> bool:
         return False
     starts = engine.program.starts[topic]
     return all(one.catch is not None and not one.catch.queue and one.spec.whole is None for one in starts)
+
+
+def element_of(view: View, stimulus: Stimulus) -> str:
+    """The id of the element that an own stimulus is for; "" for one of a topic."""
+    kind = "end" if stimulus[0] == "block" else stimulus[0]
+    return next(one for own, one in zip(view.own, view.elements, strict=True) if own[:2] == (kind, stimulus[1]))
