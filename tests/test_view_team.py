@@ -21,7 +21,9 @@ from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.view import Replay, TeamView
 from tests.bpmn_text import document, process
+from tests.deployment_field import Field as DeploymentField, definitions, process as process_of
 from tests.test_live_team import COUNTING
+from tests.test_view_blocks import replayed
 
 ROOT = Path(__file__).parent.parent
 SIGNING = process("""
@@ -147,6 +149,59 @@ def test_each_robot_has_the_pool_of_its_own_model(field: Field) -> None:
     mission = field.view.mission()
     pools = {robot["name"]: mission["elements"][robot["pool"]]["id"] for robot in mission["robots"]}
     assert pools == {"REX": "REX_pool", "DINGO": "DINGO_pool"}
+
+
+def named(text: str, name: str) -> str:
+    return text.replace('name="Sign"', f'name="{name}"')
+
+
+def shown(view: TeamView) -> dict[str, str]:
+    """Robots and the names of the elements at which the page shows their tokens."""
+    packer = view._packer
+    elements = packer.catalogue.elements_json()
+    found = {packer.robots[key.robot]: elements[key.element].get("name", "") for key in packer.state.tokens}
+    for robot, tokens in packer.state.waits.items():
+        for token in tokens.values():
+            assert elements[token["e"]].get("name", "") == found[packer.robots[robot]]
+    return found
+
+
+def test_robots_whose_models_have_the_same_ids_are_each_at_their_own_elements(field: Field) -> None:
+    for name in ("REX", "DINGO"):
+        field.engine(name)
+        field.run(1)
+        field.deploy(name, named(SIGNING, f"{name} signs"))
+        field.run(2)
+    assert shown(field.view) == {"REX": "REX signs", "DINGO": "DINGO signs"}
+
+
+def test_a_model_that_was_changed_and_deployed_again_is_the_one_that_is_shown(field: Field) -> None:
+    field.engine("REX")
+    field.run(1)
+    for name in ("first", "second", "first"):
+        field.deploy("REX", named(SIGNING, name))
+        field.run(2)
+        assert shown(field.view) == {"REX": name}
+
+
+def test_a_robot_that_was_migrated_is_shown_in_its_new_model() -> None:
+    def team(first: str, then: str) -> str:
+        tasks = f'<userTask id="first" name="{first}"/><userTask id="then" name="{then}"/>'
+        pool = '<participant id="pool" name="REX" processRef="p"/>'
+        inside = process_of("p", f'<startEvent id="s"/>{tasks}', ("s", "first"), ("first", "then"))
+        return definitions(f'<collaboration id="C">{pool}</collaboration>', inside)
+
+    field = DeploymentField("REX")
+    view = TeamView(field.middleware, field.scheduler)
+    field.deploy(team("old", "old too"))
+    assert shown(view) == {"REX": "old"}
+    field.deploy(team("new", "new too"), "d2", 2, migrate=True)
+    assert shown(view) == {"REX": "new"}
+    field.engines["REX"].running.complete("first")
+    field.pass_time(2)
+    assert shown(view) == {"REX": "new too"}
+    assert replayed(view._packer.blocks[-1]).tokens == view._packer.state.tokens
+    view.close()
 
 
 def test_a_robot_that_has_left_is_named_until_it_is_back(field: Field) -> None:

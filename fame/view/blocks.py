@@ -10,7 +10,8 @@ Times are ns since the start of the run. Robots, elements and kinds of events ar
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
+from functools import partial
 from typing import Any, NamedTuple
 
 from fame.bpmn.model import CallActivity, SubProcess
@@ -94,6 +95,7 @@ class Packer:
         self.catalogue = catalogue
         self.robots: list[str] = []
         self._robot: dict[str, int] = {}
+        self._files: dict[int, Set[int]] = {}  # of robots that run files of their own
         for robot in robots:
             self.robot(robot)
         self.state = State()
@@ -111,6 +113,46 @@ class Packer:
         if number == len(self.robots):
             self.robots.append(name)
         return number
+
+    def element(self, robot: int, id: str) -> int:
+        """The number of an element of the files that a robot runs; NOWHERE if there is no such element."""
+        return next(iter(self._candidates(robot, id)), NOWHERE)
+
+    def _candidates(self, robot: int, id: str) -> Sequence[int]:
+        """The elements with an id in the files that a robot runs; in any file if those have none."""
+        found, files = self.catalogue.candidates(id), self._files.get(robot)
+        own = [number for number in found if self.catalogue.elements[number].file in files] if files else ()
+        return own or found
+
+    def run(self, robot: int, files: Set[int]) -> None:
+        """Note which files a robot runs from now on: other files may use the same ids, such as its last model.
+
+        Whatever its mission has kept is at the elements of these files that have the same ids.
+        """
+        if not files or self._files.get(robot) == files:
+            return
+        self._files[robot] = files
+        if self.blocks:
+            self.state.move(robot, partial(self._moved, robot), partial(self._moved_file, robot))
+            self._begin_block(self.end)
+
+    def _moved(self, robot: int, number: int) -> int:
+        """The element of the files that a robot runs with the id of another one, in a body with the same id."""
+        if number < 0:
+            return number
+        elements = self.catalogue.elements
+        _, element, body = elements[number]
+        candidates = self._candidates(robot, element.id)
+        inside = elements[body].element.id if body != NOWHERE else ""
+        bodies = ((one, elements[one].body) for one in candidates)
+        same = (one for one, around in bodies if around != NOWHERE and elements[around].element.id == inside)
+        return next(same, next(iter(candidates), number))
+
+    def _moved_file(self, robot: int, file: int) -> int:
+        """The file that a robot runs in place of another one: that with the same process."""
+        elements = self.catalogue.elements
+        first = next((number for number, entry in enumerate(elements) if entry.file == file), NOWHERE)
+        return elements[self._moved(robot, first)].file if first != NOWHERE else file
 
     def _block(self, time: int) -> Block:
         """The block for a new entry. Entries of one instant are in one block."""
@@ -198,7 +240,7 @@ class Packer:
             state.waits.setdefault(robot, {})[token["key"]] = {**token, "e": number}
         over = all(instance["status"] != "running" for instance in data["instances"])
         for id, counts in data["counts"].items():
-            state.counts[robot, self._number_in(id, NOWHERE)] = _outcomes(counts, over=over)
+            state.counts[robot, self._number_in(robot, id, NOWHERE)] = _outcomes(counts, over=over)
 
     def _place_token(
         self, robot: int, token: Mapping[str, Any], known: Mapping[_Place, int], unknown: dict[_Place, int]
@@ -210,7 +252,7 @@ class Packer:
         state, (instance, path), since = self.state, _place(token), token["since"]
         around = outside = opener = NOWHERE
         for depth, id in enumerate((*path, token["element"])):
-            number, place = self._number_in(id, opener), (instance, path[:depth])
+            number, place = self._number_in(robot, id, opener), (instance, path[:depth])
             by_path = unknown.setdefault(place, NOWHERE - 1 - len(unknown))
             scope = token["scope"] if depth == len(path) else known.get(place, by_path)
             if opener != NOWHERE and (robot, scope) not in state.scopes:
@@ -222,9 +264,9 @@ class Packer:
         state.add(TokenKey(robot, instance, around, opener), since)
         return opener
 
-    def _number_in(self, id: str, opener: int) -> int:
+    def _number_in(self, robot: int, id: str, opener: int) -> int:
         """The element with an id, the one inside `opener` if there are several."""
-        candidates, inside = self.catalogue.candidates(id), self.catalogue.called.get(opener, opener)
+        candidates, inside = self._candidates(robot, id), self.catalogue.called.get(opener, opener)
         found = next((one for one in candidates if self.catalogue.elements[one].body == inside), None)
         return found if found is not None else candidates[0] if candidates else self.catalogue.number(0, id)
 
@@ -274,7 +316,7 @@ class Packer:
         info = self.state.scopes.get((robot, token["scope"]))
         if info is not None:
             return self.catalogue.number(info.file, token["element"])
-        return next(iter(self.catalogue.candidates(token["element"])), NOWHERE)
+        return self.element(robot, token["element"])
 
     # ---- scopes ------------------------------------------------------------------------------------------------------
 
@@ -289,7 +331,7 @@ class Packer:
         return info
 
     def _new_scope(self, robot: int, instance: int, element: str, what: int) -> ScopeInfo:
-        elements, candidates = self.catalogue.elements, self.catalogue.candidates(element)
+        elements, candidates = self.catalogue.elements, self._candidates(robot, element)
         if not candidates:
             return ScopeInfo(instance, 0)
         if what in (START, END):

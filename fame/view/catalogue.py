@@ -63,24 +63,20 @@ class Catalogue:
 
     # ---- looking up --------------------------------------------------------------------------------------------------
 
-    def plane_of(self, process: str) -> int:
-        """The plane that shows a process, by its id."""
-        for number in self.candidates(process):
-            body = self.elements[number].element
-            for node in body.body.nodes if isinstance(body, Process) else ():
-                plane = self._plane_of.get(self._number[self.elements[number].file, node.id])
-                if plane is not None:
-                    return plane
+    def plane_of(self, process: int) -> int:
+        """The plane that shows a process, by its number."""
+        file, element, _ = self.elements[process]
+        for node in element.body.nodes if isinstance(element, Process) else ():
+            plane = self._plane_of.get(self._number[file, node.id])
+            if plane is not None:
+                return plane
         return NOWHERE
 
-    def pool_of(self, process: str) -> int:
-        """The pool that a process belongs to, by the id of the process."""
-        for number in self.candidates(process):
-            file = self.elements[number].file
-            for pool in self.files[file].participants:
-                if pool.process == process:
-                    return self._number[file, pool.id]
-        return NOWHERE
+    def pool_of(self, process: int) -> int:
+        """The pool that a process belongs to, by its number."""
+        file, element, _ = self.elements[process]
+        pools = (pool for pool in self.files[file].participants if pool.process == element.id)
+        return next((self._number[file, pool.id] for pool in pools), NOWHERE)
 
     def number(self, file: int, id: str) -> int:
         """The number of an element of a file, which is added if the file does not have it."""

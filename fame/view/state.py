@@ -6,8 +6,8 @@ The page changes its own in the same way (page/store.js).
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from fame.view.catalogue import NOWHERE
@@ -112,6 +112,23 @@ class State:
             for key in [key for key in known if key[0] == robot]:
                 del known[key]
         self.waits.pop(robot, None)
+
+    def move(self, robot: int, element: Callable[[int], int], file: Callable[[int], int]) -> None:
+        """Move everything about the mission of a robot to other elements and files, as these functions say."""
+        self.tokens = {
+            key._replace(element=element(key.element)) if key.robot == robot else key: held
+            for key, held in self.tokens.items()
+        }
+        old = {place: self.counts.pop(place) for place in list(self.counts) if place[0] == robot}
+        for (_, number), counts in old.items():
+            for outcome, by in enumerate(counts):
+                self.count(robot, element(number), outcome, by)
+        self.scopes = {
+            place: replace(info, file=file(info.file), opener=element(info.opener)) if place[0] == robot else info
+            for place, info in self.scopes.items()
+        }
+        if waits := self.waits.get(robot):
+            self.waits[robot] = {key: {**token, "e": element(token["e"])} for key, token in waits.items()}
 
     def forget_closed_scopes(self) -> None:
         """Drop the scopes that hold no token, and whose inner scopes hold none."""

@@ -85,7 +85,7 @@ class TeamView:
         self._scheduler, self._control, self._key = scheduler, control, key
         self._lock = threading.RLock()
         self._packer = Packer(Catalogue([]))
-        self._models: set[bytes] = set()
+        self._models: dict[bytes, int] = {}  # source of a model -> number of its file
         self._missions = 0
         self._recorder = TeamRecorder(
             middleware,
@@ -124,14 +124,15 @@ class TeamView:
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         """Add the model that a robot runs."""
         with self._lock:
-            self._packer.robot(robot)
+            packer, files = self._packer, set()
             for each in model.get("models", ()):
                 source = str(each["xml"]).encode()
-                if source in self._models:
-                    continue
-                self._models.add(source)
                 with suppress(ModelError):
-                    self._packer.catalogue.extend([read(source, file=str(each["name"]))])
+                    if source not in self._models:
+                        packer.catalogue.extend([read(source, file=str(each["name"]))])
+                        self._models[source] = len(packer.catalogue.files) - 1
+                    files.add(self._models[source])
+            packer.run(packer.robot(robot), files)
             self._missions += 1
 
     # ---- for the page ------------------------------------------------------------------------------------------------
@@ -159,10 +160,10 @@ class TeamView:
                     "with fame run --middleware dds. Robots appear here as they come.",
                 ],
             )
-            for robot in found["robots"]:
-                process = str(team.models.get(robot["name"], {}).get("process", ""))
-                robot["plane"] = packer.catalogue.plane_of(process) if process else NOWHERE
-                robot["pool"] = packer.catalogue.pool_of(process) if process else NOWHERE
+            for number, robot in enumerate(found["robots"]):
+                process = packer.element(number, str(team.models.get(robot["name"], {}).get("process", "")))
+                robot["plane"] = packer.catalogue.plane_of(process) if process != NOWHERE else NOWHERE
+                robot["pool"] = packer.catalogue.pool_of(process) if process != NOWHERE else NOWHERE
             return found
 
     def plane(self, number: int) -> Mapping[str, Any]:
