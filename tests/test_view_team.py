@@ -15,11 +15,15 @@ from view_page import browser, opened, until
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.deploy import EngineNode
 from fame.errors import FameError
+from fame.log import Recording
+from fame.log.conversion import merge
 from fame.log.live_team import LiveTeam
 from fame.log.recording_file import RecordingFile
+from fame.log.team_recorder import TeamRecorder
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.view import Replay, TeamView
+from fame.view.state import ENTER
 from tests.bpmn_text import document, process
 from tests.deployment_field import Field as DeploymentField, definitions, process as process_of
 from tests.test_live_team import COUNTING
@@ -33,6 +37,10 @@ SIGNING = process("""
   <sequenceFlow id="f1" sourceRef="Sign" targetRef="Rest" />
   <intermediateCatchEvent id="Rest" name="a rest"><incoming>f1</incoming>
     <timerEventDefinition id="t"><timeDuration>PT1H</timeDuration></timerEventDefinition></intermediateCatchEvent>""")
+
+DIAGRAM = """<bpmndi:BPMNDiagram id="diagram"><bpmndi:BPMNPlane id="plane" bpmnElement="P">
+  <bpmndi:BPMNShape id="shape" bpmnElement="Sign"><dc:Bounds x="9" y="9" width="99" height="80" /></bpmndi:BPMNShape>
+</bpmndi:BPMNPlane></bpmndi:BPMNDiagram>"""
 
 
 class Field:
@@ -155,7 +163,7 @@ def named(text: str, name: str) -> str:
     return text.replace('name="Sign"', f'name="{name}"')
 
 
-def shown(view: TeamView) -> dict[str, str]:
+def shown(view: TeamView | Replay) -> dict[str, str]:
     """Robots and the names of the elements at which the page shows their tokens."""
     packer = view._packer
     elements = packer.catalogue.elements_json()
@@ -182,6 +190,75 @@ def test_a_model_that_was_changed_and_deployed_again_is_the_one_that_is_shown(fi
         field.deploy("REX", named(SIGNING, name))
         field.run(2)
         assert shown(field.view) == {"REX": name}
+
+
+@pytest.fixture
+def redeployed(field: Field, tmp_path: Path) -> Path:
+    """The recording of two robots, one of which gets three models with the same ids, 2 s after each other."""
+    text = SIGNING.replace("</definitions>", f"{DIAGRAM}</definitions>")
+    for name in ("REX", "DINGO"):
+        field.engine(name)
+    with (tmp_path / "run.mcap").open("wb") as stream:
+        recorder = TeamRecorder(field.middleware, field.scheduler, lambda: RecordingFile(stream))
+        field.run(1)
+        for robot, name in (("REX", "first"), ("DINGO", "another"), ("REX", "second"), ("REX", "first")):
+            field.deploy(robot, named(text, name))
+            field.run(2)
+        recorder.close()
+    return tmp_path / "run.mcap"
+
+
+def test_the_page_draws_the_model_that_a_robot_ran_then(redeployed: Path) -> None:
+    replay = Replay(redeployed)
+    replay.wait()
+    with browser() as program, opened(program, replay) as page:
+        rex = "fame.mission.robots.findIndex((one) => one.name === 'REX')"
+        page.evaluate(f"fame.select({{robot: {rex}}})")
+        for second, name in ((2, "first"), (6, "second"), (8, "first"), (6, "second")):
+            page.evaluate(f"fame.player.seek({second}e9 - 1)")
+            until(page, f"fame.diagram.sheet.textContent.includes('{name}')")
+    replay.close()
+
+
+def test_a_recording_shows_each_robot_in_the_model_that_it_ran_then(redeployed: Path, tmp_path: Path) -> None:
+    merge([redeployed], tmp_path / "merged.mcap")
+    for path in (tmp_path / "run.mcap", tmp_path / "merged.mcap"):
+        with Recording(path) as recording:
+            models, runs = recording.models, recording.runs
+        ran = {robot: [named_in(models[name]) for _, _, (name,) in each] for robot, each in runs.items()}
+        assert ran == {"REX": ["first", "second", "first"], "DINGO": ["another"]}
+        replay = Replay(path)
+        replay.wait()
+        elements = replay.catalogue.elements_json()
+        entered = [
+            elements[element]["name"]
+            for block in replay._packer.blocks
+            for element, what in zip(block.columns["e"], block.columns["w"], strict=True)
+            if what == ENTER and elements[element]["tag"] == "userTask"
+        ]
+        assert entered == ["first", "another", "second", "first"]
+        assert shown(replay) == {"REX": "first", "DINGO": "another"}
+        for second, name in ((2, "first"), (4, "first"), (6, "second"), (8, "first")):
+            waits = waiting_at(replay, second * SECOND - 1)["REX"]
+            assert {elements[token["e"]]["name"] for token in waits} == {name}, second
+        replay.close()
+
+
+def waiting_at(replay: Replay, time: int) -> dict[str, list[dict[str, Any]]]:
+    """The waiting tokens of each robot at a time (ns), as the page gets them before everything is read."""
+    block = replay.at(time)
+    known = {robot: {token["key"]: token for token in tokens} for robot, tokens in block["key"]["waits"]}
+    for when, robot, tokens, gone in block["waits"]:
+        if when <= time:
+            waits = known.setdefault(robot, {})
+            waits.update((token["key"], token) for token in tokens)
+            for key in gone:
+                waits.pop(key, None)
+    return {replay._packer.robots[robot]: list(waits.values()) for robot, waits in known.items()}
+
+
+def named_in(source: bytes) -> str:
+    return next(name for name in ("first", "second", "another") if f'name="{name}"'.encode() in source)
 
 
 def test_a_robot_that_was_migrated_is_shown_in_its_new_model() -> None:

@@ -16,7 +16,7 @@ from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.elements import element_info
 from fame.log.ocel import write_ocel
-from fame.log.recording import Message, Recording
+from fame.log.recording import Message, ModelRun, Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.team_state import TeamState, shift_times
 from fame.log.writing import RECORDING, logging_to, new_file
@@ -89,15 +89,21 @@ def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProg
         file.describe(
             {"epoch": date_text(merging.epoch), "merged": ", ".join(Path(one.file).name for one in recordings)}
         )
-        for name, data in merging.attachments().items():
+        for name, data in merging.attachments.items():
             file.attach(name, "application/bpmn+xml" if name.endswith(".bpmn") else "application/octet-stream", data)
+        if runs := merging.runs():
+            file.describe({"models": json.dumps(runs)})
         merging.write(file, on_progress)
         file.finish()
         return [warning for one in recordings for warning in one.warnings]
 
 
 class _Merging:
-    """Recordings that are being merged. `epoch` is the earliest of theirs."""
+    """Recordings that are being merged.
+
+    epoch        the earliest of theirs
+    attachments  all files in them; one that differs from an earlier one of that name is named after its recording
+    """
 
     def __init__(self, recordings: Sequence[Recording]) -> None:
         epochs = [parse_datetime(one.metadata.get("epoch", "1970-01-01T00:00:00Z")) for one in recordings]
@@ -108,15 +114,33 @@ class _Merging:
         self._state = TeamState()
         self._last, self._key_due = -1, 0
         self._channels: dict[tuple[str, str], int] = {}
+        self.attachments: dict[str, bytes] = {}
+        self._names = [self._attach(one) for one in recordings]
 
-    def attachments(self) -> dict[str, bytes]:
-        """All files in them; of equal names the first."""
-        found: dict[str, bytes] = {}
-        for recording in self._recordings:
-            for name, data in recording.attachments.items():
-                if found.setdefault(name, data) != data:
-                    found.setdefault(f"{Path(name).parent}/{Path(recording.file).stem}-{Path(name).name}", data)
-        return found
+    def _attach(self, recording: Recording) -> dict[str, str]:
+        """Take the files of a recording. Returns their new names."""
+        names: dict[str, str] = {}
+        for name, data in recording.attachments.items():
+            names[name] = name
+            if self.attachments.setdefault(name, data) != data:
+                names[name] = f"{Path(name).parent}/{Path(recording.file).stem}-{Path(name).name}"
+                self.attachments.setdefault(names[name], data)
+        return names
+
+    def runs(self) -> dict[str, list[ModelRun]]:
+        """What the robots ran. An engine's own log has the models that it ran, and nothing else."""
+        found: dict[str, list[ModelRun]] = {}
+        for recording, names, shift in zip(self._recordings, self._names, self._shifts, strict=True):
+            start = recording.state(recording.start).robots if "robot" in recording.metadata else {}
+            own = {
+                robot: [ModelRun(recording.start, state.process, list(recording.models))]
+                for robot, state in start.items()
+            }
+            for robot, runs in (recording.runs or own).items():
+                for time, process, models in runs:
+                    renamed = [names.get(f"models/{name}", "").removeprefix("models/") for name in models]
+                    found.setdefault(robot, []).append(ModelRun(time + shift, process, renamed))
+        return {robot: sorted(runs) for robot, runs in found.items()}
 
     def _spans_of(self, recording: Recording, shift: int) -> dict[str, tuple[int, int]]:
         """First and last time of each robot and topic in it."""

@@ -101,6 +101,10 @@ class LiveTeam:
         """The time of a robot's clock in its last batch (ns); 0 without one."""
         return self._sources[robot].time if robot in self._sources else 0
 
+    def last_end(self, robot: str) -> int:
+        """The end of a robot's last batch (ns since `epoch`); 0 without one."""
+        return self._sources[robot].until if robot in self._sources else 0
+
     def feed(self, robot: str, text: str) -> None:
         """Take a batch of a robot."""
         with suppress(*_STRANGE):

@@ -53,6 +53,14 @@ class Topic:
     count: int
 
 
+class ModelRun(NamedTuple):
+    """A robot runs a process (id) after a time (ns); `models`: names of its model and of those that it calls."""
+
+    time: int
+    process: str
+    models: list[str]
+
+
 class Recording:
     """The recording of a run. To be closed, or used in a ``with`` block.
 
@@ -150,6 +158,21 @@ class Recording:
         """The models of the run, the mission first: file name -> XML."""
         found = {name.removeprefix("models/"): data for name, data in self.attachments.items() if _is_model(name)}
         return found
+
+    @property
+    def runs(self) -> dict[str, list[ModelRun]]:
+        """What each robot ran, by time; empty for a run in one process, which has one model.
+
+        Raises ConfigError for metadata of another form.
+        """
+        try:
+            runs = json.loads(self.metadata.get("models", "{}"))
+            return {
+                str(robot): [ModelRun(int(time), str(id), list(map(str, names))) for time, id, names in each]
+                for robot, each in runs.items()
+            }
+        except (ValueError, TypeError, AttributeError) as error:
+            raise ConfigError(f"has metadata `models` of another form: {error}", file=self.file) from None
 
     @property
     def duration(self) -> float:

@@ -10,9 +10,10 @@ from typing import Any
 
 from fame.clock import SECOND, Entry, Scheduler, date_text
 from fame.errors import MessageError
-from fame.log.channels import GROUND, WORLD
+from fame.log.channels import GROUND, KEY, WORLD
 from fame.log.live_team import DELAY, STRING, LiveTeam, now_since
 from fame.log.recorder import LogTopics
+from fame.log.recording import ModelRun
 from fame.log.recording_file import RecordingFile
 from fame.middleware import codec
 from fame.middleware.interface import ENGINE, LATCHED, Message, Middleware, QoS, TopicInfo
@@ -56,7 +57,9 @@ class TeamRecorder:
         self._every, self._metadata, self._note = topics == "all", dict(metadata or {}), note
         self._models = models
         self._file: RecordingFile | None = None
-        self._attached: set[tuple[str, str]] = set()
+        self._attached: dict[tuple[str, str], str] = {}  # name and XML of a model -> its name in the recording
+        self._runs: dict[str, list[ModelRun]] = {}
+        self._next: dict[str, Mapping[str, Any]] = {}  # models of robots that have done nothing in them so far
         self._topics: dict[str, int | None] = {}  # recorded topics -> number of their channel, once there is one
         self._noted: set[str] = set()
         self._clock: int | None = None  # simulated time, ns
@@ -85,7 +88,7 @@ class TeamRecorder:
             self._file = self._open_file()
             self._file.describe({**self._metadata, **self._dated()})
             for robot, model in self.team.models.items() if self._models else ():
-                self._attach(robot, model)
+                self._attach(robot, model, 0)
         return self._file
 
     def _dated(self) -> dict[str, str]:
@@ -93,24 +96,39 @@ class TeamRecorder:
         return {"epoch": date_text(self.team.epoch)} if self.team.epoch is not None else {}
 
     def _put(self, time: int, topic: str, text: str) -> None:
-        self._begin().put(topic, time, text)
+        file = self._begin()
+        if self._next:
+            data = json.loads(text)
+            for robot in self._next.keys() & (data.get("gaps", {}).keys() if topic == KEY else {data.get("robot")}):
+                self._attach(robot, self._next.pop(robot), time - 1)
+        file.put(topic, time, text)
 
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         self._note(f"records {robot}: {model.get('process', '')}")
         self._report_model(robot, model)
-        if self._file is not None and self._models:
-            self._attach(robot, model)
+        if self._models:
+            self.team.enter(self.team.last_end(robot), lambda time: self._next.update({robot: model}))
 
-    def _attach(self, robot: str, model: Mapping[str, Any]) -> None:
+    def _attach(self, robot: str, model: Mapping[str, Any], time: int) -> None:
+        """Attach the models that a robot runs after a time (ns)."""
         assert self._file is not None
+        names: list[str] = []
         for each in model.get("models", ()):
             known = str(each["name"]), str(each["xml"])
             if known not in self._attached:
-                self._attached.add(known)
-                name = known[0] if known[0].endswith(".bpmn") else f"{robot}.bpmn"
-                taken = {other for other, _ in self._attached} - {known[0]}
-                path = f"models/{robot}-{name}" if name in taken else f"models/{name}"
-                self._file.attach(path, "application/bpmn+xml", known[1].encode())
+                self._attached[known] = name = self._free_name(robot, known[0])
+                self._file.attach(f"models/{name}", "application/bpmn+xml", known[1].encode())
+            names.append(self._attached[known])
+        runs, process = self._runs.setdefault(robot, []), str(model.get("process", ""))
+        if not runs or runs[-1][1:] != (process, names):
+            runs.append(ModelRun(time, process, names))
+            self._file.describe({"models": json.dumps(self._runs)})
+
+    def _free_name(self, robot: str, name: str) -> str:
+        """A name for a model of a robot that no other one has."""
+        name = name if name.endswith(".bpmn") else f"{robot}.bpmn"
+        names = (name, f"{robot}-{name}", *(f"{robot}-{number}-{name}" for number in range(2, len(self._attached) + 2)))
+        return next(each for each in names if each not in self._attached.values())
 
     # ---- messages ----------------------------------------------------------------------------------------------------
 
@@ -178,5 +196,7 @@ class TeamRecorder:
         self.team.close()
         self._node.close()
         if self._file is not None:
+            for robot, model in self._next.items():
+                self._attach(robot, model, self.team.last_end(robot))
             self._file.describe({"lost_batches": json.dumps(self.team.gaps), **self._dated()})
             self._file.finish()

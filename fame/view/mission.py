@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.pools import matches, pools_of
 from fame.errors import FameError
 from fame.view.catalogue import NOWHERE, Catalogue
+
+if TYPE_CHECKING:
+    from fame.view.blocks import Packer
 
 Chip = tuple[str, str, str]
 """A short text in the heading, its class of style, and its explanation."""
@@ -40,6 +43,14 @@ def mission_json(
         "messages": False,
         **more,
     }
+
+
+def place_of(packer: Packer, robot: int, process: str) -> dict[str, int]:
+    """The drawing and the pool of the process (id) that a robot runs."""
+    catalogue, number = packer.catalogue, packer.element(robot, process)
+    if number == NOWHERE:
+        return {"plane": NOWHERE, "pool": NOWHERE}
+    return {"plane": catalogue.plane_of(number), "pool": catalogue.pool_of(number)}
 
 
 def pool_of(catalogue: Catalogue, robot: str) -> int:

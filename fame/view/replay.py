@@ -8,9 +8,10 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from math import inf
+from operator import attrgetter
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Any, NamedTuple
 
 from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read
@@ -22,7 +23,7 @@ from fame.log.recording import Message
 from fame.log.team_state import shift_times
 from fame.view.blocks import Packer
 from fame.view.catalogue import NOWHERE, Catalogue
-from fame.view.mission import Chip, mission_json
+from fame.view.mission import Chip, mission_json, place_of
 
 try:
     import orjson
@@ -30,6 +31,15 @@ except ImportError:  # a workspace of ROS that was built by colcon alone
     orjson = None  # type: ignore[assignment]
 
 _OWN = (EVENTS, VARIABLES, WAITING, WORLD, GROUND)
+
+
+class _Run(NamedTuple):
+    """A robot runs a process (id) of some files of the catalogue after a time (ns)."""
+
+    time: int
+    robot: str
+    process: str
+    files: frozenset[int]
 
 
 class Replay:
@@ -51,6 +61,7 @@ class Replay:
         self.notices: list[str] = list(self._recording.warnings)
         self.catalogue = Catalogue(self._models())
         self._offset = self._recording.start if self._recording.start > _LONGEST else 0
+        self._runs = self._read_runs()
         self._packer = Packer(self.catalogue, self._robots())
         self._elements = len(self.catalogue.elements)
         self._topics = [topic for topic in self._recording.topics if topic != KEY]
@@ -87,6 +98,36 @@ class Replay:
                 self.notices.append(f"{name} is not shown: {error}")
         return files
 
+    def _read_runs(self) -> list[_Run]:
+        """What the robots ran, the latest first."""
+        numbers = {definitions.file: number for number, definitions in enumerate(self.catalogue.files)}
+        try:
+            found = self._recording.runs
+        except ConfigError as error:
+            self.notices.append(error.text)
+            return []
+        runs = [
+            _Run(time, robot, process, frozenset(numbers[name] for name in names if name in numbers))
+            for robot, each in found.items()
+            for time, process, names in each
+        ]
+        return sorted(runs, key=attrgetter("time"), reverse=True)
+
+    def _switch(self, packer: Packer, pending: list[_Run], time: int) -> None:
+        """Take from `pending` what robots run at a time (ns)."""
+        while pending and pending[-1].time < max(time, self._recording.start + 1):
+            run = pending.pop()
+            packer.run(packer.robot(run.robot), run.files)
+
+    def _drawings(self, robot: str) -> dict[str, Any]:
+        """The pool of a robot with models of its own, and its drawings: each with the time (ns) after which it is."""
+        packer, places = Packer(self.catalogue, [robot]), list[tuple[int, dict[str, int]]]()
+        for run in reversed(self._runs):
+            if run.robot == robot:
+                packer.run(0, run.files)
+                places.append((run.time - self._offset, place_of(packer, 0, run.process)))
+        return {**places[-1][1], "planes": [(time, place["plane"]) for time, place in places]} if places else {}
+
     def _robots(self) -> list[str]:
         """The robots: those of the world in its order, which gives them their colours, then the others."""
         seen = self._recording.world(self._recording.end)
@@ -102,13 +143,15 @@ class Replay:
 
     def _read_all(self) -> None:
         recording, packer, first = self._recording, self._packer, self._offset
-        length = max(recording.end - recording.start, 1)
+        length, pending = max(recording.end - recording.start, 1), self._runs.copy()
         try:
             for number, message in enumerate(recording.messages()):
                 while self._pause_until > monotonic() and not self._closed.is_set():
                     self._closed.wait(_PAUSE / 4)
                 if self._closed.is_set():
                     return
+                if pending:
+                    self._switch(packer, pending, message.time)
                 if message.topic == KEY:  # the first has what was before the recording; most others repeat the rest
                     if not packer.begun or message.data.startswith(_GAPS):
                         packer.put(KEY, message.time - first, shift_times(KEY, _content(message), -first))
@@ -143,7 +186,7 @@ class Replay:
         recording = self._recording
         with self._lock:
             done, reading = self._done, self._reading
-        return mission_json(
+        found = mission_json(
             "recording",
             self._title(),
             self.catalogue,
@@ -157,6 +200,9 @@ class Replay:
             empty=["The recording has no models", "It shows timeline, variables and log, but no diagrams."],
             messages=not {*self._topics} <= {*_OWN},
         )
+        for robot in found["robots"]:
+            robot |= self._drawings(robot["name"])
+        return found
 
     def _title(self) -> str:
         scenario = self._recording.metadata.get("scenario", "")
@@ -194,7 +240,8 @@ class Replay:
             key = recording.last(KEY, moment)
             if key is None:
                 raise LookupError(time)
-            packer, begin = Packer(self.catalogue, self._packer.robots), key.time - first
+            packer, begin, pending = Packer(self.catalogue, self._packer.robots), key.time - first, self._runs.copy()
+            self._switch(packer, pending, key.time)
             ground = recording.ground(key.time)
             if ground:
                 packer.world(begin, "ground", ground)
@@ -208,6 +255,7 @@ class Replay:
                     until = message.time - first - 1
                     break
                 last = message.time
+                self._switch(packer, pending, message.time)
                 packer.put(message.topic, message.time - first, shift_times(message.topic, _content(message), -first))
         block = [block for block in packer.blocks if block.start <= time or block is packer.blocks[0]][-1]
         return {**block.to_json(), "number": NOWHERE, "until": until if block is packer.blocks[-1] else block.end}

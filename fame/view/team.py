@@ -24,9 +24,9 @@ from fame.log.team_recorder import TeamRecorder
 from fame.middleware import codec, messages
 from fame.middleware.interface import Middleware
 from fame.view.blocks import Packer
-from fame.view.catalogue import NOWHERE, Catalogue
+from fame.view.catalogue import Catalogue
 from fame.view.live import growth, index_of
-from fame.view.mission import mission_json
+from fame.view.mission import mission_json, place_of
 
 _ANSWER = 5.0
 """Seconds that a robot has to answer a command."""
@@ -161,9 +161,7 @@ class TeamView:
                 ],
             )
             for number, robot in enumerate(found["robots"]):
-                process = packer.element(number, str(team.models.get(robot["name"], {}).get("process", "")))
-                robot["plane"] = packer.catalogue.plane_of(process) if process != NOWHERE else NOWHERE
-                robot["pool"] = packer.catalogue.pool_of(process) if process != NOWHERE else NOWHERE
+                robot |= place_of(packer, number, str(team.models.get(robot["name"], {}).get("process", "")))
             return found
 
     def plane(self, number: int) -> Mapping[str, Any]:

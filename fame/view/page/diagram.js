@@ -107,12 +107,25 @@ export class Diagram {
   }
 
   home() {
-    return Math.max(0, this.app.mission.robots[Math.max(0, this.app.selected.robot)]?.plane ?? 0);
+    return Math.max(0, this.planeOf(Math.max(0, this.app.selected.robot)));
+  }
+
+  /** The plane of what a robot runs at the time that is shown. */
+  planeOf(robot) {
+    const { plane = -1, planes = [] } = this.app.mission.robots[robot] ?? { plane: 0 };
+    return planes.findLast(([after], place) => !place || after < this.shown)?.[1] ?? plane;
+  }
+
+  /** Where a robot ran other models before or afterwards: show the one of this time. */
+  follow() {
+    const root = this.trail[0]?.[0], { robots } = this.app.mission;
+    const robot = robots.findIndex(({ planes = [] }) => planes.length > 1 && planes.some(([, plane]) => plane === root));
+    if (robot >= 0 && !robots.some((one, r) => this.planeOf(r) === root)) this.ofRobot(robot);
   }
 
   /** Where each robot has a model of its own: show that of a robot. */
   ofRobot(robot) {
-    const plane = this.app.mission.robots[robot]?.plane ?? -1;
+    const plane = this.planeOf(robot);
     if (plane < 0 || plane === this.trail[0]?.[0]) return;
     this.trail = [];
     this.open(plane);
@@ -220,8 +233,9 @@ export class Diagram {
 
   /** Show the state of the run. `flows`: whether tokens are seen to move. */
   update(state, flows) {
-    const plane = this.current;
     this.shown = state?.time;
+    this.follow();
+    const plane = this.current;
     if (plane === undefined) return;
     plane.drawing.classList.toggle("flows", flows);
     const { robot } = this.app.selected, opener = this.trail.at(-1)?.[1] ?? -1;
