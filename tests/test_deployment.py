@@ -55,6 +55,15 @@ def test_a_sender_says_whom_it_waits_for():
     assert scheduler.now // SECOND == 10
 
 
+def test_a_sender_names_the_robots_that_are_there() -> None:
+    field = Field("REX")
+    sending = Sending(read_text(TEAM, file="t.bpmn"), field.scheduler, field.middleware)
+    with pytest.raises(
+        fame.DeploymentError, match=r"pool 'A' has no robot A; the robots are REX; start an engine with"
+    ):
+        sending.deploy([], 10.0, print)
+
+
 def test_if_one_robot_stays_silent_nobody_starts():
     field = Field("A")
     sent = field.deploy(TEAM, robots=["A", "B"])

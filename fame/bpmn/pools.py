@@ -74,8 +74,10 @@ def shared_topics(definitions: Definitions, pools: Sequence[Pool], library: Libr
     return topic_table(list(files.values()), processes)
 
 
-def assign_pools(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dict[str, Pool]:
-    """Robot (namespace) -> its pool, in the order of the robots.
+def assign_pools(
+    pools: Sequence[Pool], robots: Iterable[str], *, file: str = "", others: Sequence[str] = ()
+) -> dict[str, Pool]:
+    """Robot (namespace) -> its pool, in the order of the robots. `others` are robots of no pool, for messages.
 
     A multi-instance pool may have any number of robots, also none. Raises ConfigError for a robot without a pool, for
     another pool without a robot, and for two robots whose names differ in case only; ModelError for a pool whose name
@@ -98,7 +100,8 @@ def assign_pools(pools: Sequence[Pool], robots: Iterable[str], *, file: str = ""
             if not is_ros_name(f"/{pool.name}"):
                 text = f"pool {pool.name!r} cannot name a robot: expected {NAMES}"
                 raise ModelError(text, file=file, line=pool.line)
-            have = f"the robots are {', '.join(names)}" if names else "there are no robots"
+            there = ", ".join([*names, *others])
+            have = f"the robots are {there}" if there else "there are no robots"
             raise ConfigError(f"pool {pool.name!r} has no robot {expected_robots(pool)}; {have}", file=file)
     return bound
 

@@ -31,9 +31,10 @@ def assign_robots(
 
     Raises DeploymentError and ConfigError for robots that are missing, ModelError for pools that cannot be assigned.
     """
-    pools = pools_of(definitions)
+    pools, others = pools_of(definitions), list[str]()
     if found:
-        robots = [robot for robot in robots if any(matches(robot, pool) for pool in pools)]
+        others = [robot for robot in robots if not any(matches(robot, pool) for pool in pools)]
+        robots = [robot for robot in robots if robot not in others]
     unknown = [name for name in only if name not in robots]
     wanted = ", ".join(expected_robots(pool) for pool in pools)
     if unknown:
@@ -42,7 +43,7 @@ def assign_robots(
         raise DeploymentError(text)
     if only:
         pools = [pool for pool in pools if any(matches(robot, pool) for robot in robots)]
-    assigned = assign_pools(pools, robots, file=definitions.file)
+    assigned = assign_pools(pools, robots, file=definitions.file, others=others)
     if not assigned:
         raise DeploymentError(f"found no engine for the robots of this model: {wanted}")
     return assigned
