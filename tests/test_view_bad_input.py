@@ -106,6 +106,17 @@ def test_a_model_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "runs", ["[1]", "none", '{"REX": 3}', '{"REX": [["a", "P", []]]}', '{"REX": [[1e400, "P", []]]}']
+)
+def test_models_of_robots_of_another_form_are_left_out_with_a_notice(tmp_path: Path, runs: str) -> None:
+    key = ("/fame/key", 0, '{"robots":{}}')
+    replay = Replay(written(tmp_path / "run.mcap", {"models": runs}, key))
+    replay.wait()
+    assert replay.notices[0].startswith("has metadata `models` of another form: ")
+    replay.close()
+
+
+@pytest.mark.parametrize(
     "text", ['{"robot":"REX"}', "[]", '{"robot":"REX","events":[{"instance":1}]}', '{"robot":"REX","events":7}']
 )
 def test_messages_of_another_form_end_the_replay_with_a_notice(tmp_path: Path, text: str) -> None:

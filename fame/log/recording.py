@@ -171,7 +171,7 @@ class Recording:
                 str(robot): [ModelRun(int(time), str(id), list(map(str, names))) for time, id, names in each]
                 for robot, each in runs.items()
             }
-        except (ValueError, TypeError, AttributeError) as error:
+        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             raise ConfigError(f"has metadata `models` of another form: {error}", file=self.file) from None
 
     @property
