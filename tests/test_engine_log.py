@@ -14,12 +14,13 @@ from fame.clock import EPOCH, SECOND
 from fame.deploy import EngineNode
 from fame.log import Recording
 from fame.log.channels import EVENTS, KEY, WAITING
+from fame.log.conversion import merge
 from fame.log.engine_log import EngineLog
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.robot.live import ElementFeed
 from fame.view import Replay
-from tests.test_live_team import Field
+from tests.test_live_team import COUNTING, Field
 
 
 @pytest.fixture
@@ -169,3 +170,29 @@ def test_every_step_is_published_for_the_viewer_of_the_original(field: Field) ->
     field.run(1)
     first = ["Start/enter/REX-1", "Start/leave/REX-1", "f0/take/REX-1", "Count/enter/REX-1", "Count/leave/REX-1"]
     assert told[:5] == first
+
+
+def test_merged_logs_show_each_model_while_it_ran(field: Field, tmp_path: Path) -> None:
+    log = engine_with_log(field, "REX", tmp_path / "logs")
+    for name in ("first", "second", "third"):
+        field.deploy("REX", COUNTING.replace("a moment", name))
+        field.run(2)
+    finish(field, log)
+    paths = list((tmp_path / "logs").iterdir())
+    assert len(paths) == 3
+    merge(paths, tmp_path / "all.mcap")
+    replay = Replay(tmp_path / "all.mcap")
+    replay.wait()
+    elements, shown = replay.catalogue.elements_json(), dict[int, str]()
+    for block in replay._packer.blocks:
+        waits = ((t, elements[e].get("name")) for t, e in zip(block.columns["t"], block.columns["e"], strict=True))
+        shown.update((t, name) for t, name in waits if name in ("first", "second", "third"))
+    for path in paths:
+        with Recording(path) as recording:
+            name = next(name for name in ("first", "second", "third") if name.encode() in recording.models["REX.bpmn"])
+            # In the instant of a change both models have events.
+            times = {event.time for event in recording.events(recording.start + 2) if event.element == "Wait"}
+        assert len(times) > 10
+        assert {shown[time] for time in times} == {name}
+    assert not replay.notices
+    replay.close()

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import heapq
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from datetime import datetime
+from itertools import chain, count
 from pathlib import Path
 
 from fame.bpmn.model import Definitions
@@ -91,9 +92,9 @@ def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProg
         )
         for name, data in merging.attachments.items():
             file.attach(name, "application/bpmn+xml" if name.endswith(".bpmn") else "application/octet-stream", data)
-        if runs := merging.runs():
-            file.describe({"models": json.dumps(runs)})
         merging.write(file, on_progress)
+        if merging.runs:
+            file.describe({"models": json.dumps(merging.runs)})
         file.finish()
         return [warning for one in recordings for warning in one.warnings]
 
@@ -103,6 +104,7 @@ class _Merging:
 
     epoch        the earliest of theirs
     attachments  all files in them; one that differs from an earlier one of that name is named after its recording
+    runs         what each robot ran (`Recording.runs`), complete when all is written
     """
 
     def __init__(self, recordings: Sequence[Recording]) -> None:
@@ -116,31 +118,32 @@ class _Merging:
         self._channels: dict[tuple[str, str], int] = {}
         self.attachments: dict[str, bytes] = {}
         self._names = [self._attach(one) for one in recordings]
+        self.runs: dict[str, list[ModelRun]] = {}
+        for number, recording in enumerate(recordings):
+            for robot, runs in recording.runs.items():
+                for time, process, models in runs:
+                    self._note_run(robot, ModelRun(time + self._shifts[number], process, self._renamed(number, models)))
 
     def _attach(self, recording: Recording) -> dict[str, str]:
         """Take the files of a recording. Returns their new names."""
         names: dict[str, str] = {}
         for name, data in recording.attachments.items():
-            names[name] = name
-            if self.attachments.setdefault(name, data) != data:
-                names[name] = f"{Path(name).parent}/{Path(recording.file).stem}-{Path(name).name}"
-                self.attachments.setdefault(names[name], data)
+            folder, stem, last = Path(name).parent, Path(recording.file).stem, Path(name).name
+            others = (f"{folder}/{stem}-{number}-{last}" for number in count(2))
+            candidates = chain((name, f"{folder}/{stem}-{last}"), others)
+            names[name] = next(each for each in candidates if self.attachments.setdefault(each, data) == data)
         return names
 
-    def runs(self) -> dict[str, list[ModelRun]]:
-        """What the robots ran. An engine's own log has the models that it ran, and nothing else."""
-        found: dict[str, list[ModelRun]] = {}
-        for recording, names, shift in zip(self._recordings, self._names, self._shifts, strict=True):
-            start = recording.state(recording.start).robots if "robot" in recording.metadata else {}
-            own = {
-                robot: [ModelRun(recording.start, state.process, list(recording.models))]
-                for robot, state in start.items()
-            }
-            for robot, runs in (recording.runs or own).items():
-                for time, process, models in runs:
-                    renamed = [names.get(f"models/{name}", "").removeprefix("models/") for name in models]
-                    found.setdefault(robot, []).append(ModelRun(time + shift, process, renamed))
-        return {robot: sorted(runs) for robot, runs in found.items()}
+    def _renamed(self, number: int, models: Iterable[str]) -> list[str]:
+        """The names of models of a recording among `attachments`."""
+        names = self._names[number]
+        return [names[path].removeprefix("models/") for name in models if (path := f"models/{name}") in names]
+
+    def _note_run(self, robot: str, run: ModelRun) -> None:
+        runs = self.runs.setdefault(robot, [])
+        if not runs or runs[-1][1:] != run[1:]:
+            runs.append(run)
+            runs.sort()
 
     def _spans_of(self, recording: Recording, shift: int) -> dict[str, tuple[int, int]]:
         """First and last time of each robot and topic in it."""
@@ -188,8 +191,13 @@ class _Merging:
         ]
         if fresh:
             self._state.robots.update((robot, state.robots[robot]) for robot in fresh)
-            lost = data.get("gaps", {})
-            self._put_key(file, max(time, self._last + 1), {robot: lost.get(robot, 0) for robot in fresh})
+            lost, time = data.get("gaps", {}), max(time, self._last + 1)
+            recording = self._recordings[number]
+            if "robot" in recording.metadata:  # an engine's own log has the models that it ran, and nothing else
+                for robot in fresh:
+                    models = self._renamed(number, recording.models)
+                    self._note_run(robot, ModelRun(time - 1, state.robots[robot].process, models))
+            self._put_key(file, time, {robot: lost.get(robot, 0) for robot in fresh})
 
     def _take(self, file: RecordingFile, time: int, number: int, message: Message) -> None:
         if message.topic in (EVENTS, VARIABLES, WAITING):
