@@ -19,6 +19,9 @@ from __future__ import annotations
 import reprlib
 from typing import Protocol
 
+NOT_KNOWN = 3
+"""The exit code of a command that found nothing wrong, but could not judge all that it was asked about."""
+
 
 def display_name(id: str, name: str = "") -> str:
     """An element as messages show it: ``"Go To" (Activity_14nkpvd)``, or the id alone if it has no name."""

@@ -16,6 +16,7 @@ from deployment_field import Field
 
 from fame.cli import deployment, main
 from fame.log import Recording
+from fame.testing import ExpectationError, MissionLoader
 
 
 @pytest.fixture
@@ -31,9 +32,51 @@ def test_the_first_line_says_that_all_states_were_explored(capsys: pytest.Captur
     assert first.startswith("models/ground_vehicles.bpmn: all states explored (REX, DINGO; delivery run and fast)")
 
 
-def test_a_search_that_is_cut_says_so_first_and_passes(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", "--explore", "models/agriculture.bpmn", "--limit", "20"]) == 0
-    assert "NOT all states explored (the limit of 20 states is reached" in capsys.readouterr().out.splitlines()[0]
+def test_a_search_that_is_cut_says_so_first_and_last_and_does_not_pass(
+    broken: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fine, cut = "models/ground_vehicles.bpmn", ["check", "--explore", "--limit", "20", "models/agriculture.bpmn"]
+    assert main(cut) == 3
+    shown = capsys.readouterr().out.splitlines()
+    assert "NOT all states explored (the limit of 20 states is reached" in shown[0]
+    assert re.match(r"no error found in a partial search \([\d,]+ of unknown\)", shown[-1])
+    assert main([*cut, "--allow-partial"]) == 0
+    assert main([*cut[:2], "--delivery", "run", fine, "models/reassembly.bpmn"]) == 0
+    assert main([*cut, fine]) == 3
+    assert main([*cut, str(broken)]) == 1  # 1 before 3 before 0
+    capsys.readouterr()
+    assert main([*cut, "--json"]) == 3
+    shown_json = json.loads(capsys.readouterr().out)
+    assert (shown_json["status"], shown_json["explorations"][0]["status"]) == ("partial", "partial")
+
+
+GROWING: dict[str, Steps] = {"A": [("loop", ["work", "throw go"])], "B": ["start go", "work"]}
+"""Not explored whole: the instances of B are not bounded."""
+
+
+def test_a_mission_that_is_not_explored_whole_is_not_deployed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, field = written(tmp_path / "m.bpmn", GROWING), Field("A", "B")
+    monkeypatch.setattr(deployment, "connected", lambda _: nullcontext((field.scheduler, field.middleware)))
+    assert main(["deploy", "--explore", model]) == 3
+    assert "not deployed: no error found in a partial search" in capsys.readouterr().err
+    assert main(["deploy", "--explore", model, "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["status"] == "partial"
+    assert not any(one.deployment for one in field.said)
+    assert main(["deploy", "--explore", model, "--allow-partial", "--wait", "1"]) == 0
+    assert any(one.deployment for one in field.said)
+    assert main(["deploy", model, "--allow-partial"]) == 2
+
+
+def test_a_test_of_a_mission_that_is_not_explored_whole_fails(tmp_path: Path, mission: MissionLoader) -> None:
+    model = written(tmp_path / "m.bpmn", GROWING)
+    with pytest.raises(ExpectationError, match="no error found in a partial search"):
+        mission.explore(model)
+    assert mission.explore(model, allow_partial=True).status == "partial"
+    deadlock = written(tmp_path / "d.bpmn", {"A": ["catch b", "throw a"], "B": ["catch a", "throw b"]})
+    with pytest.raises(ExpectationError, match="error: deadlock: A waits"):
+        mission.explore(deadlock, allow_partial=True)
 
 
 def test_a_lost_signal_fails_the_check_with_its_run(broken: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -154,7 +197,7 @@ def test_a_finding_that_its_owner_accepts(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_json_says_that_not_all_was_explored(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", "--explore", "models/agriculture.bpmn", "--limit", "20", "--json"]) == 0
+    assert main(["check", "--explore", "models/agriculture.bpmn", "--limit", "20", "--json"]) == 3
     (found,) = json.loads(capsys.readouterr().out)["explorations"]
     assert found["exhaustive"] is False
     assert found["cuts"] == ["the limit of 20 states is reached", "no budget is left for delivery fast"]

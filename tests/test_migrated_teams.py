@@ -12,7 +12,7 @@ from test_resumption import Durable
 
 from fame.bpmn.library import Library
 from fame.bpmn.reader import read_text
-from fame.cli import parser
+from fame.cli import migration, parser
 from fame.cli.migration import Migration
 from fame.config.loader import read_document
 from fame.deploy import EngineNode
@@ -201,6 +201,21 @@ def test_force_overrides_what_the_exploration_finds_and_the_logs_say_so(
     assert f"overridden by --force: {forced.findings()[0]['text']}" in capsys.readouterr().err
     reports = [event.detail for event in said if event.what == "report"]
     assert any("by ann@desk (unverified), whatever the exploration finds (--force)" in text for text in reports)
+
+
+def test_a_migration_that_is_not_explored_whole_is_not_known_to_be_fine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    field = Field("A", "B")
+    field.deploy(relay("S"))
+    monkeypatch.setattr(migration, "BUDGET", 1e-9)
+    for number, (options, code, status) in enumerate((((), 3, "partial"), (("--allow-partial",), 0, "completed")), 2):
+        given = asked(tmp_path, relay("S"), *options)
+        sent = field.deploy(relay("S"), f"d{number}", number, **given.options)
+        assert (given.exit_code(sent), given.status(sent)) == (code, status)
+    refused = asked(tmp_path, relay("S"))
+    sent = field.deploy(relay("S"), "d4", 4, **refused.options)
+    assert "no error found in a partial search" in str(sent.robots["A"])
 
 
 def test_a_migration_that_may_complete_is_approved() -> None:

@@ -1,8 +1,8 @@
 """The `fame` command.
 
-Exit code 0: done. 1: the mission or a check failed. 2: the request was wrong. 130: interrupted. Every error is one line
-on stderr or, with ``--json``, in the one object on stdout. A command is a function that declares it (`_DECLARATIONS`),
-and a function of its parsed arguments that returns the exit code; heavy parts are imported in that function.
+Exit code 0: done. 1: the mission or a check failed. 2: the request was wrong. 3: not known. 130: interrupted. Every
+error is one line on stderr or, with ``--json``, in the one object on stdout. A command is a function that declares it
+(`_DECLARATIONS`), and a function of its parsed arguments that returns the exit code; heavy parts are imported there.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from types import FrameType
 from fame.cli.arguments import Parser, Version, register_types
 from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, note, print_json
-from fame.errors import FameError
+from fame.errors import NOT_KNOWN, FameError
 
 _DECLARATIONS: Mapping[str, str] = {
     "run": "run.add",
@@ -115,7 +115,8 @@ def parser(name: str = "") -> Parser:
         prog="fame",
         description="Run the missions of a team of robots from BPMN 2.0 collaboration diagrams.",
         epilog="fame COMMAND --help describes the options of a command.\n"
-        "Exit codes: 0 success, 1 the mission or a check failed, 2 the request was wrong, 130 after Ctrl-C.",
+        "Exit codes: 0 success, 1 the mission or a check failed, 2 the request was wrong, 3 not known (a search\n"
+        "that was not exhaustive has found no error), 130 after Ctrl-C.",
     )
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True)
@@ -127,13 +128,13 @@ def parser(name: str = "") -> Parser:
 
 def _report(error: FameError, cause: BaseException, given: Sequence[str], code: int) -> int:
     """Print an error as one line, or as the one JSON object, and return the exit code."""
-    interrupted = code == _INTERRUPTED
+    status = {_INTERRUPTED: "interrupted", NOT_KNOWN: "partial"}.get(code, "error")
     if os.environ.get("FAME_DEBUG"):
         import traceback
 
         traceback.print_exception(cause)
     if "--json" in given:
-        print_json(error_object(error, cause, "interrupted" if interrupted else "error"))
+        print_json(error_object(error, cause, status))
     else:
-        note(f"fame: {error}" if interrupted else f"fame: error: {error}")
+        note(f"fame: {error}" if code == _INTERRUPTED else f"fame: error: {error}")
     return code

@@ -16,7 +16,7 @@ from fame.cli import migration
 from fame.cli.arguments import Commands, add_json, add_library, command, positive
 from fame.cli.network import OPEN, add_network, connected, person
 from fame.cli.output import note, print_json, table
-from fame.errors import ConfigError, DeploymentError, FameError
+from fame.errors import NOT_KNOWN, ConfigError, DeploymentError, FameError
 
 if TYPE_CHECKING:
     from fame.bpmn.library import Library
@@ -56,6 +56,10 @@ def add_deploy(commands: Commands) -> None:
         help="first explore its reachable states (fame check --explore) with the robots that were found; send nothing "
         "after an error",
     )  # fmt: skip
+    parser.add_argument(
+        "--allow-partial", action="store_true",
+        help="with --explore or --migrate: also deploy if no error was found, but not all states were explored",
+    )  # fmt: skip
     add_network(parser)
     add_library(parser)
     add_json(parser)
@@ -70,6 +74,8 @@ def run_deploy(arguments: Namespace) -> int:
     from fame.deploy.signing import read_private
     from fame.scenario import Sending
 
+    if arguments.allow_partial and not (arguments.explore or arguments.migrate):
+        raise ConfigError("--allow-partial needs --explore or --migrate")
     definitions, library = read(arguments.model), Library(arguments.library)
     migrated = migration.Migration(arguments, definitions, library)
     key = read_private(arguments.key) if arguments.key is not None else None
@@ -78,11 +84,11 @@ def run_deploy(arguments: Namespace) -> int:
     refuse_errors(definitions, sent, library, sent=True)  # before any robot is looked for
     at_once = not any(pool.multi_instance for pool in pools)  # the robots are known before they are found
     if arguments.explore and at_once:
-        _refuse_deadlocks(definitions, library, {})
+        _refuse_unexplored(definitions, library, {}, partial=arguments.allow_partial)
 
     def examine(found: Mapping[str, Pool]) -> None:
         if arguments.explore and not at_once:
-            _refuse_deadlocks(definitions, library, found)
+            _refuse_unexplored(definitions, library, found, partial=arguments.allow_partial)
 
     with connected(arguments) as (scheduler, middleware):
         options = {"library": library, "patience": arguments.wait, "key": key, "who": person()}
@@ -94,15 +100,16 @@ def run_deploy(arguments: Namespace) -> int:
         if arguments.stay and not deployment.failed:
             deployment.close()
             sending.stay(deployment.robots, note)
-    return 1 if deployment.failed else 0
+    return migrated.exit_code(deployment)
 
 
-def _refuse_deadlocks(definitions: Definitions, library: Library, found: Mapping[str, Pool]) -> None:
-    """Raise DeploymentError for a mission that may deadlock or never complete; a note if not all is explored.
+def _refuse_unexplored(definitions: Definitions, library: Library, found: Mapping[str, Pool], *, partial: bool) -> None:
+    """Raise DeploymentError for a mission that may deadlock or never complete, or may after a `partial` search.
 
     The robots are those that were `found`; a pool without one has as many as `fame check --explore` takes.
     """
     from fame.check.explore.findings import FAILING
+    from fame.cli.exploration import partial_text
     from fame.scenario.exploration import explore_found
 
     result = explore_found(definitions, library, found)
@@ -111,6 +118,12 @@ def _refuse_deadlocks(definitions: Definitions, library: Library, found: Mapping
     if faults:
         more = f"; and {len(faults) - 1} more: fame check --explore" if len(faults) > 1 else ""
         raise DeploymentError(f"not deployed: {faults[0].text}{more}")
+    if result.status == "partial":
+        if not partial:
+            error = DeploymentError(f"not deployed: {partial_text(result)}; --allow-partial deploys it nevertheless")
+            error.exit_code = NOT_KNOWN
+            raise error
+        note(partial_text(result))
 
 
 def _print_outcome(deployment: Deployment, migrated: migration.Migration, *, json: bool) -> None:
@@ -118,7 +131,7 @@ def _print_outcome(deployment: Deployment, migrated: migration.Migration, *, jso
     if json:
         results = {each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took} for each in robots}
         found = {"findings": migrated.findings()} if "approve" in migrated.options else {}
-        print_json({"status": "failed" if deployment.failed else "completed", "robots": results, **found})
+        print_json({"status": migrated.status(deployment), "robots": results, **found})
     else:
         rows = [
             (each.robot, each.state, f"{1000 * each.took:.0f} ms" if each.state != "silent" else "", each.reason)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Parser, natural, positive
 from fame.cli.output import coloured, print_json
-from fame.errors import ConfigError, FameError
+from fame.errors import NOT_KNOWN, ConfigError, FameError
 
 if TYPE_CHECKING:
     from fame.check.explore import Exploration, Finding
@@ -31,8 +31,14 @@ _ONLY = (
     "seconds",
     "all",
     "trace",
+    "allow_partial",
 )
 """Options that mean something with --explore alone."""
+
+
+STATUSES = ("completed", "partial", "failed")
+"""Of explorations, the worst last."""
+_CODES = {"completed": 0, "failed": 1, "partial": NOT_KNOWN}
 
 
 def add_arguments(parser: Parser) -> None:
@@ -78,6 +84,10 @@ def add_arguments(parser: Parser) -> None:
         "--limit", type=natural, default=None, metavar="N", help="maximum number of states (default: 200000)"
     )
     group.add_argument("--seconds", type=positive, default=None, metavar="S", help="maximum time, for all deliveries")
+    group.add_argument(
+        "--allow-partial", action="store_true",
+        help="exit code 0 instead of 3 if no error was found, but not all states were explored",
+    )  # fmt: skip
     group.add_argument("--all", action="store_true", help="also show findings without consequences")
     group.add_argument(
         "--trace",
@@ -91,11 +101,11 @@ def refuse_without_explore(arguments: Namespace) -> None:
     """Raise ConfigError for an option that needs ``--explore``."""
     for name in _ONLY:
         if getattr(arguments, name):
-            raise ConfigError(f"--{name} needs --explore")
+            raise ConfigError(f"--{name.replace('_', '-')} needs --explore")
 
 
 def run(arguments: Namespace) -> int:
-    """Explore every file; exit code 1 if something that fails a check was found, and not accepted."""
+    """Explore every file; exit code 1 after an error that is not accepted, else 3 if not all states were explored."""
     from fame.scenario.exploration import explore
 
     robots = _robots(arguments.robots)
@@ -123,10 +133,10 @@ def run(arguments: Namespace) -> int:
         if not arguments.json:
             for line in report(result, everything=arguments.all):
                 print(coloured(line, sys.stdout))
-    failed = any(result.failed for result in results)
+    status = max((result.status for result in results), key=STATUSES.index)
     if arguments.json:
-        print_json({"status": "failed" if failed else "completed", "explorations": [as_json(one) for one in results]})
-    return 1 if failed else 0
+        print_json({"status": status, "explorations": [as_json(one) for one in results]})
+    return 0 if status == "partial" and arguments.allow_partial else _CODES[status]
 
 
 def _write(result: Exploration, arguments: Namespace, path: Path, robots: dict[str, int]) -> None:
@@ -206,14 +216,24 @@ def _summary(result: Exploration, hidden: int) -> str:
     parts = [f"{levels.count(level)} {level}{'s' if levels.count(level) > 1 else ''}"
              for level in ("error", "warning") if level in levels]  # fmt: skip
     parts += [f"{accepted} accepted"] if accepted else []
+    if result.status == "partial":
+        parts.insert(0, partial_text(result))
+    elif not result.exhaustive:
+        parts[-1] += f", in a partial search ({result.states:,} of unknown)"
     text = ", ".join(parts) or "No problems found."
     return text + (f" ({hidden} without consequences: --all)" if hidden else "")
+
+
+def partial_text(result: Exploration) -> str:
+    """What is known after a search that was cut and found no error."""
+    return f"no error found in a partial search ({result.states:,} of unknown)"
 
 
 def as_json(result: Exploration) -> dict[str, Any]:
     """The result as plain data."""
     return {
         "file": result.file,
+        "status": result.status,
         "exhaustive": result.exhaustive,
         "cuts": list(result.cuts),
         "robots": dict(result.robots),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Parser
 from fame.cli.output import note, print_json, table
-from fame.errors import ConfigError, FameError
+from fame.errors import NOT_KNOWN, ConfigError, FameError
 
 if TYPE_CHECKING:
     from fame.bpmn.library import Library
@@ -42,7 +42,7 @@ def add_options(parser: Parser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--force", action="store_true",
-        help="with --migrate: migrate even if the exploration finds that a robot could then wait forever",
+        help="with --migrate: migrate even if a robot could then wait forever, or if that could not be explored",
     )  # fmt: skip
 
 
@@ -60,6 +60,8 @@ class Migration:
         self._force, self._plan, self._json = arguments.force, arguments.plan, arguments.json
         self._model, self._definitions, self._library = arguments.model, definitions, library
         self._found: list[Finding] = []
+        self._allow_partial: bool = arguments.allow_partial
+        self._partial = False
         plan = read_plan(arguments.plan) if arguments.plan is not None else {}
         if self._force:
             plan = {**plan, "forced": True}  # for the log of each robot
@@ -70,20 +72,33 @@ class Migration:
 
     def _approve(self, pools: Mapping[str, Pool], foreseen: Mapping[str, Foreseen]) -> str:
         """Explore the state that the robots would have. Called in a thread, while they are held."""
+        from fame.cli.exploration import partial_text
         from fame.scenario.exploration import explore_migrated
 
         try:
             result = explore_migrated(self._definitions, self._library, pools, foreseen, seconds=BUDGET)
         except FameError as error:
+            self._partial = not self._force
             return "" if self._force else f"the migrated state cannot be explored: {error} (--force overrides)"
         note(f"the migrated state: {result.summary()}")
         self._found = [one for one in result.findings if one.level == "error"]
+        if not self._found and result.status == "partial" and not (self._force or self._allow_partial):
+            self._partial = True
+            return f"{partial_text(result)} (--allow-partial or --force overrides)"
         if not self._found:
             return ""
         if self._force:
             note(f"overridden by --force: {self._found[0].text}")
             return ""
         return f"{self._found[0].text} (--force overrides)"
+
+    def status(self, deployment: Deployment) -> str:
+        """``completed``; ``failed``; ``partial`` if it failed since the migrated state could not be explored whole."""
+        return "completed" if not deployment.failed else "partial" if self._partial else "failed"
+
+    def exit_code(self, deployment: Deployment) -> int:
+        """The exit code of the command."""
+        return {"completed": 0, "failed": 1, "partial": NOT_KNOWN}[self.status(deployment)]
 
     def explain(self) -> None:
         """Say what the exploration found, with the run that shows it."""

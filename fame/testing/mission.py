@@ -42,6 +42,7 @@ from fame.testing.trace import Trace
 from fame.text import suggestion
 
 if TYPE_CHECKING:
+    from fame.check.explore import Exploration
     from fame.testing.by_hand import MissionByHand
 
 WITHIN = 600.0
@@ -528,9 +529,27 @@ class MissionLoader:
         self.loaded.append(mission)
         return mission
 
+    def explore(self, path: str | Path, *, allow_partial: bool = False, **options: Any) -> Exploration:
+        """Explore a model or scenario; `options` are those of `fame.explore`.
+
+        Raises ExpectationError after an error that is not accepted, and if not all states were explored, unless
+        `allow_partial`.
+        """
+        from fame.scenario.exploration import explore
+        from fame.testing.failure import ExpectationError
+
+        result = explore(self._found(path), **options)
+        if result.status == "failed" or (result.status == "partial" and not allow_partial):
+            errors = (one for one in result.findings if one.level == "error")
+            lines = [line for one in errors for line in (str(one), *(f"  {step}" for step in one.run))]
+            raise ExpectationError("\n".join([result.summary(), *(lines or ["no error found in a partial search"])]))
+        return result
+
     def _scenario(self, path: str | Path, options: Mapping[str, Any]) -> Scenario:
-        found = next((folder / path for folder in self._search if (folder / path).is_file()), Path(path))
-        return Scenario.load(found, **options)
+        return Scenario.load(self._found(path), **options)
+
+    def _found(self, path: str | Path) -> Path:
+        return next((folder / path for folder in self._search if (folder / path).is_file()), Path(path))
 
     def _place(self) -> Path:
         """Where the next mission is saved if it fails."""

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Literal
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Element, Process
@@ -116,6 +117,11 @@ class Exploration:
     def cuts(self) -> tuple[str, ...]:
         """Why it is not exhaustive."""
         return tuple(dict.fromkeys(cut for search in self.searches for cut in search.cuts))
+
+    @property
+    def status(self) -> Literal["completed", "partial", "failed"]:
+        """``failed`` after an error that is not accepted; ``partial``: none was found, but not all was explored."""
+        return "failed" if self.failed else "completed" if self.exhaustive else "partial"
 
     @property
     def failed(self) -> bool:
