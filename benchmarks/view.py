@@ -15,9 +15,9 @@ import json
 import os
 import shutil
 import tempfile
-import threading
 import time
 from collections import Counter
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -128,17 +128,15 @@ def main() -> None:
     parser.add_argument("--events", type=int, default=1_000_000)
     arguments = parser.parse_args()
     program = shutil.which("chromium") or shutil.which("google-chrome")
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as play:
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as play, ExitStack() as opened:
         path = Path(folder, "long.mcap")
         record(path, arguments.robots, arguments.events)
         print(f"load {os.getloadavg()[0]:.1f}; {path.stat().st_size / 1e6:.1f} MB")
         browser = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
         page: Any = browser.new_page(viewport={"width": 1280, "height": 720})
         begun = time.monotonic()
-        source = Replay(path)
-        server = Server(source)
-        thread = threading.Thread(target=server.run)
-        thread.start()
+        source = opened.enter_context(Replay(path))
+        server = opened.enter_context(Server(source))
         page.goto(server.address)
         wait(page, "window.fame && fame.state !== null")
         print(f"opens in {time.monotonic() - begun:.2f} s (command to first state)")
@@ -151,9 +149,6 @@ def main() -> None:
         scrub = page.evaluate(SCRUB)
         print("scrubbing, ms a frame:", scrub, f"-> {1000 / scrub['slow']:.0f} frames/s or more in 95 %")
         browser.close()
-        server.stop()
-        thread.join()
-        source.close()
 
 
 def wait(page: Any, condition: str) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import shutil
 import sys
 import tempfile
-import threading
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -71,21 +70,15 @@ def take(browser: Browser, shot: Shot, path: Path, folder: Path) -> Path:
     about = About(metadata={"scenario": f"{shot.example}.yaml", "seed": str(scenario.seed)})
     with logging_to(recording, scenario.closures(), about) as log:
         scenario.run(observer=log)
-    source = Replay(recording)
-    server = Server(source)
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    page: Any = browser.new_page(viewport={"width": 1440, "height": 900}, color_scheme=shot.theme)
-    page.goto(server.address)
-    while not page.evaluate(READY):
-        time.sleep(0.1)
-    page.evaluate(f"fame.player.seek({shot.time}e9); {shot.script}")
-    page.wait_for_timeout(600)
-    page.screenshot(path=path)
-    page.close()
-    server.stop()
-    thread.join()
-    source.close()
+    with Replay(recording) as source, Server(source) as server:
+        page: Any = browser.new_page(viewport={"width": 1440, "height": 900}, color_scheme=shot.theme)
+        page.goto(server.address)
+        while not page.evaluate(READY):
+            time.sleep(0.1)
+        page.evaluate(f"fame.player.seek({shot.time}e9); {shot.script}")
+        page.wait_for_timeout(600)
+        page.screenshot(path=path)
+        page.close()
     return path
 
 

@@ -98,14 +98,15 @@ def test_a_folder_that_cannot_be_written_does_not_stop_the_mission(field: Field,
 
 def test_logs_of_a_team_are_merged_by_time(field: Field, tmp_path: Path) -> None:
     logs = [engine_with_log(field, name, tmp_path / name) for name in ("REX", "DINGO")]
-    with (tmp_path / "team.mcap").open("wb") as stream:
-        recorder = TeamRecorder(field.middleware, field.scheduler, lambda: RecordingFile(stream))
+    with (
+        (tmp_path / "team.mcap").open("wb") as stream,
+        TeamRecorder(field.middleware, field.scheduler, lambda: RecordingFile(stream)),
+    ):
         field.run(1)
         field.deploy("REX")
         field.run(2)
         field.deploy("DINGO")
         field.run(5)
-        recorder.close()
     field.run(4)  # the recorder has lost the network
     finish(field, *logs)
     own = [str(next((tmp_path / name).iterdir())) for name in ("REX", "DINGO")]
@@ -152,10 +153,9 @@ def test_after_a_crash_a_replay_of_merged_logs_shows_what_the_robot_does_since(f
     assert (
         main(["log", "merge", *(str(next((tmp_path / str(one)).iterdir())) for one in (0, 1)), "-o", str(merged)]) == 0
     )
-    replay = Replay(merged)
-    replay.wait()
-    assert [number for number, _ in replay._packer.state.tokens.values()] == [1]
-    replay.close()
+    with Replay(merged) as replay:
+        replay.wait()
+        assert [number for number, _ in replay._packer.state.tokens.values()] == [1]
 
 
 def test_every_step_is_published_for_the_viewer_of_the_original(field: Field) -> None:
@@ -181,18 +181,19 @@ def test_merged_logs_show_each_model_while_it_ran(field: Field, tmp_path: Path) 
     paths = list((tmp_path / "logs").iterdir())
     assert len(paths) == 3
     merge(paths, tmp_path / "all.mcap")
-    replay = Replay(tmp_path / "all.mcap")
-    replay.wait()
-    elements, shown = replay.catalogue.elements_json(), dict[int, str]()
-    for block in replay._packer.blocks:
-        waits = ((t, elements[e].get("name")) for t, e in zip(block.columns["t"], block.columns["e"], strict=True))
-        shown.update((t, name) for t, name in waits if name in ("first", "second", "third"))
-    for path in paths:
-        with Recording(path) as recording:
-            name = next(name for name in ("first", "second", "third") if name.encode() in recording.models["REX.bpmn"])
-            # In the instant of a change both models have events.
-            times = {event.time for event in recording.events(recording.start + 2) if event.element == "Wait"}
-        assert len(times) > 10
-        assert {shown[time] for time in times} == {name}
-    assert not replay.notices
-    replay.close()
+    with Replay(tmp_path / "all.mcap") as replay:
+        replay.wait()
+        elements, shown = replay.catalogue.elements_json(), dict[int, str]()
+        for block in replay._packer.blocks:
+            waits = ((t, elements[e].get("name")) for t, e in zip(block.columns["t"], block.columns["e"], strict=True))
+            shown.update((t, name) for t, name in waits if name in ("first", "second", "third"))
+        for path in paths:
+            with Recording(path) as recording:
+                name = next(
+                    name for name in ("first", "second", "third") if name.encode() in recording.models["REX.bpmn"]
+                )
+                # In the instant of a change both models have events.
+                times = {event.time for event in recording.events(recording.start + 2) if event.element == "Wait"}
+            assert len(times) > 10
+            assert {shown[time] for time in times} == {name}
+        assert not replay.notices

@@ -18,6 +18,7 @@ ROOT = Path(__file__).parent.parent
 LAYERS = (
     (
         "fame.bpmn",
+        "fame.closing",
         "fame.config",
         "fame.clock",
         "fame.iso8601",

@@ -232,14 +232,15 @@ def test_simulated_time_that_begins_again_goes_on_from_the_last_time(field: Fiel
 def test_a_team_recorder_writes_a_recording(field: Field, tmp_path: Path) -> None:
     field.engine("REX")
     field.engine("DINGO")
-    with (tmp_path / "run.mcap").open("wb") as stream:
-        recorder = TeamRecorder(field.middleware, field.scheduler, lambda: RecordingFile(stream))
+    with (
+        (tmp_path / "run.mcap").open("wb") as stream,
+        TeamRecorder(field.middleware, field.scheduler, lambda: RecordingFile(stream)),
+    ):
         field.run(1)
         field.deploy("REX")
         field.run(1)
         field.deploy("DINGO")
         field.run(3)
-        recorder.close()
     with Recording(tmp_path / "run.mcap") as recording:
         assert recording.robots == ["DINGO", "REX"]
         assert recording.models.keys() == {"REX.bpmn", "DINGO.bpmn"}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -44,15 +46,14 @@ def written(path: Path, metadata: dict[str, str], *messages: tuple[str, int, str
 def test_a_recording_that_was_cut_short_is_shown_up_to_where_it_is_whole(recording: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(recording.read_bytes()[: recording.stat().st_size * 2 // 3])
-    replay = Replay(cut)
-    replay.wait()
-    mission = replay.mission()
-    assert 10e9 < mission["end"] < 60e9
-    assert mission["blocks"][-1][2] <= mission["end"]
-    assert len(mission["notices"]) == 1
-    with browser() as chromium, opened(chromium, replay) as page:
-        assert page.locator(".notice").inner_text() == mission["notices"][0]
-    replay.close()
+    with Replay(cut) as replay:
+        replay.wait()
+        mission = replay.mission()
+        assert 10e9 < mission["end"] < 60e9
+        assert mission["blocks"][-1][2] <= mission["end"]
+        assert len(mission["notices"]) == 1
+        with browser() as chromium, opened(chromium, replay) as page:
+            assert page.locator(".notice").inner_text() == mission["notices"][0]
 
 
 @pytest.mark.parametrize("content", [b"", b"not an MCAP file", b"\x89MCAP0\r\n"])
@@ -72,15 +73,14 @@ def test_a_newer_format_is_refused(tmp_path: Path) -> None:
 def test_a_recording_without_models_says_what_is_missing(tmp_path: Path) -> None:
     events = '{"robot":"REX","events":[{"instance":1,"scope":2,"marks":[["P","start"],["T","enter"]]}]}'
     path = written(tmp_path / "run.mcap", {}, ("/fame/events", 5, events))
-    replay = Replay(path)
-    replay.wait()
-    with browser() as chromium, opened(chromium, replay) as page:
-        assert "The recording has no models" in page.locator("#diagram").inner_text()
-        page.evaluate("fame.player.seek(5)")
-        assert page.evaluate(
-            "[...fame.store.stateAt(5).tokens.values()].map((one) => fame.mission.elements[one.e].id)"
-        ) == ["T"]
-    replay.close()
+    with Replay(path) as replay:
+        replay.wait()
+        with browser() as chromium, opened(chromium, replay) as page:
+            assert "The recording has no models" in page.locator("#diagram").inner_text()
+            page.evaluate("fame.player.seek(5)")
+            assert page.evaluate(
+                "[...fame.store.stateAt(5).tokens.values()].map((one) => fame.mission.elements[one.e].id)"
+            ) == ["T"]
 
 
 def test_a_world_of_another_form_does_not_stop_the_page(tmp_path: Path) -> None:
@@ -88,21 +88,19 @@ def test_a_world_of_another_form_does_not_stop_the_page(tmp_path: Path) -> None:
     ground = ("/fame/ground", 0, f'{{"deletions": [], "entities": [{{"id": "ground", "metadata": [{pair}]}}]}}')
     change = '{"robot":"REX","changes":[{"instance":1,"scope":2,"path":[],"set":{"x":5}}]}'
     path = written(tmp_path / "run.mcap", {}, ground, ("/fame/key", 0, '{"robots":{}}'), ("/fame/variables", 5, change))
-    replay = Replay(path)
-    replay.wait()
-    with browser() as chromium, opened(chromium, replay) as page:
-        page.evaluate("fame.player.seek(5)")
-        until(page, "document.querySelector('#inspector').textContent.includes('x5')")
-        assert page.locator("#toast").inner_text().startswith("The world cannot be drawn")
-    replay.close()
+    with Replay(path) as replay:
+        replay.wait()
+        with browser() as chromium, opened(chromium, replay) as page:
+            page.evaluate("fame.player.seek(5)")
+            until(page, "document.querySelector('#inspector').textContent.includes('x5')")
+            assert page.locator("#toast").inner_text().startswith("The world cannot be drawn")
 
 
 def test_a_model_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     key = ("/fame/key", 0, '{"robots":{}}')
-    replay = Replay(written(tmp_path / "run.mcap", {}, key, models=[("broken.bpmn", b"<half a")]))
-    replay.wait()
-    assert replay.notices[0].startswith("broken.bpmn is not shown: ")
-    replay.close()
+    with Replay(written(tmp_path / "run.mcap", {}, key, models=[("broken.bpmn", b"<half a")])) as replay:
+        replay.wait()
+        assert replay.notices[0].startswith("broken.bpmn is not shown: ")
 
 
 @pytest.mark.parametrize(
@@ -110,10 +108,9 @@ def test_a_model_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 )
 def test_models_of_robots_of_another_form_are_left_out_with_a_notice(tmp_path: Path, runs: str) -> None:
     key = ("/fame/key", 0, '{"robots":{}}')
-    replay = Replay(written(tmp_path / "run.mcap", {"models": runs}, key))
-    replay.wait()
-    assert replay.notices[0].startswith("has metadata `models` of another form: ")
-    replay.close()
+    with Replay(written(tmp_path / "run.mcap", {"models": runs}, key)) as replay:
+        replay.wait()
+        assert replay.notices[0].startswith("has metadata `models` of another form: ")
 
 
 @pytest.mark.parametrize(
@@ -121,13 +118,22 @@ def test_models_of_robots_of_another_form_are_left_out_with_a_notice(tmp_path: P
 )
 def test_messages_of_another_form_end_the_replay_with_a_notice(tmp_path: Path, text: str) -> None:
     path = written(tmp_path / "run.mcap", {}, ("/fame/events", 5, text))
-    try:
-        replay = Replay(path)
-    except ConfigError:
-        return  # refused as a whole, in one line
-    replay.wait()
-    assert "the rest of the recording cannot be shown" in replay.notices[-1]
-    replay.close()
+    with suppress(ConfigError), Replay(path) as replay:  # it may be refused as a whole, in one line
+        replay.wait()
+        assert "the rest of the recording cannot be shown" in replay.notices[-1]
+
+
+def test_files_are_closed_when_a_recording_is_refused_and_when_the_block_ends_in_an_error(tmp_path: Path) -> None:
+    key = ("/fame/key", 0, '{"robots":{}}')
+    path = written(tmp_path / "run.mcap", {}, key)
+    with pytest.raises(ZeroDivisionError), Replay(path) as replay:
+        raise ZeroDivisionError
+    assert replay._recording._stream.closed
+    assert replay._ahead._stream.closed
+    world = ("/fame/world", 0, '{"transforms": 7}')
+    with pytest.raises(ConfigError, match="has messages of another form"):
+        Replay(written(path, {}, key, world))  # what it opened and left would be a warning, and thus an error
+    gc.collect()
 
 
 @pytest.mark.parametrize(
@@ -165,8 +171,7 @@ def test_a_model_without_a_diagram_has_its_elements(tmp_path: Path) -> None:
     scenario, path = Scenario.load(model, duration=1), tmp_path / "run.mcap"
     with logging_to(path, [scenario.definitions]) as log:
         scenario.run(observer=log)
-    replay = Replay(path)
-    replay.wait()
-    with browser() as chromium, opened(chromium, replay) as page:
-        assert "This model has no diagram" in page.locator("#diagram").inner_text()
-    replay.close()
+    with Replay(path) as replay:
+        replay.wait()
+        with browser() as chromium, opened(chromium, replay) as page:
+            assert "This model has no diagram" in page.locator("#diagram").inner_text()

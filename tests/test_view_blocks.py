@@ -51,52 +51,51 @@ def replayed(block: Block) -> State:
 
 
 def test_a_block_alone_leads_to_the_next(recording: Path) -> None:
-    replay = Replay(recording)
-    replay.wait()
-    blocks = replay._packer.blocks
-    assert len(blocks) > 3
-    for block, following in itertools.pairwise(blocks):
-        state = replayed(block).to_json()
-        assert sorted(state["tokens"]) == sorted(following.key["tokens"])
-        assert sorted(state["counts"]) == sorted(following.key["counts"])
-        assert block.end < following.start
-    replay.close()
+    with Replay(recording) as replay:
+        replay.wait()
+        blocks = replay._packer.blocks
+        assert len(blocks) > 3
+        for block, following in itertools.pairwise(blocks):
+            state = replayed(block).to_json()
+            assert sorted(state["tokens"]) == sorted(following.key["tokens"])
+            assert sorted(state["counts"]) == sorted(following.key["counts"])
+            assert block.end < following.start
 
 
 def test_blocks_have_every_event_of_the_recording(recording: Path) -> None:
-    replay = Replay(recording)
-    replay.wait()
-    elements = replay.catalogue.elements
-    shown = [
-        (time, replay._packer.robots[robot], instance, scope, elements[element].element.id, WHATS[what])
-        for block in replay._packer.blocks
-        for time, robot, instance, scope, element, what in zip(*(block.columns[name] for name in COLUMNS), strict=True)
-        if element >= 0
-    ]
-    with Recording(recording) as source:
-        recorded = [(*event[:4], event.element, event.what) for event in source.events() if event.element]
-    assert shown == recorded
-    replay.close()
+    with Replay(recording) as replay:
+        replay.wait()
+        elements = replay.catalogue.elements
+        shown = [
+            (time, replay._packer.robots[robot], instance, scope, elements[element].element.id, WHATS[what])
+            for block in replay._packer.blocks
+            for time, robot, instance, scope, element, what in zip(
+                *(block.columns[name] for name in COLUMNS), strict=True
+            )
+            if element >= 0
+        ]
+        with Recording(recording) as source:
+            recorded = [(*event[:4], event.element, event.what) for event in source.events() if event.element]
+        assert shown == recorded
 
 
 def test_counts_are_those_of_the_recording(recording: Path) -> None:
-    replay = Replay(recording)
-    replay.wait()
-    state, elements = replay._packer.state, replay.catalogue.elements
-    with Recording(recording) as source:
-        last = source.state(source.end)
-    robot = replay._packer.robots.index("Drone")
-    for id, counts in last.robots["Drone"].counts.items():
-        numbers = list(replay.catalogue.candidates(id))
-        entered = sum(sum(state.counts[robot, number]) for number in numbers)
-        resting = sum(
-            held
-            for key, (held, _) in state.tokens.items()
-            if key.robot == robot and elements[key.element].element.id == id
-        )
-        passed = counts.get("take", 0) or counts.get("enter", 0)
-        assert entered + resting == passed, id
-    replay.close()
+    with Replay(recording) as replay:
+        replay.wait()
+        state, elements = replay._packer.state, replay.catalogue.elements
+        with Recording(recording) as source:
+            last = source.state(source.end)
+        robot = replay._packer.robots.index("Drone")
+        for id, counts in last.robots["Drone"].counts.items():
+            numbers = list(replay.catalogue.candidates(id))
+            entered = sum(sum(state.counts[robot, number]) for number in numbers)
+            resting = sum(
+                held
+                for key, (held, _) in state.tokens.items()
+                if key.robot == robot and elements[key.element].element.id == id
+            )
+            passed = counts.get("take", 0) or counts.get("enter", 0)
+            assert entered + resting == passed, id
 
 
 def packer_of(model: str) -> Packer:
@@ -122,21 +121,19 @@ def test_the_end_of_an_instance_cancels_what_it_still_did() -> None:
 
 
 def test_calls_and_what_they_call_are_known_by_number(recording: Path) -> None:
-    replay = Replay(recording)
-    catalogue = replay.catalogue
-    go_to = next(number for number, entry in enumerate(catalogue.elements) if entry.element.id == "GoTo")
-    calls = [catalogue.elements[call].element.label for call, called in catalogue.called.items() if called == go_to]
-    assert "Go To" in calls
-    replay.close()
+    with Replay(recording) as replay:
+        catalogue = replay.catalogue
+        go_to = next(number for number, entry in enumerate(catalogue.elements) if entry.element.id == "GoTo")
+        calls = [catalogue.elements[call].element.label for call, called in catalogue.called.items() if called == go_to]
+        assert "Go To" in calls
 
 
 def test_what_is_inside_a_call_knows_its_call(recording: Path) -> None:
-    replay = Replay(recording)
-    replay.wait()
-    rows = [row for block in replay._packer.blocks for row in block.lists["scopes"]]
-    openers = {replay.catalogue.elements[row[4]].element.label for row in rows if row[4] >= 0}
-    assert {"Take Off", "Explore", "Go To"} <= openers
-    replay.close()
+    with Replay(recording) as replay:
+        replay.wait()
+        rows = [row for block in replay._packer.blocks for row in block.lists["scopes"]]
+        openers = {replay.catalogue.elements[row[4]].element.label for row in rows if row[4] >= 0}
+        assert {"Take Off", "Explore", "Go To"} <= openers
 
 
 def test_a_page_that_knows_part_of_a_block_gets_the_rest() -> None:
@@ -172,11 +169,12 @@ def test_a_run_that_lasts_has_the_blocks_of_its_recording(tmp_path: Path) -> Non
     with logging_to(tmp_path / "run.mcap", scenario.closures()) as log:
         result = scenario.run(observer=combine_observers([log, live.observer]), pace=live)
     live.finish(result.status)
-    replay = Replay(tmp_path / "run.mcap")
-    replay.wait()
-    assert [block.to_json() for block in live._packer.blocks] == [block.to_json() for block in replay._packer.blocks]
-    assert live._packer.blocks[-1].key["tokens"]
-    replay.close()
+    with Replay(tmp_path / "run.mcap") as replay:
+        replay.wait()
+        assert [block.to_json() for block in live._packer.blocks] == [
+            block.to_json() for block in replay._packer.blocks
+        ]
+        assert live._packer.blocks[-1].key["tokens"]
 
 
 @pytest.mark.parametrize("name", ["agriculture", "ground_vehicles", "warehouse"])

@@ -53,10 +53,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def page(chromium: Browser, recording: Path) -> Iterator[Page]:
-    replay = Replay(recording)
-    with opened(chromium, replay) as found:
+    with Replay(recording) as replay, opened(chromium, replay) as found:
         yield found
-    replay.close()
 
 
 def test_an_instant_that_is_not_read_yet_is_shown_from_the_key_before_it(page: Page) -> None:
@@ -186,8 +184,7 @@ def test_signals_are_arrows_between_the_robots(page: Page) -> None:
 
 
 def test_the_page_fits_its_window_in_both_themes_and_on_a_tablet(chromium: Browser, recording: Path) -> None:
-    replay = Replay(recording)
-    with opened(chromium, replay) as page:
+    with Replay(recording) as replay, opened(chromium, replay) as page:
         for width, height in ((1280, 720), (1024, 768), (768, 1024), (820, 1180)):
             page.set_viewport_size({"width": width, "height": height})
             page.wait_for_timeout(50)
@@ -203,7 +200,6 @@ def test_the_page_fits_its_window_in_both_themes_and_on_a_tablet(chromium: Brows
                     assert box["height"] > 120
                     assert box["x"] + box["width"] <= width
                     assert box["y"] + box["height"] <= height
-    replay.close()
 
 
 def test_a_variable_and_a_field_of_a_message_are_plotted_with_their_value_at_the_cursor(
@@ -291,8 +287,7 @@ def test_markup_in_a_model_is_text(chromium: Browser, tmp_path: Path) -> None:
     scenario, path = Scenario.load(model, duration=1), tmp_path / "evil.mcap"
     with logging_to(path, scenario.closures()) as log:
         scenario.run(observer=log)
-    replay = Replay(path)
-    with opened(chromium, replay) as page:
+    with Replay(path) as replay, opened(chromium, replay) as page:
         page.evaluate("fame.player.seek(fame.store.end)")
         page.evaluate("fame.select({robot: 0, element: fame.mission.elements.findIndex((one) => one.id === 'T')})")
         for tab in ("state", "topics", "log", "state"):
@@ -301,7 +296,6 @@ def test_markup_in_a_model_is_text(chromium: Browser, tmp_path: Path) -> None:
         assert ATTACK in page.locator("#inspector").inner_text()
         assert page.evaluate("window.hit") is None
         assert page.evaluate("document.querySelectorAll('img, script:not([src])').length") == 0
-    replay.close()
 
 
 def test_a_drawing_is_taken_apart_into_known_shapes(page: Page) -> None:

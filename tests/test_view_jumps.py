@@ -60,10 +60,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def replay(recording: Path) -> Iterator[Replay]:
-    found = Replay(recording)
-    found.wait()
-    yield found
-    found.close()
+    with Replay(recording) as found:
+        found.wait()
+        yield found
 
 
 @pytest.mark.parametrize("time", [SECOND, 3 * SECOND // 2, 6 * SECOND + 2, 7_900_000_003])
@@ -86,9 +85,8 @@ def test_an_answer_does_not_go_far_beyond_the_instant(replay: Replay) -> None:
 
 
 def test_an_answer_does_not_wait_for_the_acknowledgement_of_its_beginning(replay: Replay) -> None:
-    server = Server(replay)
-    assert server.socket.proto == socket.IPPROTO_TCP  # asyncio then sets TCP_NODELAY on each connection
-    server.socket.close()
+    with Server(replay) as server:
+        assert server.socket.proto == socket.IPPROTO_TCP  # asyncio then sets TCP_NODELAY on each connection
 
 
 def test_a_jump_shows_the_instant_everywhere_and_then_also_what_is_out_of_sight(replay: Replay) -> None:

@@ -23,9 +23,8 @@ def model(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def watch(model: Path) -> Iterator[ModelWatch]:
-    found = ModelWatch(model)
-    yield found
-    found.close()
+    with ModelWatch(model) as found:
+        yield found
 
 
 def break_it(model: Path) -> None:
@@ -62,10 +61,9 @@ def test_a_file_that_is_replaced_is_read_again(watch: ModelWatch, model: Path) -
 
 
 def test_a_scenario_is_watched_with_its_model() -> None:
-    watch = ModelWatch(MODELS.parent / "examples" / "agriculture.yaml")
-    assert watch.mission()["planes"][0]["title"] == "agriculture"
-    assert not [one for one in watch.mission()["findings"] if one["severity"] == "error"]
-    watch.close()
+    with ModelWatch(MODELS.parent / "examples" / "agriculture.yaml") as watch:
+        assert watch.mission()["planes"][0]["title"] == "agriculture"
+        assert not [one for one in watch.mission()["findings"] if one["severity"] == "error"]
 
 
 def test_no_file_is_an_error(tmp_path: Path) -> None:

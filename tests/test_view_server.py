@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from view_page import served
 
 from fame.errors import ConfigError, FameError
 from fame.view import Server
@@ -43,7 +42,7 @@ class OneRobot:
 
 @pytest.fixture
 def server() -> Iterator[Server]:
-    with served(OneRobot()) as found:
+    with Server(OneRobot()) as found:
         yield found
 
 

@@ -108,12 +108,11 @@ def test_a_robot_that_was_there_before_is_shown_with_what_it_does(field: Field) 
     field.run(1)
     field.deploy("REX")
     field.run(2)
-    late = TeamView(field.middleware, field.scheduler)
-    field.run(8)
-    found = late._packer.state
-    assert [token["element"] for tokens in found.waits.values() for token in tokens.values()] == ["Sign"]
-    assert len(found.tokens) == 1
-    late.close()
+    with TeamView(field.middleware, field.scheduler) as late:
+        field.run(8)
+        found = late._packer.state
+        assert [token["element"] for tokens in found.waits.values() for token in tokens.values()] == ["Sign"]
+        assert len(found.tokens) == 1
 
 
 def test_a_page_that_was_open_before_gets_what_a_robot_already_did(field: Field) -> None:
@@ -121,14 +120,13 @@ def test_a_page_that_was_open_before_gets_what_a_robot_already_did(field: Field)
     field.run(1)
     field.deploy("REX")
     field.run(20)
-    late = TeamView(field.middleware, field.scheduler)
-    known, _ = late.news(None)
-    field.run(8)
-    _, news = late.news(known)
-    (block,) = [one["block"] for one in news if one["type"] == "data"]
-    assert block["key"]["tokens"]
-    assert block["start"] > 20 * SECOND  # the axis of the page begins here
-    late.close()
+    with TeamView(field.middleware, field.scheduler) as late:
+        known, _ = late.news(None)
+        field.run(8)
+        _, news = late.news(known)
+        (block,) = [one["block"] for one in news if one["type"] == "data"]
+        assert block["key"]["tokens"]
+        assert block["start"] > 20 * SECOND  # the axis of the page begins here
 
 
 def test_a_second_robot_joins_while_the_first_is_watched(field: Field) -> None:
@@ -198,26 +196,26 @@ def redeployed(field: Field, tmp_path: Path) -> Path:
     text = SIGNING.replace("</definitions>", f"{DIAGRAM}</definitions>")
     for name in ("REX", "DINGO"):
         field.engine(name)
-    with (tmp_path / "run.mcap").open("wb") as stream:
-        recorder = TeamRecorder(field.middleware, field.scheduler, lambda: RecordingFile(stream))
+    with (
+        (tmp_path / "run.mcap").open("wb") as stream,
+        TeamRecorder(field.middleware, field.scheduler, lambda: RecordingFile(stream)),
+    ):
         field.run(1)
         for robot, name in (("REX", "first"), ("DINGO", "another"), ("REX", "second"), ("REX", "first")):
             field.deploy(robot, named(text, name))
             field.run(2)
-        recorder.close()
     return tmp_path / "run.mcap"
 
 
 def test_the_page_draws_the_model_that_a_robot_ran_then(redeployed: Path) -> None:
-    replay = Replay(redeployed)
-    replay.wait()
-    with browser() as program, opened(program, replay) as page:
-        rex = "fame.mission.robots.findIndex((one) => one.name === 'REX')"
-        page.evaluate(f"fame.select({{robot: {rex}}})")
-        for second, name in ((2, "first"), (6, "second"), (8, "first"), (6, "second")):
-            page.evaluate(f"fame.player.seek({second}e9 - 1)")
-            until(page, f"fame.diagram.sheet.textContent.includes('{name}')")
-    replay.close()
+    with Replay(redeployed) as replay:
+        replay.wait()
+        with browser() as program, opened(program, replay) as page:
+            rex = "fame.mission.robots.findIndex((one) => one.name === 'REX')"
+            page.evaluate(f"fame.select({{robot: {rex}}})")
+            for second, name in ((2, "first"), (6, "second"), (8, "first"), (6, "second")):
+                page.evaluate(f"fame.player.seek({second}e9 - 1)")
+                until(page, f"fame.diagram.sheet.textContent.includes('{name}')")
 
 
 def test_a_recording_shows_each_robot_in_the_model_that_it_ran_then(redeployed: Path, tmp_path: Path) -> None:
@@ -227,21 +225,20 @@ def test_a_recording_shows_each_robot_in_the_model_that_it_ran_then(redeployed: 
             models, runs = recording.models, recording.runs
         ran = {robot: [named_in(models[name]) for _, _, (name,) in each] for robot, each in runs.items()}
         assert ran == {"REX": ["first", "second", "first"], "DINGO": ["another"]}
-        replay = Replay(path)
-        replay.wait()
-        elements = replay.catalogue.elements_json()
-        entered = [
-            elements[element]["name"]
-            for block in replay._packer.blocks
-            for element, what in zip(block.columns["e"], block.columns["w"], strict=True)
-            if what == ENTER and elements[element]["tag"] == "userTask"
-        ]
-        assert entered == ["first", "another", "second", "first"]
-        assert shown(replay) == {"REX": "first", "DINGO": "another"}
-        for second, name in ((2, "first"), (4, "first"), (6, "second"), (8, "first")):
-            waits = waiting_at(replay, second * SECOND - 1)["REX"]
-            assert {elements[token["e"]]["name"] for token in waits} == {name}, second
-        replay.close()
+        with Replay(path) as replay:
+            replay.wait()
+            elements = replay.catalogue.elements_json()
+            entered = [
+                elements[element]["name"]
+                for block in replay._packer.blocks
+                for element, what in zip(block.columns["e"], block.columns["w"], strict=True)
+                if what == ENTER and elements[element]["tag"] == "userTask"
+            ]
+            assert entered == ["first", "another", "second", "first"]
+            assert shown(replay) == {"REX": "first", "DINGO": "another"}
+            for second, name in ((2, "first"), (4, "first"), (6, "second"), (8, "first")):
+                waits = waiting_at(replay, second * SECOND - 1)["REX"]
+                assert {elements[token["e"]]["name"] for token in waits} == {name}, second
 
 
 def waiting_at(replay: Replay, time: int) -> dict[str, list[dict[str, Any]]]:
@@ -269,16 +266,15 @@ def test_a_robot_that_was_migrated_is_shown_in_its_new_model() -> None:
         return definitions(f'<collaboration id="C">{pool}</collaboration>', inside)
 
     field = DeploymentField("REX")
-    view = TeamView(field.middleware, field.scheduler)
-    field.deploy(team("old", "old too"))
-    assert shown(view) == {"REX": "old"}
-    field.deploy(team("new", "new too"), "d2", 2, migrate=True)
-    assert shown(view) == {"REX": "new"}
-    field.engines["REX"].running.complete("first")
-    field.pass_time(2)
-    assert shown(view) == {"REX": "new too"}
-    assert replayed(view._packer.blocks[-1]).tokens == view._packer.state.tokens
-    view.close()
+    with TeamView(field.middleware, field.scheduler) as view:
+        field.deploy(team("old", "old too"))
+        assert shown(view) == {"REX": "old"}
+        field.deploy(team("new", "new too"), "d2", 2, migrate=True)
+        assert shown(view) == {"REX": "new"}
+        field.engines["REX"].running.complete("first")
+        field.pass_time(2)
+        assert shown(view) == {"REX": "new too"}
+        assert replayed(view._packer.blocks[-1]).tokens == view._packer.state.tokens
 
 
 def test_a_robot_that_has_left_is_named_until_it_is_back(field: Field) -> None:
@@ -407,27 +403,27 @@ def test_a_recording_with_lost_batches_goes_on_from_the_next_key(field: Field, t
     with (tmp_path / "gap.mcap").open("wb") as stream:
         file = RecordingFile(stream)
         node = field.middleware.node("watcher")
-        team = LiveTeam(node, field.middleware, field.scheduler, lambda at, topic, text: file.put(topic, at, text))
-        field.engine("REX")
-        field.run(1)
-        field.deploy("REX", COUNTING)
-        field.run(2)
-        (source,) = team._sources.values()
-        source.batch -= 3  # as if three batches had not come
-        field.run(10)
-        team.close()
+        with LiveTeam(
+            node, field.middleware, field.scheduler, lambda at, topic, text: file.put(topic, at, text)
+        ) as team:
+            field.engine("REX")
+            field.run(1)
+            field.deploy("REX", COUNTING)
+            field.run(2)
+            (source,) = team._sources.values()
+            source.batch -= 3  # as if three batches had not come
+            field.run(10)
         file.finish()
-    source = Replay(tmp_path / "gap.mcap")
-    source.wait()
-    found = source._packer
-    assert {token["element"] for token in found.state.waits[0].values()} == {
-        token["element"] for token in team.state.robots["REX"].tokens.values()
-    }
-    assert len(found.state.tokens) == 1
-    lost = [detail for block in found.blocks for detail in block.details.values() if "lost" in str(detail)]
-    assert len(lost) == 1
-    assert "batches of events lost" in lost[0]
-    source.close()
+    with Replay(tmp_path / "gap.mcap") as source:
+        source.wait()
+        found = source._packer
+        assert {token["element"] for token in found.state.waits[0].values()} == {
+            token["element"] for token in team.state.robots["REX"].tokens.values()
+        }
+        assert len(found.state.tokens) == 1
+        lost = [detail for block in found.blocks for detail in block.details.values() if "lost" in str(detail)]
+        assert len(lost) == 1
+        assert "batches of events lost" in lost[0]
 
 
 @pytest.mark.processes

@@ -30,20 +30,19 @@ def field() -> Iterator[Field]:
 def why(field: Field, text: str, element: str = "", before: str = "") -> list[str]:
     """What is said of a robot that runs this."""
     field.engine("REX")
-    team = LiveTeam(field.middleware.node("watcher"), field.middleware, field.scheduler, lambda *told: None)
-    field.run(1)
-    field.deploy("REX", process(text, SIGNALS))
-    field.run(1)
-    if before:
-        field.middleware.node("shop").publisher("/order", STRING).publish(messages.create(STRING, before))
-    field.run(6)
-    state = team.state.robots["REX"]
-    lines = [
-        line
-        for reason in explain(state, team.models["REX"], element, team.last_time("REX"))
-        for line in reason.lines("REX")
-    ]
-    team.close()
+    with LiveTeam(field.middleware.node("watcher"), field.middleware, field.scheduler, lambda *told: None) as team:
+        field.run(1)
+        field.deploy("REX", process(text, SIGNALS))
+        field.run(1)
+        if before:
+            field.middleware.node("shop").publisher("/order", STRING).publish(messages.create(STRING, before))
+        field.run(6)
+        state = team.state.robots["REX"]
+        lines = [
+            line
+            for reason in explain(state, team.models["REX"], element, team.last_time("REX"))
+            for line in reason.lines("REX")
+        ]
     return lines
 
 

@@ -6,6 +6,7 @@ import gc
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -185,7 +186,7 @@ def _serve(arguments: Namespace) -> None:
     safe, suspended = _safe_states(arguments.type)
     state = _state(arguments)
     library = _library(arguments)
-    logs: list[EngineLog] = []
+    logs = ExitStack()
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
         if not (guarded or middleware.confined):  # loopback is asked for, and the platform does not keep it
@@ -195,12 +196,12 @@ def _serve(arguments: Namespace) -> None:
         time = _simulated_time(arguments, scheduler, middleware)
         gc.freeze()
         gc.enable()
-        if arguments.log is not None:
-            logs.append(_log(arguments.log, arguments.name, scheduler))
+        keeps = arguments.log is not None
+        log = logs.enter_context(_log(arguments.log, arguments.name, scheduler)) if keeps else None
         engine = EngineNode(
             arguments.name,
             scheduler=scheduler,
-            log=logs[0] if logs else None,
+            log=log,
             observer=_element_feed(middleware, arguments.name) if arguments.fame_dt else None,
             time=time,
             middleware=middleware,
@@ -225,11 +226,8 @@ def _serve(arguments: Namespace) -> None:
         )
         return engine
 
-    try:
+    with logs:
         serve(arguments.middleware, arguments.network, build, crowd=len(arguments.names) > 1)
-    finally:
-        for log in logs:
-            log.close()
 
 
 def _library(arguments: Namespace) -> Library | None:

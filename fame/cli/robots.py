@@ -105,14 +105,12 @@ def _explain_waits(arguments: Namespace) -> int:
     if len(elements) > 1:
         raise ConfigError(f"expected --why ROBOT [ELEMENT], got {' '.join(arguments.why)}")
     with connected(arguments) as (scheduler, middleware):
-        team = LiveTeam(
-            middleware.node("_fame_status"), middleware, scheduler, lambda *warning: None, robots=frozenset([robot])
-        )
-        until = scheduler.now + round(_PATIENCE * SECOND)
-        while scheduler.now < until and not (robot in team.state.robots and robot in team.models):
-            scheduler.run(min(until, scheduler.now + SECOND // 10))
-        there = engines(middleware)
-        team.close()
+        node = middleware.node("_fame_status")
+        with LiveTeam(node, middleware, scheduler, lambda *warning: None, robots=frozenset([robot])) as team:
+            until = scheduler.now + round(_PATIENCE * SECOND)
+            while scheduler.now < until and not (robot in team.state.robots and robot in team.models):
+                scheduler.run(min(until, scheduler.now + SECOND // 10))
+            there = engines(middleware)
     if robot not in there:
         raise DeploymentError(f"unknown robot {robot!r}; {suggestion(robot, there)}")
     if robot not in team.state.robots:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fame.log import Recording
     from fame.middleware.interface import Middleware
     from fame.scenario import Scenario
-    from fame.view import LiveRun, Server, Source
+    from fame.view import LiveRun, ModelWatch, Replay, Source
 
 SECOND = 1_000_000_000
 
@@ -83,16 +83,12 @@ def run(arguments: Namespace) -> int:
         return _team(arguments)
     if arguments.branch is not None:
         return _branch(arguments)
-    source = _source(path, arguments)
-    from fame.view import Server
-
-    server = Server(source, host=arguments.host, port=arguments.port)
-    announce(server, arguments)
-    server.run()
+    with _source(path, arguments) as source, _serving(source, arguments), suppress(KeyboardInterrupt):
+        threading.Event().wait()
     return 0
 
 
-def _source(path: Path, arguments: Namespace) -> Source:
+def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay:
     """The viewer of a file. Raises ConfigError for a file that cannot be shown."""
     from fame.view import ModelWatch, Replay
 
@@ -129,15 +125,6 @@ def _team(arguments: Namespace) -> int:
     return 0
 
 
-def announce(server: Server, arguments: Namespace) -> None:
-    """Print the address of a page, and open it in the browser unless told not to."""
-    print(server.address, flush=True)
-    if not arguments.no_open:
-        import webbrowser
-
-        threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
-
-
 # ---- a run that lasts ------------------------------------------------------------------------------------------------
 
 
@@ -156,18 +143,16 @@ def viewed(arguments: Namespace, scenario: Scenario) -> Iterator[LiveRun | None]
 
 @contextmanager
 def _serving(source: Source, arguments: Namespace) -> Iterator[None]:
-    """Serve the page of a source in a thread of its own."""
+    """Serve the page of a source. Print its address, and open it in the browser unless told not to."""
     from fame.view import Server
 
-    server = Server(source, host=arguments.host, port=arguments.port)
-    thread = threading.Thread(target=server.run, name="fame view", daemon=True)
-    thread.start()
-    announce(server, arguments)
-    try:
+    with Server(source, host=arguments.host, port=arguments.port) as server:
+        print(server.address, flush=True)
+        if not arguments.no_open:
+            import webbrowser
+
+            threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
         yield
-    finally:
-        server.stop()
-        thread.join(5)
 
 
 def wait_for_interrupt() -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fame.clock import SECOND, Entry, Scheduler, date_text
+from fame.closing import Closing
 from fame.errors import ConfigError
 from fame.log.channels import KEY
 from fame.log.live_team import LiveTeam
@@ -24,7 +25,7 @@ FILES, SIZE = 10, 50_000_000
 _FLUSH = 2 * SECOND
 
 
-class EngineLog:
+class EngineLog(Closing):
     """The recordings of one robot in a folder.
 
     At most `files` of about `size` bytes are kept. A write error is reported once to `note`; the mission continues.

@@ -19,6 +19,7 @@ from itertools import count
 from typing import Any
 
 from fame.clock import SECOND, Entry, Scheduler
+from fame.closing import Closing
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.team_state import RobotState, TeamState, shift_times
@@ -51,7 +52,7 @@ class _Source:
     ends: list[Any] = field(default_factory=list)
 
 
-class LiveTeam:
+class LiveTeam(Closing):
     """Follows the robots of a team, or those named in `robots`.
 
     state     of the team, up to the last call of `on_message`

@@ -20,6 +20,7 @@ from io import BufferedWriter, FileIO
 from subprocess import PIPE, Popen
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from fame.closing import Closing
 from fame.errors import ConfigError, FameError
 from fame.log.recording_file import FileWriter, RecordingFile, definition_of
 from fame.robot.change_text import Changes, value_text
@@ -39,8 +40,8 @@ def is_useful() -> bool:
     return sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1
 
 
-class RecorderProcess:
-    """A `RunWriter` that gives everything to a second process, which writes to an open `file`; to be closed."""
+class RecorderProcess(Closing):
+    """A `RunWriter` that gives everything to a second process, which writes to an open `file`."""
 
     def __init__(self, file: FileIO, path: str, chunk: int) -> None:
         self._path = path

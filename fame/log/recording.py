@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from fame.clock import SECOND
+from fame.closing import Closing
 from fame.errors import ConfigError
 from fame.log.channels import CHANNELS, EVENTS, FORMAT, GROUND, KEY, VARIABLES, WAITING, WORLD
 from fame.log.mcap_index import ChunkPlace, chunk_messages, read_index
@@ -61,7 +61,7 @@ class ModelRun(NamedTuple):
     models: list[str]
 
 
-class Recording:
+class Recording(Closing):
     """The recording of a run. To be closed, or used in a ``with`` block.
 
     file         its path
@@ -287,14 +287,6 @@ class Recording:
     def close(self) -> None:
         """Close the file."""
         self._stream.close()
-
-    def __enter__(self) -> Recording:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def _register(type: str, definition: str) -> None:

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 from fame.clock import SECOND, Entry, Scheduler, date_text
+from fame.closing import Closing
 from fame.errors import MessageError
 from fame.log.channels import GROUND, KEY, WORLD
 from fame.log.live_team import DELAY, STRING, LiveTeam, now_since
@@ -31,7 +32,7 @@ _INTERNAL = ("bpmn_events", "bpmn_model", "bpmn_status", "bpmn_process", "bpmn_t
 _GENERAL = frozenset(("/rosout", "/parameter_events", CLOCK, "/clock_done", "/world_state", WORLD_SCENE, WORLD_GROUND))
 
 
-class TeamRecorder:
+class TeamRecorder(Closing):
     """Records the robots of a team, or those named in `robots`, until `close`. `note` gets lines for people.
 
     `open_file` is called before the first message. `models`: attach what each robot runs; `on_model` gets it, too.

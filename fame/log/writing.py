@@ -91,8 +91,7 @@ def _start(stack: ExitStack, file: _File, *, own_process: bool) -> Callable[[], 
     """Starts a recording. The second process is started at once, because it takes a moment."""
     if not own_process:
         return lambda: FileWriter(RecordingFile(stack.enter_context(_emptied(file))))
-    process = RecorderProcess(file, str(file.name), recording_file.CHUNK)
-    stack.callback(process.close)
+    process = stack.enter_context(RecorderProcess(file, str(file.name), recording_file.CHUNK))
     return lambda: process
 
 

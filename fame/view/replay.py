@@ -6,7 +6,7 @@ import gc
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from math import inf
 from operator import attrgetter
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read
 from fame.clock import SECOND
+from fame.closing import Closing
 from fame.errors import ConfigError, FameError, ModelError
 from fame.log import Recording
 from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
@@ -42,7 +43,7 @@ class _Run(NamedTuple):
     files: frozenset[int]
 
 
-class Replay:
+class Replay(Closing):
     """The source of a page that shows a recording. Raises ConfigError for a file that cannot be shown.
 
     `branch` starts a run again to a time (ns) and gives the address of its page; it raises FameError.
@@ -51,24 +52,19 @@ class Replay:
     catalogue: Catalogue
 
     def __init__(self, path: str | Path, *, branch: Callable[[int], str] | None = None) -> None:
-        self._branch = branch
-        try:
-            self._recording = Recording(path)
-        except _MALFORMED as error:
-            text = f"has messages of another form than those of FAME ({type(error).__name__}: {error})"
-            raise ConfigError(text, file=str(path)) from None
-        self._path = Path(path)
-        self.notices: list[str] = list(self._recording.warnings)
-        self.catalogue = Catalogue(self._models())
-        self._offset = self._recording.start if self._recording.start > _LONGEST else 0
-        self._runs = self._read_runs()
-        self._packer = Packer(self.catalogue, self._robots())
-        self._elements = len(self.catalogue.elements)
-        self._topics = [topic for topic in self._recording.topics if topic != KEY]
+        self._branch, self._path = branch, Path(path)
+        with ExitStack() as opened:
+            try:
+                self._recording = opened.enter_context(Recording(path))
+                self._ahead = opened.enter_context(self._recording.reopen())  # for what is asked for before it is read
+                self._look()
+            except _MALFORMED as error:
+                text = f"has messages of another form than those of FAME ({type(error).__name__}: {error})"
+                raise ConfigError(text, file=str(path)) from None
+            self._opened = opened.pop_all()
         self._done = 0
         self._reading = 0.0
         self._lock = threading.Lock()
-        self._ahead = self._recording.reopen()  # for what is asked for before it is read
         self._ahead_lock = threading.Lock()
         self._asked = 0  # answers that are being made
         self._pause_until = 0.0  # of the reader, on the monotonic clock
@@ -76,13 +72,22 @@ class Replay:
         self._thread = threading.Thread(target=self._read, name="fame view: reader", daemon=True)
         self._thread.start()
 
+    def _look(self) -> None:
+        """Look at what the page needs first."""
+        self.notices: list[str] = list(self._recording.warnings)
+        self.catalogue = Catalogue(self._models())
+        self._offset = self._recording.start if self._recording.start > _LONGEST else 0
+        self._runs = self._read_runs()
+        self._packer = Packer(self.catalogue, self._robots())
+        self._elements = len(self.catalogue.elements)
+        self._topics = [topic for topic in self._recording.topics if topic != KEY]
+
     def close(self) -> None:
         """Stop reading."""
         self._closed.set()
         self._thread.join()
-        self._recording.close()
         with self._ahead_lock:
-            self._ahead.close()
+            self._opened.close()
         gc.unfreeze()
 
     def wait(self) -> None:

@@ -10,6 +10,7 @@ import asyncio
 import json
 import secrets
 import socket
+import threading
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import urlsplit
 
+from fame.closing import Closing
 from fame.errors import ConfigError, FameError
 from fame.imports import require
 
@@ -66,8 +68,11 @@ class Source(Protocol):
         """Carry out a command of the page. Raises FameError."""
 
 
-class Server:
-    """The page of a `source` at a free port of `host`, or `port`. Raises ConfigError for a port that is not free."""
+class Server(Closing):
+    """The page of a `source` at a free port of `host`, or `port`, served by a thread until it is closed.
+
+    Raises ConfigError for a port that is not free.
+    """
 
     source: Source
     host: str
@@ -82,6 +87,8 @@ class Server:
         self.socket = _bound(host, port)
         self.host, self.port = host, self.socket.getsockname()[1]
         self._server = self._made()
+        self._thread = threading.Thread(target=self._serve, name="fame view: server", daemon=True)
+        self._thread.start()
 
     @property
     def address(self) -> str:
@@ -96,14 +103,14 @@ class Server:
         )
         return uvicorn.Server(config)
 
-    def run(self) -> None:
-        """Serve until `stop`, or until Ctrl-C if this is the main thread."""
-        with suppress(KeyboardInterrupt):
+    def _serve(self) -> None:
+        with self.socket:
             self._server.run(sockets=[self.socket])
 
-    def stop(self) -> None:
-        """Make `run` return, from any thread, also before it has begun."""
+    def close(self) -> None:
+        """Stop serving, also before it has begun."""
         self._server.should_exit = True
+        self._thread.join()
 
     def app(self) -> ASGIApp:
         """The application, behind its guard."""

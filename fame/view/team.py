@@ -16,6 +16,7 @@ from uuid import uuid4
 
 from fame.bpmn.reader import read
 from fame.clock import SECOND, Scheduler
+from fame.closing import Closing
 from fame.deploy import Report
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.errors import FameError, ModelError
@@ -66,7 +67,7 @@ class _Sink(RecordingFile):
         pass
 
 
-class TeamView:
+class TeamView(Closing):
     """The source of a page that shows the robots on a network, or those named in `robots`.
 
     `control` lets the page ask robots for something (`TaskRequest`), signed with `key` if there is one. All that comes

@@ -14,6 +14,7 @@ from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read
 from fame.check import Finding, check
 from fame.check.scope import of_error
+from fame.closing import Closing
 from fame.errors import ConfigError, FameError, ModelError
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import Chip, mission_json
@@ -31,7 +32,7 @@ class _Reading:
     files: tuple[Path, ...] = ()
 
 
-class ModelWatch:
+class ModelWatch(Closing):
     """The source of a page that shows a model, or the model of a scenario, as it is now.
 
     `library` adds folders with called processes. Raises ConfigError if there is no such file.
