@@ -5,21 +5,27 @@ Within rclpy, `fame run` of the example missions too; over DDS that is in `test_
 
 from __future__ import annotations
 
+import fcntl
 import importlib.util
 import json
 import os
+import pty
 import re
 import signal
 import subprocess
 import sys
+import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from bpmn_text import document
 from middleware_contract import DOMAIN, needs
+
+from fame.clock import SECOND, WallScheduler
+from fame.scenario.process import scheduler_for, serve
 
 ROOT = Path(__file__).parent.parent
 ENVIRONMENT = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN), "PYTHONPATH": os.pathsep.join((str(ROOT), *sys.path))}
@@ -74,6 +80,105 @@ def test_an_engine_gets_its_process_waits_goes_on_and_leaves(
     told("complete", "REX", "wait", *over)
     engine.send_signal(signal.SIGINT)
     assert engine.wait(timeout=20) == 0
+
+
+DRIVES = document(
+    '<collaboration id="C"><participant id="A" name="REX" processRef="p"/></collaboration>'
+    '<process id="p"><startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/><scriptTask id="t"><script>'
+    "while True:\n    robot.publish('cmd_vel', 'geometry_msgs/msg/Twist', linear={'x': 0.5})\n"
+    "    print('drives')\n    await sleep(0.05)"
+    "</script></scriptTask></process>"
+)
+
+
+@needs("cyclonedds")
+@pytest.mark.dds
+@pytest.mark.processes
+@pytest.mark.parametrize("ending", ["the terminal", signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM, "nohup"])
+def test_an_engine_that_is_ended_brings_its_robot_to_the_safe_state(ending: str | int, tmp_path: Path) -> None:
+    """Also if its terminal is gone; an engine that ignores SIGHUP drives on without its terminal."""
+    from fame.middleware.dds import DdsMiddleware
+
+    (tmp_path / "drives.bpmn").write_text(DRIVES)
+    terminal, end = pty.openpty()
+
+    def in_terminal() -> None:
+        fcntl.ioctl(end, termios.TIOCSCTTY, 0)
+        if ending == "nohup":
+            signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
+    words = fame("engine", "REX", "--insecure", "--type", "car")
+    engine = subprocess.Popen(
+        words,
+        env=ENVIRONMENT,
+        stdin=end,
+        stdout=end,
+        stderr=end,
+        start_new_session=True,
+        preexec_fn=in_terminal,  # noqa: PLW1509 (a system call and no lock)
+    )
+    os.close(end)
+    scheduler = scheduler_for("dds")
+    middleware = DdsMiddleware(scheduler, domain=DOMAIN)
+    speeds: list[float] = []
+    middleware.node("base").subscription(
+        "/REX/cmd_vel", "geometry_msgs/msg/Twist", lambda message: speeds.append(message.linear.x)
+    )
+
+    def run_until(condition: Callable[[], object]) -> None:
+        deadline = time.monotonic() + 30
+        while not condition():
+            assert time.monotonic() < deadline, speeds[-3:]
+            scheduler.run(scheduler.now + SECOND // 50)
+
+    try:
+        told("deploy", str(tmp_path / "drives.bpmn"), "--wait", "30")
+        run_until(lambda: speeds[-3:] == [0.5] * 3)
+        if ending in ("the terminal", "nohup"):
+            os.close(terminal)
+        if ending == "nohup":
+            seen = len(speeds)
+            run_until(lambda: len(speeds) > seen + 20)
+        if ending != "the terminal":
+            engine.send_signal(signal.SIGTERM if ending == "nohup" else ending)
+        run_until(lambda: engine.poll() is not None)
+        assert (engine.returncode, speeds[-1]) == (0, 0.0)
+    finally:
+        engine.kill()
+        engine.wait()
+        middleware.close()
+        with suppress(OSError):
+            os.close(terminal)
+
+
+class Fragile:
+    """A component that fails whenever it is asked to stop."""
+
+    def __init__(self, scheduler: WallScheduler) -> None:
+        self.closed = False
+        scheduler.soon(self.stop)
+
+    def stop(self) -> bool:
+        raise ZeroDivisionError("the main loop")
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@needs("cyclonedds")
+@pytest.mark.dds
+def test_an_error_of_the_main_loop_closes_the_component_nevertheless(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    made: list[Fragile] = []
+
+    def build(scheduler: WallScheduler, middleware: object) -> Fragile:
+        made.append(Fragile(scheduler))
+        return made[0]
+
+    former = signal.getsignal(signal.SIGHUP)
+    with pytest.raises(ZeroDivisionError):
+        serve("dds", None, build)
+    assert (made[0].closed, signal.getsignal(signal.SIGHUP)) == (True, former)
 
 
 DIAGRAM = """

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_library, command, epoch
 from fame.cli.network import OPEN, add_network, lockstep, note_ready
-from fame.cli.output import note
+from fame.cli.output import note, survive_stdout
 from fame.errors import ConfigError, FameError
 
 if TYPE_CHECKING:
@@ -117,6 +117,7 @@ def _name(text: str) -> str:
 def run(arguments: Namespace) -> int:
     """Serve until interrupted."""
     arguments.name = arguments.names[0]
+    survive_stdout()
     if len(arguments.names) > 1:
         from fame.scenario.forking import fork_each
 

@@ -5,6 +5,7 @@ What matters in a line is coloured where the terminal can do it; NO_COLOR (https
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -13,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TextIO
 
 from fame.errors import FameError
@@ -122,6 +123,43 @@ note: Notes = Notes()
 """Messages of commands that run until they are interrupted."""
 
 
+def _show(stream: TextIO, text: str) -> None:
+    """Write what a run goes on without: its terminal may be gone."""
+    with suppress(OSError, ValueError):
+        stream.write(text)
+        stream.flush()
+
+
+class _Lossy(io.RawIOBase):
+    """A file that drops what it cannot write."""
+
+    def __init__(self, raw: Any) -> None:
+        super().__init__()
+        self._raw = raw
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return int(self._raw.fileno())
+
+    def isatty(self) -> bool:
+        return bool(self._raw.isatty())
+
+    def write(self, data: Any) -> int:
+        with suppress(OSError, ValueError):
+            self._raw.write(data)
+        return len(data)
+
+
+def survive_stdout() -> None:
+    """From now on, drop what cannot be written to stdout: an engine outlives the terminal that started it."""
+    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    if raw is not None and not isinstance(raw, _Lossy):
+        buffer = io.BufferedWriter(_Lossy(raw))
+        sys.stdout = io.TextIOWrapper(buffer, sys.stdout.encoding, sys.stdout.errors, line_buffering=True)
+
+
 class ProgressLine:
     """A line on a terminal that is overwritten; it shows for how long its text is unchanged, from two seconds on."""
 
@@ -158,8 +196,7 @@ class ProgressLine:
 
     def _write(self, text: str) -> None:
         width = shutil.get_terminal_size().columns - 1
-        self._stream.write(_WIPE + text[:width])
-        self._stream.flush()
+        _show(self._stream, _WIPE + text[:width])
 
 
 @contextmanager
@@ -198,8 +235,7 @@ class LiveTable:
             lines = [line[: size.columns - 1] for line in text.splitlines()[: size.lines - 1]]
             self._wipe()
             self._drawn = "".join(f"{line}\n" for line in lines)
-            self._stream.write(self._drawn)
-            self._stream.flush()
+            _show(self._stream, self._drawn)
 
     def write(self, line: str) -> None:
         """Print a line above the table."""
@@ -207,12 +243,11 @@ class LiveTable:
             drawn = self._drawn
             self._wipe()
             self._drawn = drawn
-            self._stream.write(f"{printable(line)}\n{drawn}")
-            self._stream.flush()
+            _show(self._stream, f"{printable(line)}\n{drawn}")
 
     def _wipe(self) -> None:
         if self._drawn and self._stream is not None:
-            self._stream.write(f"\x1b[{self._drawn.count(chr(10))}A\r\x1b[J")
+            _show(self._stream, f"\x1b[{self._drawn.count(chr(10))}A\r\x1b[J")
             self._drawn = ""
 
 

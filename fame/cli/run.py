@@ -8,7 +8,7 @@ import shutil
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -166,12 +166,17 @@ def _print_result(arguments: Namespace, result: Result, *, reports: bool = True)
 
 
 def _note_stopping() -> None:
-    """Write unbuffered: this is called in a signal handler, which may interrupt a buffered stream."""
-    os.write(sys.stderr.fileno(), b"\nstopping after this step; Ctrl-C again to stop now\n")
+    _note_in_handler(b"\nstopping after this step; Ctrl-C again to stop now\n")
 
 
 def _note_page_stays() -> None:
-    os.write(sys.stderr.fileno(), b"\nthe run ends after this step, and its page stays until you press Ctrl-C again\n")
+    _note_in_handler(b"\nthe run ends after this step, and its page stays until you press Ctrl-C again\n")
+
+
+def _note_in_handler(text: bytes) -> None:
+    """Write unbuffered: a signal handler may interrupt a buffered stream, and the terminal may be gone."""
+    with suppress(OSError):
+        os.write(sys.stderr.fileno(), text)
 
 
 def _run_team(arguments: Namespace, scenario: Scenario) -> int:

@@ -477,8 +477,10 @@ class EngineNode:
 
     def close(self) -> None:
         """Bring the robot to its safe state and close all endpoints."""
-        self.stop()
-        self._close_running("terminated")
-        if self._feed is not None:
-            self._feed.close()
-        self.node.close()
+        try:
+            self.stop()
+        finally:
+            self._close_running("terminated")
+            if self._feed is not None:
+                self._feed.close()
+            self.node.close()

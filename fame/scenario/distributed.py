@@ -28,7 +28,15 @@ from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.signing import new_run_key
 from fame.middleware.interface import LATCHED
 from fame.robot.events import Event
-from fame.scenario.process import PARENT, ScriptWarning, connect, decode_line, event_text, scheduler_for
+from fame.scenario.process import (
+    PARENT,
+    ScriptWarning,
+    connect,
+    decode_line,
+    event_text,
+    scheduler_for,
+    signals_call,
+)
 from fame.scenario.result import (
     Result,
     RobotResult,
@@ -104,24 +112,21 @@ class Team:
     def run(self) -> Result:
         """Start all processes, deploy, wait until no process instance runs or the duration is over, end all."""
         begun = time.monotonic()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._interrupt)
-        try:
-            with TemporaryDirectory(prefix="fame-") as folder:
-                self._start(Path(folder) / "run.pub")
-                self._listen()
-                self._check()
-                self.scheduler.after(round(_DISCOVERY * SECOND), self._expect_all, Kind.TIMER)
-                self.scheduler.run()
-        finally:
-            for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C would leave children behind
-            self._problems += self._children.end()
-            if self._recorder is not None:
-                self._recorder.close()
-            self.middleware.close()
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        with signals_call(self._interrupt):  # to the end: a second Ctrl-C would leave children behind
+            try:
+                with TemporaryDirectory(prefix="fame-") as folder:
+                    self._start(Path(folder) / "run.pub")
+                    self._listen()
+                    self._check()
+                    self.scheduler.after(round(_DISCOVERY * SECOND), self._expect_all, Kind.TIMER)
+                    self.scheduler.run()
+            finally:
+                status = self._status
+                self._problems += self._children.end()
+                if self._recorder is not None:
+                    self._recorder.close()
+                self.middleware.close()
+                self._status = status
         return self._result(time.monotonic() - begun)
 
     def _result(self, wall: float) -> Result:

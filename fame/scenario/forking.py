@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
-from fame.scenario.process import forked, orphaned
+from fame.scenario.process import forked, orphaned, signals_call
 
 _LOOK = 0.2
 """How often the parent looks who has ended (s)."""
@@ -38,8 +38,8 @@ def fork_each(names: Sequence[str]) -> tuple[str, dict[int, str]]:
 def wait_for(children: Mapping[int, str], rest: Callable[[float], object] = time.sleep) -> dict[str, int]:
     """Wait until all children have ended, and return the exit code of each; one that a signal ended has a negative one.
 
-    Meanwhile, `rest` is called with a time in s. SIGINT and SIGTERM go to all of them. They end, too, when the FAME
-    process that started this one has ended.
+    Meanwhile, `rest` is called with a time in s. Signals that ask to end go to all of them. They end, too, when the
+    FAME process that started this one has ended.
     """
     left, codes = dict(children), dict[str, int]()
 
@@ -48,8 +48,7 @@ def wait_for(children: Mapping[int, str], rest: Callable[[float], object] = time
             with suppress(ProcessLookupError):
                 os.kill(process, number)
 
-    former = {number: signal.signal(number, tell) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with signals_call(tell):
         while left:
             process, status = os.waitpid(-1, os.WNOHANG)
             if process in left:
@@ -58,7 +57,4 @@ def wait_for(children: Mapping[int, str], rest: Callable[[float], object] = time
                 if orphaned():
                     tell(signal.SIGTERM)
                 rest(_LOOK)
-    finally:
-        for number, handler in former.items():
-            signal.signal(number, handler)
     return codes

@@ -7,8 +7,9 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, NamedTuple, Protocol
 
 from fame.clock import SECOND, WallScheduler
 from fame.errors import ConfigError
@@ -70,7 +71,8 @@ def encode_warning(warning: ScriptWarning) -> str:
 
 def _print_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: object) -> None:
     warning = ScriptWarning(filename, lineno, f"{category.__name__}: {message}")
-    print(encode_warning(warning), file=sys.stderr, flush=True)
+    with suppress(OSError):  # the parent has gone
+        print(encode_warning(warning), file=sys.stderr, flush=True)
 
 
 def decode_line(line: str) -> Event | ScriptWarning | None:
@@ -145,12 +147,32 @@ def connect(
     raise ConfigError(f"expected middleware {' or '.join(BACKENDS)}, got {backend!r}")
 
 
+_ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""The signals that ask a process to end. SIGHUP comes when its terminal has gone."""
+
+
+@contextmanager
+def signals_call(handler: Callable[..., object]) -> Iterator[None]:
+    """Call `handler` for each signal that asks the process to end, while the block lasts.
+
+    A signal that was ignored when the process started (``nohup``) stays ignored.
+    """
+    former: dict[int, Any] = {number: signal.getsignal(number) for number in _ENDS}
+    taken = [number for number, action in former.items() if action != signal.SIG_IGN]
+    for number in taken:
+        signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, former[number])
+
+
 def run_until_signal(scheduler: WallScheduler) -> None:
-    """Run until SIGINT or SIGTERM, or until the FAME process that started this one has ended."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: scheduler.stop())
-    _watch_parent(scheduler)
-    scheduler.run()
+    """Run until a signal asks to end, or until the FAME process that started this one has ended."""
+    with signals_call(lambda *_: scheduler.stop()):
+        _watch_parent(scheduler)
+        scheduler.run()
 
 
 def _watch_parent(scheduler: WallScheduler) -> None:
@@ -168,7 +190,7 @@ def serve(
     *,
     crowd: bool = False,
 ) -> None:
-    """Build a component and run it until SIGINT or SIGTERM; then stop it safely and close it.
+    """Build a component and run it until a signal asks to end; then, or after an error, stop it safely and close it.
 
     `on_warning` is called with each warning of the middleware. `crowd`: as for `connect`.
     """
@@ -178,13 +200,24 @@ def serve(
     middleware = connect(backend, scheduler, network, on_warning, crowd=crowd)
     try:
         component = build(scheduler, middleware)
-        try:
-            run_until_signal(scheduler)
-        finally:
-            until = scheduler.now + _ENDING * SECOND
-            while component.stop() and scheduler.now < until:
-                scheduler.run(scheduler.now + SECOND // 50)
-            component.close()
-            scheduler.run(scheduler.now + SECOND // 10)  # the last messages still go out
+        with signals_call(lambda *_: scheduler.stop()):
+            try:
+                _watch_parent(scheduler)
+                scheduler.run()
+            finally:
+                _end(component, scheduler)
     finally:
         middleware.close()
+
+
+def _end(component: Component, scheduler: WallScheduler) -> None:
+    """Stop and close a component: it is closed, and its last messages go out, whatever fails before."""
+    until = scheduler.now + _ENDING * SECOND
+    try:
+        while component.stop() and scheduler.now < until:
+            scheduler.run(scheduler.now + SECOND // 50)
+    finally:
+        try:
+            component.close()
+        finally:
+            scheduler.run(scheduler.now + SECOND // 10)

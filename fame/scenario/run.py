@@ -24,6 +24,7 @@ from fame.robot import Event, RobotNode, Service, make_mission
 from fame.robot.events import Observer, combine_observers
 from fame.scenario.film_captions import Captions
 from fame.scenario.plan import Completion, Fault
+from fame.scenario.process import signals_call
 from fame.scenario.result import Progress, Result, at_rest, mistyped_topics, never_started, robot_result, status_of
 from fame.scripting import heartbeat
 
@@ -166,7 +167,11 @@ class Run:
         """Run until the mission is over, stop everything safely, and return the result."""
         begun = time.monotonic()
         with self._interruptible(), heartbeat(), seldom_collected():
-            self._work(begun)
+            try:
+                self._work(begun)
+            except BaseException:
+                self.stop()
+                raise
         simulated = self.scheduler.now / SECOND
         waits = {
             node.name: tuple(node.waiting_tokens())
@@ -206,7 +211,7 @@ class Run:
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
-        """End the run after the current stimulus on the first Ctrl-C; the second one raises KeyboardInterrupt."""
+        """End the run after the current stimulus when a signal asks for it; the second one raises KeyboardInterrupt."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -214,15 +219,14 @@ class Run:
         def interrupt(number: int, frame: Any) -> None:
             self.interrupted = True
             self.scheduler.stop()
-            signal.signal(signal.SIGINT, former)
             if self.on_interrupt is not None:
                 self.on_interrupt()
 
-        former = signal.signal(signal.SIGINT, interrupt)
-        try:
+        def on_signal(number: int, frame: Any) -> None:
+            (signal.default_int_handler if self.interrupted else interrupt)(number, frame)
+
+        with signals_call(on_signal):
             yield
-        finally:
-            signal.signal(signal.SIGINT, former)
 
     def begin(self) -> None:
         """Start the world and the processes of all robots, and schedule faults and what people do."""
