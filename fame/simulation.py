@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
+from random import Random
 from typing import Any
 
 from fame.bpmn.library import Library
@@ -18,6 +19,7 @@ from fame.engine import Instance
 from fame.errors import ConfigError, ModelError, expect
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.services import SERVICES
+from fame.randomness import SEEDS, ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, Service, make_mission
 
 
@@ -32,6 +34,7 @@ class Simulation:
     library      folders with called processes, besides those of the model and of FAME
     robot        the robot's name and namespace
     epoch        the date of simulated second 0, with a time zone
+    seed         of `robot.random`, and of the modules `random` and `numpy.random` while it runs
 
     Raises ModelError if the model cannot be executed, MessageError for topics and types that do not go together,
     ConfigError for arguments of a wrong kind.
@@ -49,6 +52,7 @@ class Simulation:
         robot: str = "robot",
         strict: bool = False,
         epoch: datetime = EPOCH,
+        seed: int = 0,
     ) -> None:
         from fame.bpmn.reader import read
 
@@ -62,7 +66,9 @@ class Simulation:
             services is None or (isinstance(services, Mapping) and all(map(callable, services.values()))),
             "services", services, "a mapping of names to functions",
         )  # fmt: skip
+        expect(isinstance(seed, Integral) and int(seed) >= 0, "seed", seed, "a whole number from 0 on")
         _expect_values("variables", variables)
+        self._seed, self._random = seed, ModuleRandom(seed)
         self.scheduler: Scheduler = Scheduler()
         self.middleware: LocalMiddleware = LocalMiddleware(self.scheduler)
         self.reports: list[Event] = []
@@ -79,6 +85,7 @@ class Simulation:
             on_report=self.reports.append,
             strict=strict,
             epoch=epoch,
+            random=robot_random(seed, robot),
         )
         self.node.load()
         self._outside = self.middleware.node("outside")
@@ -116,8 +123,9 @@ class Simulation:
         expect(isinstance(name, str), "name", name, "the name of a topic")
         self._begin()
         topic = name if name.startswith(("/", "~/")) else f"/{name}"
-        self.node.deliver(topic, payload)
-        self._go_on()
+        with self._random:
+            self.node.deliver(topic, payload)
+            self._go_on()
         return self
 
     def message(self, name: str, payload: Any = None) -> Simulation:
@@ -131,8 +139,9 @@ class Simulation:
         """
         _expect_values("values", values)
         self._begin()
-        self.node.complete(element, values)
-        self._go_on()
+        with self._random:
+            self.node.complete(element, values)
+            self._go_on()
         return self
 
     def activate(self, element: str) -> Simulation:
@@ -141,21 +150,24 @@ class Simulation:
         Raises MissionError if no such sub-process is open.
         """
         self._begin()
-        self.node.activate(element)
-        self._go_on()
+        with self._random:
+            self.node.activate(element)
+            self._go_on()
         return self
 
     def start(self, variables: Mapping[str, Any] | None = None) -> Instance:
         """Start one more instance at the none start event. Raises MissionError if the process has none."""
         _expect_values("variables", variables)
         self._begin()
-        return self.node.engine.start(dict(variables or {}))
+        with self._random:
+            return self.node.engine.start(dict(variables or {}))
 
     def save(self, path: str | Path) -> None:
         """Write the state into a file, from which `load` goes on: tokens, variables, timers, queues, what has ended.
 
-        Scripts that wait start again when the file is loaded. Raises ConfigError for a file that cannot be written, and
-        for a variable that cannot be stored.
+        Scripts that wait start again when the file is loaded. What is loaded draws other random numbers, from
+        a seed that is made of this one and the time. Raises ConfigError for a file that cannot be written, and for a
+        variable that cannot be stored.
         """
         from fame.robot.restoring import save
 
@@ -168,6 +180,7 @@ class Simulation:
             "epoch": self.node.epoch.isoformat(),
             "strict": self._strict,
             "now": self.scheduler.now,
+            "seed": self._seed,
             "observed": self.node.engine.program.observed,
             "program": self.node.engine.program.hash,
         }
@@ -206,24 +219,29 @@ class Simulation:
             robot=header["robot"],
             strict=header["strict"],
             epoch=datetime.fromisoformat(header["epoch"]),
+            seed=Random(f"{header.get('seed', 0)} at {header['now']}").randrange(SEEDS),
         )
         simulation.scheduler.now, simulation._begun = header["now"], True
-        load(simulation.node, found)
+        with simulation._random:
+            load(simulation.node, found)
         return simulation
 
     def close(self) -> None:
         """End all that goes on."""
-        self.node.stop()
-        self.node.close()
+        with self._random:
+            self.node.stop()
+            self.node.close()
 
     def _begin(self) -> None:
         if not self._begun:
             self._begun = True
-            self.node.start(self._variables)
+            with self._random:
+                self.node.start(self._variables)
 
     def _go_on(self) -> None:
         bound = None if self._until is None else max(self.scheduler.now, round(self._until * SECOND))
-        self.scheduler.run(bound)
+        with self._random:
+            self.scheduler.run(bound)
 
 
 def _expect_values(argument: str, values: object) -> None:

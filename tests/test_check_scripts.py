@@ -43,7 +43,30 @@ def test_a_method_that_is_like_none_is_told_with_those_that_there_are() -> None:
     assert found.startswith("t: robot has no 'fly'; it has act, call, ")
 
 
+NOT_REPEATABLE = {
+    "import time\nx = time.time()": "time.time() is the clock of the computer, not the time of the mission: "
+    "use robot.now",
+    "from datetime import datetime\nx = datetime.now()": "datetime.datetime.now() is the clock of the computer, not "
+    "the time of the mission: use robot.date",
+    "import uuid as u\nx = u.uuid4().hex": "uuid.uuid4() differs in each run, also with the same seed: "
+    "use robot.random",
+    "from secrets import choice\nx = choice([1, 2])": "secrets.choice() differs in each run, also with the same seed: "
+    "use robot.random",
+    "import numpy as np\nx = float(np.random.default_rng().normal())": "numpy.random.default_rng() without a seed "
+    "differs in each run: use robot.random, or give it a seed",
+}
+
+
+@pytest.mark.parametrize(("text", "expected"), NOT_REPEATABLE.items())
+def test_what_a_seed_does_not_repeat_is_a_warning(text: str, expected: str) -> None:
+    assert told(alone(row(script(text)))) == [f"t: {expected}"]
+
+
 FINE = {
+    "random numbers that a seed repeats": "import random\nimport numpy as np\n"
+    "x = random.random() + robot.random.random()"
+    "\ng = np.random.default_rng(robot.random.getrandbits(64))\ny = random.Random(3)",
+    "a function of the same name as a clock": "def time(): return 3\nx = time()",
     "a message that is awaited": 'm = await receive("/found")\nlog(m.data)',
     "a request that is awaited later": 'r = receive("/found")\nm = await r',
     "requests in a list": 'rs = [receive("/found")]\nfor r in rs: await r',

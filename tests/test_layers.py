@@ -24,6 +24,7 @@ LAYERS = (
         "fame.iso8601",
         "fame.errors",
         "fame.gc_tuning",
+        "fame.randomness",
         "fame.imports",
         "fame.text",
     ),

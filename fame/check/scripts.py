@@ -33,6 +33,25 @@ _OF_ROBOT = {"": re.compile(r"[$#]\{[^{}]*\brobot\.(\w+)"), "feel": re.compile(r
 
 _BLOCKS = re.compile(r"\btime\.sleep\s*\(")
 
+_CLOCK = "is the clock of the computer, not the time of the mission: use robot."
+_DIFFERS = "differs in each run, also with the same seed: use robot.random"
+_UNSEEDED = "without a seed differs in each run: use robot.random, or give it a seed"
+_NOT_REPEATABLE: Mapping[str, str] = {
+    **dict.fromkeys(("time.time", "time.time_ns", "time.monotonic", "time.monotonic_ns"), f"{_CLOCK}now"),
+    **dict.fromkeys((f"datetime.datetime.{name}" for name in ("now", "utcnow", "today")), f"{_CLOCK}date"),
+    "datetime.date.today": f"{_CLOCK}date",
+    **dict.fromkeys(("uuid.uuid1", "uuid.uuid4", "os.urandom", "random.SystemRandom", "secrets"), _DIFFERS),
+}
+"""Functions whose values a run with the same seed does not repeat, and modules of such functions."""
+_SEEDED = (
+    "numpy.random.default_rng",
+    "numpy.random.RandomState",
+    "numpy.random.seed",
+    "random.Random",
+    "random.seed",
+)
+"""Functions that take a seed: without one it is a new one in each run."""
+
 _USES = (ast.Attribute, ast.Subscript, ast.Compare, ast.BinOp, ast.BoolOp, ast.UnaryOp, ast.FormattedValue)
 _USES_TEST = (ast.If, ast.While, ast.IfExp)
 """Uses of a value that make no sense for a request."""
@@ -49,6 +68,7 @@ def check_scripts(scope: CheckScope) -> Iterator[Finding]:
             if _BLOCKS.search(text.expression.text):
                 found = "time.sleep blocks the whole robot: use await sleep(...)"
                 yield process.finding("warning", found, text.element, text.expression.line)
+        yield from _not_repeatable(process, texts)
         in_javascript = [text for text in scripts if text.expression.language == "javascript"]
         yield from _without_next(process, in_javascript)
         yield from _piling_up(process, in_javascript)
@@ -114,6 +134,42 @@ def _not_awaited(process: CheckedProcess, element: Element, tree: ast.AST, bound
             right = f"{target} = await {called}(...)" if target else f"(await {called}(...))"
             text = f"{called}(...) has no result unless it is awaited: {right}"
             yield process.finding("warning", text, element, getattr(node, "lineno", 0))
+
+
+def _not_repeatable(process: CheckedProcess, texts: Sequence[ExpressionUse]) -> Iterator[Finding]:
+    """Calls whose values a run with the same seed does not repeat. What one script imports, all of the process see."""
+    trees = [(text, tree) for text in texts if (tree := _tree(text)) is not None]
+    imported = {name: path for _, tree in trees for name, path in _imports(tree)}
+    for text, tree in trees if imported else ():
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.Call):
+                continue
+            root, dot, rest = _dotted(node.func).partition(".")
+            path = imported.get(root, "") + dot + rest
+            problem = _NOT_REPEATABLE.get(path) or _NOT_REPEATABLE.get(path.partition(".")[0])
+            if path in _SEEDED and not (node.args or node.keywords):
+                problem = _UNSEEDED
+            if problem is not None:
+                yield process.finding("warning", f"{path}() {problem}", text.element, node.lineno)
+
+
+def _imports(tree: ast.AST) -> Iterator[tuple[str, str]]:
+    """The names that a text imports, each with what it is: ``np`` and ``numpy``."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                whole = alias.name if alias.asname else alias.name.partition(".")[0]
+                yield alias.asname or whole, whole
+        elif isinstance(node, ast.ImportFrom):
+            yield from ((alias.asname or alias.name, f"{node.module}.{alias.name}") for alias in node.names)
+
+
+def _dotted(node: ast.AST) -> str:
+    """``np.random.seed``; empty if it is no name with attributes."""
+    if isinstance(node, ast.Attribute):
+        inside = _dotted(node.value)
+        return f"{inside}.{node.attr}" if inside else ""
+    return node.id if isinstance(node, ast.Name) else ""
 
 
 def _target(parent: ast.AST) -> str:

@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, add_library, command, epoch
+from fame.cli.arguments import Commands, add_library, command, epoch, natural
 from fame.cli.network import OPEN, add_network, lockstep, note_ready
 from fame.cli.output import note, survive_stdout
 from fame.errors import ConfigError, FameError
@@ -78,6 +78,11 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--files", type=Path, metavar="DIR",
         help="folder of the files that service tasks use, such as learned models (default: the current folder)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seed", type=natural, metavar="N",
+        help="random numbers of the mission: robot.random, and the modules random and numpy.random (default: a new "
+        "seed, which recordings contain)",
     )  # fmt: skip
     _add_storage(parser)
     add_network(parser)
@@ -176,6 +181,7 @@ def _run_one(arguments: Namespace) -> int:
 def _serve(arguments: Namespace) -> None:
     from fame.deploy import EngineNode, engines
     from fame.deploy.loading import preload
+    from fame.randomness import ModuleRandom
     from fame.scenario import serve
 
     trusted, identity = _keys(arguments)
@@ -187,7 +193,7 @@ def _serve(arguments: Namespace) -> None:
     safe, suspended = _safe_states(arguments.type)
     state = _state(arguments)
     library = _library(arguments)
-    logs = ExitStack()
+    opened = ExitStack()
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
         if not (guarded or middleware.confined):  # loopback is asked for, and the platform does not keep it
@@ -198,7 +204,7 @@ def _serve(arguments: Namespace) -> None:
         gc.freeze()
         gc.enable()
         keeps = arguments.log is not None
-        log = logs.enter_context(_log(arguments.log, arguments.name, scheduler)) if keeps else None
+        log = opened.enter_context(_log(arguments.log, arguments.name, scheduler)) if keeps else None
         engine = EngineNode(
             arguments.name,
             scheduler=scheduler,
@@ -216,6 +222,7 @@ def _serve(arguments: Namespace) -> None:
             files=arguments.files,
             epoch=arguments.epoch or _epoch(scheduler, simulated=time is not None),
             state=state,
+            seed=arguments.seed,
             hold_errors=arguments.on_error == "hold",
         )
         if time is not None:
@@ -227,7 +234,9 @@ def _serve(arguments: Namespace) -> None:
         )
         return engine
 
-    with logs:
+    with opened:
+        if arguments.seed is not None:
+            opened.enter_context(ModuleRandom(arguments.seed, arguments.name))
         serve(arguments.middleware, arguments.network, build, crowd=len(arguments.names) > 1)
 
 

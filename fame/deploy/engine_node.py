@@ -64,9 +64,11 @@ from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress
 from fame.deploy.termination import Silence
 from fame.errors import DeploymentError, FameError, MissionError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
+from fame.randomness import new_seed, robot_random
 
 if TYPE_CHECKING:
     from pathlib import Path
+    from random import Random
 
     from fame.bpmn.library import Library
     from fame.robot import Event as RobotEvent, RobotNode, Service
@@ -81,7 +83,8 @@ class EngineNode:
     takes only what one of them signed, and signs its reports with the key of its `identity`, or one made now; with
     `unsigned_tasks` requests on tasks need not be signed. `wall_time` gives s since 1970. `time` is the scheduler
     of the mission if that is not `scheduler`: one of simulated time, and `epoch` the date of its second 0. In the
-    directory `state` the mission is kept on disk: what was running when the engine before ended goes on.
+    directory `state` the mission is kept on disk: what was running when the engine before ended goes on. Random numbers
+    come from `seed`, by default and after a resumption from a new one, which recordings contain.
 
     Raises FameError, from the scheduler's `run`, if an older engine of the same robot reports before this one has a
     process.
@@ -114,6 +117,7 @@ class EngineNode:
         state: StateDirectory | None = None,
         hold_errors: bool = False,
         files: Path | None = None,
+        seed: int | None = None,
         log: FeedLog | None = None,
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
@@ -128,6 +132,7 @@ class EngineNode:
             "safe_state": safe_state,
             "safe_suspended": safe_suspended,
             "epoch": epoch,
+            "random": self._random(new_seed() if seed is None else seed),
             "durable": state is not None,
             "hold_errors": hold_errors,
             "files": files,
@@ -151,6 +156,11 @@ class EngineNode:
         self._log = log
         self._epoch = epoch
         self._open_endpoints((identity or Identity.new()) if trusted else None)
+
+    def _random(self, seed: int) -> Random:
+        """The random numbers of what the robot runs from now on."""
+        self._seed = seed
+        return robot_random(seed, self.robot)
 
     def _open_endpoints(self, identity: Identity | None) -> None:
         """Make the node with its subscription, services and status; reports are signed by `identity`."""
@@ -360,7 +370,9 @@ class EngineNode:
         from fame.robot.live import LiveFeed
 
         if self._feed is None:
-            self._feed = LiveFeed(*self._live, self.scheduler, session=self.born, epoch=self._epoch, log=self._log)
+            self._feed = LiveFeed(
+                *self._live, self.scheduler, session=self.born, epoch=self._epoch, seed=self._seed, log=self._log
+            )
         observer = combine_observers([self._feed.observer(), *self._observers])
         options = self._options | {"observer": observer}
         return load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **options)
@@ -425,6 +437,7 @@ class EngineNode:
         if envelope is None:
             self._keep_promise()
         else:
+            self._options["random"] = self._random(new_seed())  # not again what was drawn before
             self._protocol.state, self._before = resumed(self.robot, envelope), envelope.hash
             self._resumed.resume()
 

@@ -88,7 +88,11 @@ def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProg
         merging = _Merging(recordings)
         file = RecordingFile(stack.enter_context(new_file(Path(target)))())
         file.describe(
-            {"epoch": date_text(merging.epoch), "merged": ", ".join(Path(one.file).name for one in recordings)}
+            {
+                "epoch": date_text(merging.epoch),
+                "merged": ", ".join(Path(one.file).name for one in recordings),
+                **({"seeds": json.dumps(seeds)} if (seeds := _seeds(recordings)) else {}),
+            }
         )
         for name, data in merging.attachments.items():
             file.attach(name, "application/bpmn+xml" if name.endswith(".bpmn") else "application/octet-stream", data)
@@ -97,6 +101,16 @@ def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProg
             file.describe({"models": json.dumps(merging.runs)})
         file.finish()
         return [warning for one in recordings for warning in one.warnings]
+
+
+def _seeds(recordings: Iterable[Recording]) -> dict[str, int]:
+    """The seeds of the random numbers of each robot, as far as recordings have them."""
+    found: dict[str, int] = {}
+    for metadata in (recording.metadata for recording in recordings):
+        found |= json.loads(metadata.get("seeds", "{}"))
+        if "robot" in metadata and "seed" in metadata:
+            found[metadata["robot"]] = int(metadata["seed"])
+    return found
 
 
 class _Merging:

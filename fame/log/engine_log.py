@@ -83,7 +83,8 @@ class EngineLog(Closing):
         self._stack = ExitStack()
         file = RecordingFile(self._stack.enter_context(new_file(self._path))())
         epoch = {"epoch": date_text(self._team.epoch)} if self._team.epoch is not None else {}
-        file.describe({"robot": self._robot, **epoch})
+        seed = {"seed": str(self._model["seed"])} if "seed" in self._model else {}
+        file.describe({"robot": self._robot, **epoch, **seed})
         for model in self._model.get("models", ()):
             file.attach(f"models/{model['name']}", "application/bpmn+xml", str(model["xml"]).encode())
         self._delete_oldest()

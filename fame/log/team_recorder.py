@@ -60,6 +60,7 @@ class TeamRecorder(Closing):
         self._file: RecordingFile | None = None
         self._attached: dict[tuple[str, str], str] = {}  # name and XML of a model -> its name in the recording
         self._runs: dict[str, list[ModelRun]] = {}
+        self._seeds: dict[str, Any] = {}  # of the random numbers of each robot
         self._next: dict[str, Mapping[str, Any]] = {}  # models of robots that have done nothing in them so far
         self._topics: dict[str, int | None] = {}  # recorded topics -> number of their channel, once there is one
         self._noted: set[str] = set()
@@ -124,6 +125,9 @@ class TeamRecorder(Closing):
         if not runs or runs[-1][1:] != (process, names):
             runs.append(ModelRun(time, process, names))
             self._file.describe({"models": json.dumps(self._runs)})
+        if "seed" in model and self._seeds.get(robot) != model["seed"]:
+            self._seeds[robot] = model["seed"]
+            self._file.describe({"seeds": json.dumps(self._seeds)})
 
     def _free_name(self, robot: str, name: str) -> str:
         """A name for a model of a robot that no other one has."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from random import Random
 from typing import Any, Protocol
 
 from fame.bpmn.model import Expression
@@ -44,6 +45,7 @@ class HostOptions:
     safe_suspended: Sequence[Fields] | None
     strict: bool
     epoch: datetime
+    random: Random
     until: int | None
     keep: int | None
     on_end: Callable[[Instance], object]
@@ -94,7 +96,15 @@ class EngineHost:
         self.recorder: Recorder | None = None
         self._on_trail = trail_handler(options.observer) if options.observer is not None else None
         self.scripts: Scripts = Scripts(
-            robot, node, scheduler, endpoints, epoch=options.epoch, report=self.report, log=self._log, send=self._send
+            robot,
+            node,
+            scheduler,
+            endpoints,
+            epoch=options.epoch,
+            random=options.random,
+            report=self.report,
+            log=self._log,
+            send=self._send,
         )
         self.runner, self.inbox = self.scripts.runner, self.scripts.runner.inbox
         self.timers: Timers = Timers(scheduler, options.epoch, self._on_timer)

@@ -48,8 +48,9 @@ class LiveFeed:
 
     `publisher` and `models` are those of the two topics, made before the first process is loaded, so that who watches
     from the beginning misses nothing. `scheduler` is that of the wall clock; `epoch` is the date of time 0 of the
-    mission's clock; `session` distinguishes this engine's batches from those of an earlier one of the same robot. Each
-    process that the robot loads has an `observer`; `begin` says which of them runs.
+    mission's clock; `seed` is that of its random numbers; `session` distinguishes this engine's batches from those of
+    an earlier one of the same robot. Each process that the robot loads has an `observer`; `begin` says which of them
+    runs.
     """
 
     def __init__(
@@ -60,10 +61,12 @@ class LiveFeed:
         *,
         session: int,
         epoch: datetime = EPOCH,
+        seed: int = 0,
         log: FeedLog | None = None,
     ) -> None:
         self._publisher, self._models, self._log = publisher, models, log
         self._scheduler, self._session, self._epoch = scheduler, session, date_text(epoch)
+        self._seed = seed
         self._current: ProcessFeed | None = None
         self._loaded: list[ProcessFeed] = []
         self._subscribers = self._batch = 0
@@ -98,7 +101,7 @@ class LiveFeed:
         self._key_due = self._scheduler.now + _KEY_PERIOD if self._begins else 0
         self._current.resume(active=self.watched)
         self._send_soon()
-        model = _model_data(node, self._epoch)
+        model = _model_data(node, self._epoch, self._seed)
         self._models.publish(messages.create(STRING, json.dumps(model)))
         if self._log is not None:
             self._log.on_model(model)
@@ -245,13 +248,14 @@ class ElementFeed:
             self._publisher.publish(messages.create(STRING, text))
 
 
-def _model_data(node: RobotNode, epoch: str) -> Mapping[str, Any]:
+def _model_data(node: RobotNode, epoch: str, seed: int) -> Mapping[str, Any]:
     """The content of ``bpmn_model``: the running process, its file and those of all processes that it calls."""
     files = {home.file: home for home, _ in node.mission.processes()}
     return {
         "robot": node.name,
         "process": node.mission.process.id,
         "epoch": epoch,
+        "seed": seed,
         "models": [
             {"name": file.rpartition("/")[2], "xml": home.source.decode("utf-8", "replace")}
             for file, home in files.items()

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from random import Random
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -24,6 +25,7 @@ from fame.engine.state import Wait
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import ENGINE, MISSION, Middleware, Node, resolve
+from fame.randomness import robot_random
 from fame.robot.endpoints import Endpoints
 from fame.robot.events import Event, Observer
 from fame.robot.host import EngineHost, Fields, HostOptions
@@ -58,6 +60,7 @@ class RobotNode:
     safe_state (topic, type, fields) to publish when the robot is to be safe
     safe_suspended  the same while its mission is suspended, if it differs from `safe_state`
     epoch      the date of the scheduler's time 0: what dates of timers and `robot.date` are counted from
+    random     its random numbers; default: those of seed 0 (`fame.randomness`)
     strict     an undefined name in a payload is an error, not a warning
     until      when the run ends at the latest (ns): dates and cycles that are due later are reported
     keep       how many instances to remember (all by default); `started`, `completed` and `failed` count all
@@ -88,6 +91,7 @@ class RobotNode:
         safe_suspended: Sequence[Fields] | None = None,
         strict: bool = False,
         epoch: datetime = EPOCH,
+        random: Random | None = None,
         until: int | None = None,
         keep: int | None = None,
         on_end: Callable[[Instance], object] = lambda instance: None,
@@ -112,6 +116,7 @@ class RobotNode:
             safe_suspended=safe_suspended,
             strict=strict,
             epoch=epoch,
+            random=robot_random(0, self.namespace) if random is None else random,
             until=until,
             keep=keep,
             on_end=on_end,

@@ -31,6 +31,7 @@ class Scripts:
     on_step     called when a script has gone on and waits again: variables may have changed
     robot       name of the robot, and its `node`
     epoch       date of the scheduler's time 0
+    random      the random numbers of the robot
     report      (element, text): takes what a person should know
     log         (level, text): takes the lines that scripts log
     send        (publisher, message): sends a signal of a script
@@ -44,6 +45,7 @@ class Scripts:
         endpoints: Endpoints,
         *,
         epoch: datetime,
+        random: Random,
         report: Callable[[str, str], object],
         log: Callable[[str, str], object],
         send: Callable[[Publisher, Any], object],
@@ -64,6 +66,7 @@ class Scripts:
             name=robot,
             namespace=node.namespace,
             epoch=epoch.timestamp() * 1000,
+            random=random,
             scheduler=scheduler,
             inbox=self.runner.inbox,
             advertise=lambda topic, type: endpoints.publisher(resolve(topic, node.namespace), type),
@@ -74,7 +77,7 @@ class Scripts:
             failed=self._on_callback_failed,
             alive=self._is_alive,
         )
-        clock, random = (lambda: scheduler.now / SECOND), Random(node.namespace)
+        clock = lambda: scheduler.now / SECOND  # noqa: E731
         api = Robot(robot, node.namespace, self._publish, self.runner.inbox, clock, epoch, random)
         self._builtins = interface(robot=api, signal=self._signal, log=log) | {HOST_API: self.javascript}
 

@@ -412,7 +412,18 @@ def command_lines(
         kind = ["--type", kinds[robot]] if robot in kinds else []
         keeps = ["--state", str(state / robot)] if state is not None else []
         own = ["--trust", str(trust), "--unsigned-tasks", *kind, *files, *keeps]
-        lines[robot] = ["engine", robot, *own, *time, "--epoch", date_text(scenario.epoch), *folders, *tail]
+        lines[robot] = [
+            "engine",
+            robot,
+            "--seed",
+            str(scenario.seed),
+            *own,
+            *time,
+            "--epoch",
+            date_text(scenario.epoch),
+            *folders,
+            *tail,
+        ]
     return lines
 
 

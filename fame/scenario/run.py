@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -20,6 +20,7 @@ from fame.gc_tuning import rarely_collected
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.network import Network
 from fame.monitor.services import SERVICES
+from fame.randomness import ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, Service, make_mission
 from fame.robot.events import Observer, combine_observers
 from fame.scenario.film_captions import Captions
@@ -73,6 +74,8 @@ class Run:
         pace: Pace | None = None,
     ) -> None:
         self._pace = pace
+        self._random = ModuleRandom(scenario.seed)
+        self._seeded = ExitStack()
         self.scenario, self.progress, self.on_interrupt = scenario, progress, on_interrupt
         self._services = services or (lambda robot: {})
         refuse_literals(scenario.definitions, scenario.processes(), scenario.library, strict=strict)
@@ -122,6 +125,7 @@ class Run:
                 safe_suspended=bodies[robot].SAFE_SUSPENDED if robot in bodies else (),
                 strict=strict,
                 epoch=scenario.epoch,
+                random=robot_random(scenario.seed, robot),
                 until=round(scenario.duration * SECOND),
             )
             for robot, pool in scenario.cast.items()
@@ -166,7 +170,7 @@ class Run:
     def result(self) -> Result:
         """Run until the mission is over, stop everything safely, and return the result."""
         begun = time.monotonic()
-        with self._interruptible(), heartbeat(), seldom_collected():
+        with self._seeded, self._interruptible(), heartbeat(), seldom_collected():
             try:
                 self._work(begun)
             except BaseException:
@@ -229,7 +233,11 @@ class Run:
             yield
 
     def begin(self) -> None:
-        """Start the world and the processes of all robots, and schedule faults and what people do."""
+        """Start the world and the processes of all robots, and schedule faults and what people do.
+
+        Until the run is closed, the modules `random` and `numpy.random` draw from its seed.
+        """
+        self._seeded.enter_context(self._random)
         if self._logs is not None and self.scenario.epoch != EPOCH:
             self._logs(Event(0, "", 0, 0, "", "epoch", date_text(self.scenario.epoch)))
         if self.world is not None:
@@ -319,6 +327,7 @@ class Run:
 
     def close(self) -> None:
         """Close nodes and world."""
+        self._seeded.close()
         for node in self.nodes:
             node.close()
         if self.world is not None:
@@ -326,9 +335,10 @@ class Run:
 
     def stop(self) -> None:
         """Bring every robot with a live engine to its safe state, then close everything."""
-        for node in self.nodes:
-            if node.name not in self.dead:
-                node.stop()
+        with self._random:
+            for node in self.nodes:
+                if node.name not in self.dead:
+                    node.stop()
         self.close()
 
 

@@ -35,7 +35,8 @@ class Robot:
     """The robot that runs the script. `namespace` has no slashes; topic names are relative to it.
 
     `_publish` takes topic, type and a mapping of fields (or a message) and may raise MessageError; `_clock` returns the
-    time of the mission (s), `_epoch` is the date of its time 0; `_random` yields the same numbers in each run.
+    time of the mission (s), `_epoch` is the date of its time 0. `random` are the robot's own
+    random numbers: the same in runs with the same seed.
     """
 
     name: str
@@ -44,7 +45,7 @@ class Robot:
     _inbox: Inbox = field(repr=False)
     _clock: Callable[[], float] = field(repr=False)
     _epoch: datetime = field(default=EPOCH, repr=False)
-    _random: Random = field(default_factory=Random, repr=False)
+    random: Random = field(default_factory=Random, repr=False)
 
     @property
     def now(self) -> float:
@@ -100,7 +101,7 @@ def mission_date(variables: Mapping[str, Any]) -> datetime | None:
 def random_source(variables: Mapping[str, Any]) -> Random | None:
     """The random numbers of the robot that has these variables, None outside of a mission."""
     robot = _robot(variables)
-    return None if robot is None else robot._random
+    return None if robot is None else robot.random
 
 
 def _robot(variables: Mapping[str, Any]) -> Robot | None:

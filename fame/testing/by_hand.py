@@ -18,6 +18,7 @@ from fame.clock import SECOND
 from fame.engine.canonical import stimuli
 from fame.errors import FameError
 from fame.monitor.services import SERVICES
+from fame.randomness import robot_random
 from fame.robot import RobotNode, make_mission
 from fame.robot.events import Observer
 from fame.scenario import Scenario
@@ -45,7 +46,8 @@ class _RunByHand(Run):
                 robot,
                 make_mission(plan.definitions, pool.process, library=plan.library, shared=shared),
                 built_in_services=SERVICES, scheduler=self.scheduler, middleware=self.middleware,
-                observer=self.observer, on_report=self.reports.append, strict=strict, epoch=plan.epoch, compiled=False,
+                observer=self.observer, on_report=self.reports.append, strict=strict, epoch=plan.epoch,
+                random=robot_random(plan.seed, robot), compiled=False,
             )
             for robot, pool in plan.cast.items()
         }  # fmt: skip

@@ -559,7 +559,7 @@ class MissionLoader:
     def close(self) -> None:
         """End all missions."""
         worlds = any(mission.begun and mission.world is not None for mission in self.loaded)
-        for mission in self.loaded:
+        for mission in reversed(self.loaded):  # each gives back the random numbers of what was before it
             mission.close()
         if worlds:
             gc.collect()  # a world and its robots refer to each other

@@ -6,10 +6,10 @@ the script, at the line where the command was given.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import count
+from random import Random
 from typing import Any, Protocol
 
 from fame.clock import SECOND, Kind, Scheduler
@@ -46,13 +46,15 @@ class HostApi:
     stepped    (): a callback has ended, so variables may have changed
     failed     (variables, element, error): a callback of a script that is over has failed
     alive      (variables): whether their scope is still open
-    realms     the open realms; `numbers` counts all realms ever opened
+    random     the random numbers of the robot, which seed those of each realm
+    realms     the open realms
     encoded    the JSON text of a message, shared by all its subscriptions
     """
 
     name: str
     namespace: str
     epoch: float
+    random: Random
     scheduler: Scheduler
     inbox: Inbox
     advertise: Callable[[str, str], object]
@@ -63,7 +65,6 @@ class HostApi:
     failed: Callable[[dict[str, Any], str, BaseException], object]
     alive: Callable[[dict[str, Any]], bool]
     realms: list[OpenRealm] = field(default_factory=list)
-    numbers: Iterator[int] = field(default_factory=count)
     encoded: Encoded = field(default_factory=Encoded)
 
     def sweep(self) -> None:

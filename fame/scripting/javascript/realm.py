@@ -20,7 +20,6 @@ engine waits for it or it has callbacks. The context is never called from within
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -86,8 +85,8 @@ class Realm:
 
     def _settings(self) -> dict[str, Any]:
         robot = self.host
-        name, namespace, number = (robot.name, robot.namespace, next(robot.numbers)) if robot else ("", "", 0)
-        return {"name": name, "namespace": f"/{namespace}", "seed": zlib.crc32(f"{namespace} {number}".encode()) or 1}
+        name, namespace, seed = (robot.name, robot.namespace, robot.random.getrandbits(31)) if robot else ("", "", 0)
+        return {"name": name, "namespace": f"/{namespace}", "seed": seed or 1}
 
     @property
     def robot(self) -> HostApi:

@@ -1,0 +1,62 @@
+"""Random numbers of a mission: one source for each robot, and the modules `random` and `numpy.random` in a run."""
+
+from __future__ import annotations
+
+import random
+from random import Random, SystemRandom
+from typing import Any
+
+SEEDS = 2**32
+"""Number of seeds that `new_seed` chooses from."""
+
+
+def robot_random(seed: int, robot: str) -> Random:
+    """The random numbers of a robot: the same for the same seed, in any process, and different for each robot."""
+    return Random(f"{seed} robot {robot}")
+
+
+def new_seed() -> int:
+    """A seed from the randomness of the operating system."""
+    return SystemRandom().randrange(SEEDS)
+
+
+class ModuleRandom:
+    """The modules `random` and `numpy.random` (its global functions) as a run sees them; `owner`: seed, robot ...
+
+    ``with`` it, both draw from the run's own state, which continues where the block before ended. After the block they
+    are as they were before it. A block inside another one of the same run changes nothing.
+    """
+
+    def __init__(self, *owner: object) -> None:
+        self._owner = " ".join(map(str, owner))
+        self._depth = 0
+        self._inside: tuple[Any, Any] | None = None
+        self._outside: tuple[Any, Any] | None = None
+
+    def __enter__(self) -> None:
+        from numpy import random as numpy_random
+
+        self._depth += 1
+        if self._depth > 1:
+            return
+        self._outside = random.getstate(), numpy_random.get_state()
+        if self._inside is None:
+            random.seed(self._owner)
+            numpy_random.seed(Random(f"{self._owner} numpy").randrange(SEEDS))
+        else:
+            _restore(self._inside)
+
+    def __exit__(self, *_: object) -> None:
+        from numpy import random as numpy_random
+
+        self._depth -= 1
+        if self._depth == 0 and self._outside is not None:
+            self._inside = random.getstate(), numpy_random.get_state()
+            _restore(self._outside)
+
+
+def _restore(states: tuple[Any, Any]) -> None:
+    from numpy import random as numpy_random
+
+    random.setstate(states[0])
+    numpy_random.set_state(states[1])
