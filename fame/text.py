@@ -1,13 +1,41 @@
-"""Text from elsewhere: make it printable, and suggest similar names."""
+"""Text from elsewhere: read it as JSON, make it printable, and suggest similar names."""
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable
+from typing import Any
 
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+_STRING = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)  # possessive: linear in the text
+_NO_BRACKETS = re.compile(r"[^\[\]{}]+")
+DEPTH = 32
+"""How deep lists and objects may be nested in JSON from elsewhere."""
 NAMES = "letters, digits and _, not starting with a digit"
 """The parts of a name that ROS 2 allows between slashes."""
+
+
+def read_json(text: str, longest: int = 1_000_000) -> Any:
+    """The value of a text from elsewhere, whose size (characters) and depth are checked before anything is made of it.
+
+    Raises ValueError; never RecursionError, here or where the value is walked.
+    """
+    if len(text) > longest:
+        raise ValueError(f"{len(text)} characters; at most {longest} are accepted")
+    if is_deep(text):
+        raise ValueError(f"brackets do not match, or are nested more than {DEPTH} deep")
+    return json.loads(text)
+
+
+def is_deep(text: str, depth: int = DEPTH) -> bool:
+    """Whether lists and objects of a JSON text are nested deeper than this, or its brackets do not match."""
+    left = _NO_BRACKETS.sub("", _STRING.sub("", text)).replace("{", "[").replace("}", "]")
+    for _ in range(depth):
+        if not left:
+            return False
+        left = left.replace("[]", "")  # what has nothing in it
+    return bool(left)
 
 
 def printable(text: str) -> str:

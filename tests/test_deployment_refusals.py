@@ -1,5 +1,6 @@
 """What a robot refuses, and that it goes on as before: envelopes, texts and models that are none."""
 
+import dataclasses
 import json
 import time
 
@@ -8,6 +9,7 @@ from deployment_field import TEAM, Field, definitions, made, patrol, process
 
 import fame
 from fame import deploy
+from fame.clock import SECOND
 from fame.deploy import EngineNode
 from fame.deploy.envelope import AHEAD
 from fame.middleware import messages
@@ -151,3 +153,65 @@ def test_a_report_that_is_none_harms_no_deployment():
         ):
             liar.publish(messages.create(deploy.STRING, text))
     assert not field.deploy(TEAM).failed
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        {"elements": [1]},
+        {"variables": {"x": 1}},
+        {"elements": {"c": {"to": [{}]}}},
+        {"variables": {"mark": {"rename": {}}}},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("preview", [False, True])
+def test_a_plan_of_any_form_ends_no_engine(plan, preview):
+    field = Field("A")
+    field.send("A", patrol(1))
+    field.pass_time(0.1)
+    model = patrol(2)
+    change = {"hash": deploy.model_hash(model.encode()), "model": model, "migrate": True, "preview": preview}
+    field.send(
+        "A", deploy.Envelope(deployment="d9", sequence=9, robot="A", phase="load", plan=plan, **change).to_json()
+    )
+    field.pass_time(0.1)
+    assert field.said[-1].answer in ("ready", "previewed", "refused")
+    assert field.variables("A") == {"mark": 1}
+
+
+def test_a_value_of_any_depth_is_no_obstacle_to_a_migration():
+    field = Field("A")
+    field.send("A", patrol(1).replace("mark = 1", "mark = 1\nfor _ in range(40): mark = [mark]"))
+    field.pass_time(0.1)
+    model = patrol(2)
+    change = {"hash": deploy.model_hash(model.encode()), "model": model, "migrate": True, "preview": True}
+    field.send("A", deploy.Envelope(deployment="d9", sequence=9, robot="A", phase="load", **change).to_json())
+    field.pass_time(0.1)
+    assert (field.said[-1].answer, field.said[-1].reason) == ("previewed", "")
+    assert deploy.Report.from_json(json.dumps(dataclasses.asdict(field.said[-1]))) is not None
+
+
+@pytest.mark.parametrize("token", [{}, {"element": "a"}, {"others": ["x"]}], ids=str)
+def test_a_report_of_any_form_ends_no_sender(token):
+    field = Field("A")
+    said = field.person.publisher("/B/bpmn_status", deploy.STRING, LATCHED)
+    sent = made(field, TEAM, "d1", 1)
+    sent.begin()
+    report = deploy.Report(robot="B", state="ready", deployment="d1", answer="ready", migration={"tokens": [token]})
+    field.scheduler.after(SECOND, lambda: said.publish(messages.create(deploy.STRING, report.to_json())))
+    field.pass_time(5)
+    assert (sent.done, sent.failed) == (True, True)
+    assert "its report: it could not be handled" in sent.robots["B"].reason
+
+
+def test_an_error_that_nobody_foresaw_is_a_refusal(monkeypatch):
+    field = Field("A")
+    monkeypatch.setattr(field.engines["A"]._verifier, "verify_deployment", lambda envelope: 1 / 0)
+    monkeypatch.setattr(field.engines["A"]._tasks, "_check", lambda request: 1 / 0)
+    field.send("A", patrol(1))
+    task = field.person.publisher("/A/bpmn_task", deploy.STRING)
+    task.publish(messages.create(deploy.STRING, '{"id": "t1", "element": "x"}'))
+    field.pass_time(0.1)
+    reason = "it could not be handled: ZeroDivisionError: division by zero"
+    assert [(report.answer, report.reason) for report in field.said[-2:]] == [("refused", reason)] * 2

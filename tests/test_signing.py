@@ -8,12 +8,14 @@ import pytest
 
 pytest.importorskip("cryptography", reason="cryptography is not installed: pip install 'fame-robots[dds]'")
 
-from deployment_field import TEAM, Field, made, patrol
+from deployment_field import TEAM, Field, definitions, made, patrol, process
 
 import fame
 from fame.cli import main
 from fame.deploy import STRING, EngineNode
-from fame.deploy.signing import FRESH, new_keys, read_private, read_trusted, sign, verify
+from fame.deploy.authentication import ReportReader
+from fame.deploy.signing import FRESH, Identity, new_keys, read_private, read_trusted, sign, verify
+from fame.middleware import messages
 
 NOW = 1_000_000.0
 
@@ -195,3 +197,31 @@ def test_so_does_one_on_loopback_that_the_platform_does_not_confine(monkeypatch,
     monkeypatch.setenv("ROS_DOMAIN_ID", "229")
     assert main(["engine", "A"]) == 2
     assert "other machines can reach this process" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("depth", [33, 200, 600, 100_000])
+@pytest.mark.parametrize("kind", ["plan", "proof", "values"])
+def test_unsigned_json_of_any_depth_is_refused_and_the_engine_goes_on(keys, kind, depth):
+    field = Guarded(keys[1], "A")
+    envelope = '{"fame":1,"deployment":"d9","sequence":9,"robot":"A","phase":"%s","%s":{"x":%s}}'
+    request = '{"id":"d9","element":"x","values":{"x":%s}}'
+    deep = "[" * depth + "]" * depth
+    task = field.person.publisher("/A/bpmn_task", STRING)
+    if kind == "values":
+        task.publish(messages.create(STRING, request % deep))
+    else:
+        field.send("A", envelope % ("ask" if kind == "proof" else "load", kind, deep))
+    field.pass_time(0.1)
+    assert field.said[-1].answer == "refused"
+    assert "nested" in field.said[-1].reason
+    assert field.deploy(
+        definitions(process("A", '<startEvent id="s"/>')), key=keys[0], robots=["A"], wall_time=lambda: NOW
+    ).done
+
+
+@pytest.mark.parametrize("depth", [200, 600])
+def test_a_report_of_any_depth_is_ignored_by_who_uses_keys(keys, depth):
+    deep = "[" * depth + "]" * depth
+    text = '{"robot":"A","state":"waiting","key":"%s","signature":"AAAA","migration":{"state":{"x":%s}}}'
+    reader = ReportReader.of_sender("A", keys[0])
+    assert reader.read(text % (Identity.new().key, deep)) is None

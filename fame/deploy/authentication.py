@@ -17,9 +17,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from fame.deploy import fields
-from fame.deploy.envelope import Report, model_hash
+from fame.deploy.envelope import SIZE, Report, model_hash
 from fame.deploy.signing import FRESH, is_signed, is_vouched, sign, verify_signature
 from fame.errors import DeploymentError
+from fame.text import read_json
 
 GONE = 3.0
 """After how long without a report of the engine that is believed another one takes its place (s)."""
@@ -172,12 +173,12 @@ class DiagramReader:
 
 def _read(text: str) -> Diagram:
     try:
-        values = json.loads(text)
+        values = read_json(text, SIZE)
         del values["fame"]
         if fields.first_invalid(values, _DIAGRAM) is not None:
             raise TypeError
         return Diagram(**values)
-    except (ValueError, TypeError, KeyError, RecursionError):
+    except (ValueError, TypeError, KeyError, AttributeError):
         raise DeploymentError(
             "not signed; this splitter accepts only diagrams signed with a trusted key", cause="signature"
         ) from None

@@ -25,7 +25,7 @@ from fame.deploy.envelope import (
     read_envelope,
 )
 from fame.deploy.loading import LEAVING, Candidate, Task, Work, load
-from fame.deploy.machine import Machine
+from fame.deploy.machine import Machine, unexpected
 from fame.deploy.migration import Foreseen, foresee, take_over
 from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.requests import TaskServer
@@ -62,7 +62,7 @@ from fame.deploy.robot_state import (
 from fame.deploy.signing import Identity
 from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
 from fame.deploy.termination import Silence
-from fame.errors import DeploymentError, FameError, MissionError
+from fame.errors import DeploymentError, FameError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
 from fame.randomness import new_seed, robot_random
 
@@ -259,10 +259,13 @@ class EngineNode:
             envelope = read_envelope(message.data, self.robot, self._wall_time())
             deployment = envelope.deployment
             self._verifier.verify_deployment(envelope)
+            self._protocol.handle(Received(envelope))
         except DeploymentError as error:
             self.status.publish("refused", deployment, str(error), cause=error.cause)
-            return
-        self._protocol.handle(Received(envelope))
+        except FameError:
+            raise
+        except Exception as error:  # no message ends an engine
+            self.status.publish("refused", deployment, unexpected(error), cause="error")
 
     # ---- what it does ----------------------------------------------------------------------------------------------
 
@@ -345,7 +348,11 @@ class EngineNode:
         elif self.running is None:
             self._protocol.handle(Mapped("it is still resuming what it ran before"))
         else:
-            foreseen = foresee(candidate.process, self.running, candidate.envelope.plan, self.hash)
+            try:
+                foreseen = foresee(candidate.process, self.running, candidate.envelope.plan, self.hash)
+            except Exception as error:  # a plan from elsewhere, and values of any kind: what runs goes on
+                self._protocol.handle(Mapped(f"the state cannot be mapped: {type(error).__name__}: {error}"))
+                return
             self._foreseen = candidate.envelope.deployment, foreseen
             self._protocol.handle(Mapped(foreseen.blocked))
 
@@ -357,7 +364,7 @@ class EngineNode:
         text = f"migrated from model {before[:12]} to {envelope.hash[:12]} by {self._verifier.sender(envelope)}{forced}"
         try:
             return take_over(candidate.process, self.running, envelope.plan, text)
-        except MissionError as error:  # somebody has moved a token since it was found to fit
+        except Exception as error:  # as somebody has moved a token since it was found to fit: others have started
             self._note(f"starts from the beginning: {error}")
             return candidate.process.start
 

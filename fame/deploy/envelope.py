@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from fame.deploy import fields
 from fame.errors import DeploymentError, FameError, ModelError
 from fame.middleware.interface import Middleware, QoS
+from fame.text import read_json
 
 STRING = "std_msgs/msg/String"
 PROCESS_QOS = QoS(depth=20)
@@ -176,11 +177,9 @@ class Report:
     @classmethod
     def from_json(cls, text: str) -> Report | None:
         """The report in a text, or None if it has none."""
-        if len(text) > _LONGEST:
-            return None
         try:
-            return _message(cls, json.loads(text), _REPORT)
-        except (ValueError, TypeError, RecursionError):
+            return _message(cls, read_json(text, _LONGEST), _REPORT)
+        except (ValueError, TypeError):
             return None
 
 
@@ -280,11 +279,11 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
         key = _text_hash(text)
         return Envelope(deployment=f"{PLAIN}{key[:12]}", sequence=-1, robot=robot, phase="run", hash=key, model=text)
     try:
-        found = json.loads(text)
+        found = read_json(text, SIZE)
         found.pop("fame")
         envelope = _message(Envelope, found, _ENVELOPE)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        why = f" ({error})" if isinstance(error, TypeError) else ""
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        why = f" ({error})" if isinstance(error, TypeError | ValueError) else ""
         raise DeploymentError(f"neither a .bpmn text nor an envelope{why}: {text[:60]!r}", cause="syntax") from None
     if envelope.robot.casefold() != robot.casefold():
         raise DeploymentError(f"meant for robot {envelope.robot!r}, not for {robot!r}", cause="robot")
@@ -303,13 +302,13 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
 def stored_envelope(text: str) -> Envelope:
     """An envelope that an engine has kept as JSON. Raises DeploymentError."""
     try:
-        found = json.loads(text)
+        found = read_json(text, 2 * SIZE)  # escaped
         found.pop("fame")
         if found["phase"] != "run":
             return _message(Envelope, found, _ENVELOPE)
         bare = {**found, "phase": "load", "sequence": 0}  # a bare model is no envelope that is sent
         return replace(_message(Envelope, bare, _ENVELOPE), phase="run", sequence=-1)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise DeploymentError(f"is not a deployment that an engine has kept: {error}", cause="syntax") from None
 
 

@@ -19,7 +19,7 @@ from fame.bpmn.pools import matches, pools_of
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.envelope import STATUS_QOS, STRING, engines
-from fame.deploy.machine import Machine
+from fame.deploy.machine import Machine, boundary
 from fame.deploy.sender import Deployment
 from fame.errors import FameError
 from fame.middleware.interface import Middleware, Node, Subscription
@@ -183,7 +183,8 @@ class LateJoiners:
             self._engines.pop(robot).close()
             self._protocol.handle(Left(robot))
         for robot in sorted(there - self._engines.keys()):
-            on_report = partial(self._on_report, ReportReader.of_sender(robot, self._key, patience=GONE))
+            read = partial(self._on_report, ReportReader.of_sender(robot, self._key, patience=GONE))
+            on_report = boundary(read, partial(self._on_strange_report, robot))
             self._engines[robot] = self.node.subscription(f"/{robot}/bpmn_status", STRING, on_report, STATUS_QOS)
         self._protocol.handle(Polled(self.scheduler.now))
 
@@ -191,6 +192,9 @@ class LateJoiners:
         report = reader.read(message.data, self.scheduler.now / SECOND)
         if report is not None:
             self._protocol.handle(Reported(reader.robot, report.state))
+
+    def _on_strange_report(self, robot: str, reason: str) -> None:
+        self._log(f"{robot}: its report: {reason}")
 
     def _supply(self, action: Supply) -> None:
         try:

@@ -25,6 +25,7 @@ from fame.clock import SECOND
 from fame.deploy import fields
 from fame.deploy.signing import sign, verify_signature
 from fame.errors import DeploymentError
+from fame.text import read_json
 
 HEARTBEAT = 1.0
 """How often a splitter publishes its status (s)."""
@@ -73,9 +74,9 @@ class SplitterStatus:
     def from_json(cls, text: str) -> SplitterStatus | None:
         """The status in a text, or None if it has none."""
         try:
-            found = json.loads(text)
+            found = read_json(text)
             return cls(**found) if fields.first_invalid(found, _STATUS) is None else None
-        except (ValueError, TypeError, AttributeError, RecursionError):
+        except (ValueError, TypeError, AttributeError):
             return None
 
 

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope
+from fame.deploy.machine import boundary
 from fame.deploy.robot_state import MATCHING
 from fame.deploy.termination import Answered
 from fame.errors import FameError, ModelError
@@ -288,7 +289,7 @@ class Candidate:
         """Ask the other robots of the deployment for its outcome."""
         if self._peers is None:
             others = sorted(set(self.envelope.team) - {self.process.namespace})
-            self._peers = Peers(self.envelope, others, self._node, answered)
+            self._peers = Peers(self.envelope, others, self._node, answered, partial(self.process.host.report, ""))
         self._peers.ask()
 
     def replace(self, old: RobotNode | None, done: Callable[[], object], *, stop: bool = True) -> None:
@@ -296,7 +297,8 @@ class Candidate:
         self._rest()
         if old is not None and stop:
             old.stop()
-        self._await_leaving(old, done, self._scheduler.now + LEAVING)
+        await_leaving = partial(self._await_leaving, old, done, self._scheduler.now + LEAVING)
+        self._next = self._scheduler.soon(await_leaving, Kind.RESUMPTION)  # not inside the handler of a message
 
     def _await_leaving(self, old: RobotNode | None, done: Callable[[], object], until: int) -> None:
         if old is not None and old.leaving and self._scheduler.now < until:
@@ -332,13 +334,18 @@ class Peers:
     """
 
     def __init__(
-        self, envelope: Envelope, others: Iterable[str], node: Node, answered: Callable[[Answered], object]
+        self,
+        envelope: Envelope,
+        others: Iterable[str],
+        node: Node,
+        answered: Callable[[Answered], object],
+        log: Callable[[str], object],
     ) -> None:
         self._envelope, self._answered = envelope, answered
         self._out = {robot: node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in others}
         self._in = [
             # Without history: each robot repeats its report, and of a large team each would ask each for it.
-            node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._on_report, self._reader(robot)))
+            node.subscription(f"/{robot}/bpmn_status", STRING, self._listener(robot, log))
             for robot in self._out
         ]
 
@@ -362,9 +369,10 @@ class Peers:
         for publisher in self._out.values():
             publisher.close()
 
-    def _reader(self, robot: str) -> ReportReader:
+    def _listener(self, robot: str, log: Callable[[str], object]) -> Callable[[Any], None]:
         vouched = self._envelope.engines.get(robot, "")
-        return ReportReader(robot, signed=bool(self._envelope.signature), vouched=vouched)
+        reader = ReportReader(robot, signed=bool(self._envelope.signature), vouched=vouched)
+        return boundary(partial(self._on_report, reader), lambda reason: log(f"report of {robot}: {reason}"))
 
     def _on_report(self, reader: ReportReader, message: Any) -> None:
         report = reader.read(message.data)

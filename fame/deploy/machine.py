@@ -1,14 +1,38 @@
-"""Drive a pure state machine: feed it events, carry its actions out."""
+"""Drive a pure state machine: feed it events, carry its actions out; keep out what messages could do to it."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
+
+from fame.errors import FameError
 
 State = TypeVar("State")
 Event = TypeVar("Event")
 Action = TypeVar("Action")
+
+
+def boundary(handle: Callable[[Any], object], refuse: Callable[[str], object]) -> Callable[[Any], None]:
+    """A handler of messages from outside for which no message ends this process: `refuse` gets what went wrong.
+
+    Only a FameError passes. For the signals of a mission there is no such boundary: their errors belong to its engine.
+    """
+
+    def receive(message: Any) -> None:
+        try:
+            handle(message)
+        except FameError:
+            raise
+        except Exception as error:  # whatever somebody sent
+            refuse(unexpected(error))
+
+    return receive
+
+
+def unexpected(error: Exception) -> str:
+    """The reason of a refusal for an error that nobody foresaw."""
+    return f"it could not be handled: {type(error).__name__}: {error}"
 
 
 class Machine(Generic[State, Event, Action]):

@@ -19,6 +19,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fame.text import DEPTH, is_deep
+
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue
     from fame.engine.migration import Plan, Token
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 
 _LARGEST = 500_000
 """The longest state that is part of a report (characters of JSON)."""
+_ABOVE = 2
+"""Levels of a report above the state in it."""
 _WORDS = ("keep", "restart", "abandon")
 
 
@@ -62,7 +66,10 @@ def plan_of(data: Mapping[str, Any]) -> Plan:
     """Return the plan that `read_plan` gave, perhaps from an envelope. Parts that are not valid are ignored."""
     from fame.engine.migration import Plan
 
-    elements, variables = data.get("elements") or {}, data.get("variables") or {}
+    elements, variables = (
+        found if isinstance(found := data.get(name), Mapping) else {} for name in ("elements", "variables")
+    )
+    variables = {name: what for name, what in variables.items() if isinstance(what, Mapping)}
     named = {id: what for id, what in elements.items() if isinstance(what, str)}
     return Plan(
         to={id: str(what["to"]) for id, what in elements.items() if isinstance(what, Mapping) and "to" in what},
@@ -125,8 +132,9 @@ def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) 
     tokens, state = what_becomes(new, old, parsed)
     there = {token.element for token in tokens}
     gone = [token for token in gone_elements(new, old, parsed) if token.element not in there]
-    small = state is not None and len(json.dumps(state)) <= _LARGEST
-    return Foreseen(hash, tokens, gone, state if state is not None and small else {})
+    text = json.dumps(state or {})
+    sent = len(text) <= _LARGEST and not is_deep(text, DEPTH - _ABOVE)
+    return Foreseen(hash, tokens, gone, (state or {}) if sent else {})
 
 
 def take_over(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], text: str) -> Callable[[], object]:

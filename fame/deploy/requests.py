@@ -20,11 +20,12 @@ from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy import fields
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, signed
+from fame.deploy.machine import unexpected
 from fame.deploy.signing import sign
 from fame.errors import DeploymentError, FameError
 from fame.middleware import messages
 from fame.middleware.interface import Node
-from fame.text import printable
+from fame.text import printable, read_json
 
 if TYPE_CHECKING:
     from fame.robot import RobotNode
@@ -90,13 +91,13 @@ def read_request(text: str) -> TaskRequest:
     if len(text) > SIZE:
         raise DeploymentError(f"{len(text)} characters for a task; at most {SIZE} are accepted", cause="size")
     try:
-        found = json.loads(text)
+        found, why = read_json(text, SIZE), ""
         request = TaskRequest(**found) if fields.first_invalid(found, _REQUEST) is None else None
-    except (ValueError, TypeError, AttributeError, RecursionError):
-        request = None
+    except (ValueError, TypeError, AttributeError) as error:
+        request, why = None, f" ({error})" if isinstance(error, ValueError) else ""
     if request is None or not all(map(is_variable, request.values)) or (request.act == "activate" and request.values):
         raise DeploymentError(
-            f'no task: expected {{"id": ..., "element": ..., "values": {{}}}}, got {text[:60]!r}', cause="syntax"
+            f'no task{why}: expected {{"id": ..., "element": ..., "values": {{}}}}, got {text[:60]!r}', cause="syntax"
         )
     return request
 
@@ -127,15 +128,16 @@ class TaskServer:
         self._end.close()
 
     def _on_request(self, message: Any) -> None:
+        id = ""
         try:
             request = read_request(message.data)
-        except DeploymentError as error:
-            self._report("refused", "", str(error), cause=error.cause)
-            return
-        try:
+            id = request.id
             signer = self._check(request)
         except DeploymentError as error:
-            self._report("refused", request.id, str(error), cause=error.cause)
+            self._report("refused", id, str(error), cause=error.cause)
+            return
+        except Exception as error:  # no message ends an engine
+            self._report("refused", id, unexpected(error), cause="error")
             return
         if request.id not in self._answers:
             self._answers[request.id] = self._act(request, signer)
@@ -164,6 +166,8 @@ class TaskServer:
                     node.complete(request.element, request.values)
         except FameError as error:
             return "refused", str(error)
+        except Exception as error:
+            return "refused", unexpected(error)
         return _DONE[request.act], ""
 
 

@@ -30,7 +30,7 @@ from fame.deploy.envelope import (
     signed,
 )
 from fame.deploy.loading import Task, Work
-from fame.deploy.machine import Machine
+from fame.deploy.machine import Machine, boundary
 from fame.deploy.migration import Foreseen
 from fame.deploy.sender_protocol import (
     Action,
@@ -138,7 +138,8 @@ class Deployment:
         self.node: Node = middleware.node("_fame_deploy")
         self._out = {robot: self.node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in sent}
         for robot in sent:
-            self.node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._on_report, robot), STATUS_QOS)
+            on_report = boundary(partial(self._on_report, robot), partial(self._on_strange_report, robot))
+            self.node.subscription(f"/{robot}/bpmn_status", STRING, on_report, STATUS_QOS)
 
     def _models(
         self,
@@ -214,6 +215,9 @@ class Deployment:
                 self.foreseen[robot] = Foreseen.from_json(report.migration)
             reason = self._source_maps[robot].report(report).reason
             self._protocol.handle(Answered(robot, report.answer, reason, self.scheduler.now))
+
+    def _on_strange_report(self, robot: str, reason: str) -> None:
+        self._protocol.handle(Answered(robot, "refused", f"its report: {reason}", self.scheduler.now))
 
     # ---- what is sent ----------------------------------------------------------------------------------------------
 

@@ -38,7 +38,7 @@ from fame.deploy.leader_election import (
     Woken,
     step,
 )
-from fame.deploy.machine import Machine
+from fame.deploy.machine import Machine, boundary
 from fame.deploy.sender import PATIENCE, Deployment
 from fame.deploy.sender_protocol import REFUSALS
 from fame.deploy.status import RateLimiter
@@ -92,12 +92,16 @@ class SplitterNode:
         self._deployment: Deployment | None = None
         self._late_joiners: LateJoiners | None = None
         self.node: Node = middleware.node("fame_splitter")
-        self._status = self.node.publisher(STATUS, STRING, LATCHED)
-        self.node.subscription(STATUS, STRING, self._on_status, STATUS_QOS)
-        self._team = self.node.publisher(DEPLOYED, STRING, LATCHED)
-        self.node.subscription(DEPLOYED, STRING, self._on_deployed, LATCHED)
-        self.node.subscription(DIAGRAM, STRING, self._on_diagram, PROCESS_QOS).max_size = LIMIT
         self._refused = RateLimiter(scheduler, self._report)
+
+        def refuse(reason: str) -> None:
+            self._refused(f"refused: {reason}", "error")
+
+        self._status = self.node.publisher(STATUS, STRING, LATCHED)
+        self.node.subscription(STATUS, STRING, boundary(self._on_status, refuse), STATUS_QOS)
+        self._team = self.node.publisher(DEPLOYED, STRING, LATCHED)
+        self.node.subscription(DEPLOYED, STRING, boundary(self._on_deployed, refuse), LATCHED)
+        self.node.subscription(DIAGRAM, STRING, boundary(self._on_diagram, refuse), PROCESS_QOS).max_size = LIMIT
         self._pulse = scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)  # older splitters report first
         self._report("begins")
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.authentication import proves_presence
 from fame.deploy.envelope import STRING, Problem, Report
+from fame.deploy.machine import boundary
 from fame.deploy.signing import Identity, sign
 from fame.errors import FameError
 from fame.middleware import messages
@@ -134,7 +135,9 @@ class Status:
         self._scheduler, self._on_refusal, self._warnings = scheduler, on_refusal, warnings
         self._garbage = RateLimiter(scheduler, lambda reason: self._publish_refusal("", reason, None, ""))
         self._out = node.publisher("bpmn_status", STRING, LATCHED)
-        node.subscription("bpmn_status", STRING, self._on_own_status)  # without history: each report is repeated
+        node.subscription(
+            "bpmn_status", STRING, boundary(self._on_own_status, note)
+        )  # without history: each report is repeated
 
     def begin(self) -> None:
         """Publish now, and every second from now on."""

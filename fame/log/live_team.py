@@ -23,7 +23,8 @@ from fame.closing import Closing
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.team_state import RobotState, TeamState, shift_times
-from fame.middleware.interface import LATCHED, Message, Middleware, Node
+from fame.middleware.interface import LATCHED, MAX_MESSAGE_SIZE, Message, Middleware, Node
+from fame.text import read_json
 
 OnMessage = Callable[[int, str, str], object]
 """Takes a time (ns since `LiveTeam.epoch`), the topic of a channel of recordings, and JSON."""
@@ -34,7 +35,7 @@ DELAY = SECOND // 2
 """How long batches wait for those of other robots (ns)."""
 _DISCOVERY = SECOND // 2
 """Interval of the search for robots (ns)."""
-_STRANGE = (ValueError, TypeError, LookupError, AttributeError, RecursionError)
+_STRANGE = (ValueError, TypeError, LookupError, AttributeError)
 """Errors raised by a foreign message that is not a batch."""
 _CHANNELS = {"events": EVENTS, "variables": VARIABLES, "waiting": WAITING}
 
@@ -109,7 +110,7 @@ class LiveTeam(Closing):
     def feed(self, robot: str, text: str) -> None:
         """Take a batch of a robot."""
         with suppress(*_STRANGE):
-            self._take(robot, self._sources.setdefault(robot, _Source()), json.loads(text))
+            self._take(robot, self._sources.setdefault(robot, _Source()), read_json(text, MAX_MESSAGE_SIZE))
 
     def _discover(self) -> None:
         """Subscribe to the robots that are new."""
@@ -130,15 +131,15 @@ class LiveTeam(Closing):
         self.gone = self._sources.keys() - there.keys()
 
     def _on_model_message(self, robot: str, message: Message) -> None:
-        with suppress(ValueError, TypeError, RecursionError):
-            model = json.loads(message.data)
+        with suppress(ValueError, TypeError):
+            model = read_json(message.data, MAX_MESSAGE_SIZE)
             if isinstance(model, dict) and self.models.get(robot) != model:
                 self.models[robot] = model
                 self._on_model(robot, model)
 
     def _on_batch(self, robot: str, message: Message) -> None:
         with suppress(*_STRANGE):
-            self._take(robot, self._sources[robot], json.loads(message.data))
+            self._take(robot, self._sources[robot], read_json(message.data, MAX_MESSAGE_SIZE))
 
     def _take(self, robot: str, source: _Source, batch: Mapping[str, Any]) -> None:
         date = parse_datetime(str(batch["epoch"]))

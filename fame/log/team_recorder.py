@@ -17,8 +17,9 @@ from fame.log.recorder import LogTopics
 from fame.log.recording import ModelRun
 from fame.log.recording_file import RecordingFile
 from fame.middleware import codec
-from fame.middleware.interface import ENGINE, LATCHED, Message, Middleware, QoS, TopicInfo
+from fame.middleware.interface import ENGINE, LATCHED, MAX_MESSAGE_SIZE, Message, Middleware, QoS, TopicInfo
 from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE, nanoseconds
+from fame.text import read_json
 
 WORLD_SCENE, WORLD_GROUND = "/world_scene", "/world_ground"
 """Topics on which a simulated world offers what recordings have on ``/fame/world`` and ``/fame/ground``."""
@@ -141,8 +142,8 @@ class TeamRecorder(Closing):
         self._clock = nanoseconds(message.clock)
 
     def _on_scene(self, topic: str, message: Message) -> None:
-        with suppress(ValueError, TypeError, KeyError, IndexError, RecursionError):  # from a stranger
-            stamp = json.loads(message.data)["entities"][0]["timestamp"]
+        with suppress(ValueError, TypeError, KeyError, IndexError):  # from a stranger
+            stamp = read_json(message.data, MAX_MESSAGE_SIZE)["entities"][0]["timestamp"]
             time = int(stamp["sec"]) * SECOND + int(stamp["nsec"])
             self.team.enter(time, lambda due: self._begin().put(topic, due, message.data))
 

@@ -16,9 +16,12 @@ from fame.errors import MissionError
 from fame.robot.node import RobotNode
 from fame.robot.restoring import epoch_of, go_on, mission_settings, set_timers, tables_of
 from fame.robot.stored_values import dump
+from fame.text import DEPTH, is_deep
 
 _LONG = 2000
 """Most characters of a value, as JSON, in a state that is foreseen."""
+_DEEP = DEPTH // 2
+"""Most levels of it."""
 
 
 class _Live:
@@ -93,8 +96,9 @@ def _known(value: Any) -> Any:
 
 
 def _short(value: Any) -> Any:
-    """Return a short value as it is, a long one as an unknown value."""
-    return value if len(json.dumps(value)) <= _LONG else {"$object": None}
+    """Return a short value as it is, a long or deep one as an unknown value."""
+    text = json.dumps(value)
+    return value if len(text) <= _LONG and not is_deep(text, _DEEP) else {"$object": None}
 
 
 def take_over(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:

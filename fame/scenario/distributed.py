@@ -6,7 +6,6 @@ its children notice it and end too (`fame.scenario.process.orphaned`).
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import signal
@@ -48,6 +47,7 @@ from fame.scenario.result import (
     status_of,
 )
 from fame.scenario.world_process import EMPTY, RESUME, WORLD_STATE
+from fame.text import read_json
 
 if TYPE_CHECKING:
     from fame.scenario.plan import Plan
@@ -244,8 +244,8 @@ class Team:
         return ReportReader(robot, signed=True, patience=patience)
 
     def _on_world_state(self, message: Any) -> None:
-        with suppress(ValueError, TypeError, KeyError, RecursionError):
-            state = json.loads(message.data)
+        with suppress(ValueError, TypeError, KeyError):
+            state = read_json(message.data)
             float(state["time"])
             self.world = state
             if self._ends_with_next_state:

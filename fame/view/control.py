@@ -22,6 +22,7 @@ from fame.middleware.interface import resolve
 from fame.robot import Event, RobotNode
 from fame.scenario import Fault
 from fame.scenario.run import Run
+from fame.text import read_json
 
 COMMANDS = ("pause", "resume", "step", "speed", "breakpoint", "complete", "signal", "set", "fault")
 AT_ONCE = 0.0
@@ -260,7 +261,7 @@ def _report(run: Run, node: RobotNode, text: str) -> None:
 
 def _json(text: str) -> Any:
     try:
-        return json.loads(text)
+        return read_json(text)
     except ValueError as error:
         raise MessageError(f"expected a value as JSON, got {text!r}: {error}") from None
 

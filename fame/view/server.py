@@ -21,6 +21,7 @@ from urllib.parse import urlsplit
 from fame.closing import Closing
 from fame.errors import ConfigError, FameError
 from fame.imports import require
+from fame.text import read_json
 
 try:
     import orjson
@@ -245,7 +246,7 @@ def _routes(source: Source) -> Starlette:
 
     async def post(request: Request) -> Response:
         try:
-            command = json.loads(await request.body())
+            command = read_json((await request.body()).decode())
             if not isinstance(command, dict):
                 raise ValueError
             return Response(

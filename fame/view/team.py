@@ -24,6 +24,7 @@ from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware import codec, messages
 from fame.middleware.interface import Middleware
+from fame.text import read_json
 from fame.view.blocks import Packer
 from fame.view.catalogue import Catalogue
 from fame.view.live import growth, index_of
@@ -220,7 +221,7 @@ def _request(act: str, command: Mapping[str, Any]) -> TaskRequest:
     """The request of a command. Raises FameError."""
     text = command.get("value") or ("null" if act == "set" else "{}")
     try:
-        values = json.loads(text)
+        values = read_json(text)
     except ValueError:
         raise FameError(f"expected values as JSON, got {text!r}") from None
     element, to = str(command.get("element", "")), str(command.get("to", ""))
