@@ -288,7 +288,7 @@ class Walk:
             box.node,
             number[box.scope],
             tuple([(ranks[key], encode(message)) for key, message in box.messages]),
-            tuple([number[wait] for wait in box.waits]),
+            box.passed,
         )
 
     def _mail_ranks(self) -> dict[int, int]:

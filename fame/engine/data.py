@@ -290,19 +290,27 @@ def _descend(message: Any, path: tuple[str, ...]) -> Any:
     return message
 
 
-def correlates(keys: Sequence[tuple[str, Compiled]], variables: dict[str, Any], message: Any) -> bool:
-    """Whether a message correlates with a catching event by these keys and variables (standard 8.3.2).
+def correlation(
+    keys: Sequence[tuple[str, Compiled]], variables: dict[str, Any], message: Any
+) -> list[tuple[str, Any]] | None:
+    """The keys of a message if it correlates with a catching event by these variables, else None (standard 8.3.2).
 
-    A key that has a value must equal that of the message; the first message sets the other keys.
+    A key that has a value must equal that of the message.
     """
-    if not keys:
-        return True
     inner = Variables(variables, {"msg": message})
     try:
         found = [(name, source(inner)) for name, source in keys]
     except Exception:  # a message that lacks the key is for another receiver
-        return False
-    if any(_held(variables, name) not in (UNDEFINED, value) for name, value in found):
+        return None
+    return None if any(_held(variables, name) not in (UNDEFINED, value) for name, value in found) else found
+
+
+def correlates(keys: Sequence[tuple[str, Compiled]], variables: dict[str, Any], message: Any) -> bool:
+    """Whether a message correlates with a catching event that takes it: the first one sets keys without a value."""
+    if not keys:
+        return True
+    found = correlation(keys, variables, message)
+    if found is None:
         return False
     for name, value in found:
         if name not in variables and "." not in name:

@@ -13,7 +13,7 @@ Invariants between two stimuli:
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
 
@@ -36,6 +36,7 @@ class EngineState:
     gathered        triggers of parallel multiple start events that are not complete
     armed_starts    start events with a timer, by key
     held            all scopes and waits, while the host holds the engine
+    untaken         BPMN messages that no event has taken, by topic; those in queues count
     incidents       tokens at elements that have failed, with code and text (`fame.engine.repair`)
     on_incident     called with such a token; if None, an uncaught error fails its instance
     new_variables   gives the dict that an instance, or a call with variables of its own, starts with
@@ -63,6 +64,7 @@ class EngineState:
         self.gathered: dict[Node, list[Gathered]] = {}
         self.armed_starts: dict[int, Node] = {}
         self.held: tuple[list[Scope], list[Wait]] | None = None
+        self.untaken: Counter[str] = Counter()
         self.incidents: dict[Wait, tuple[str, str]] = {}
         self.on_incident: Callable[[Wait], object] | None = None
         self.counter: int = 0

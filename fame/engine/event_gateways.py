@@ -29,15 +29,12 @@ def choose(engine: EngineState, scope: Scope, node: Node) -> None:
     wait = waiting.wait_at(engine, node, scope)
     if not wait.alive:
         return
-    mail = scope.mail or {}
-    parts = wait.catch.parts
-    kept = [mail[item] for item in parts if item in mail and mail[item].messages]
-    if kept:
-        oldest = min(kept, key=lambda box: box.messages[0][0])
-        alternative = Wait(engine.new_key(), oldest.node, scope, False, wait)
-        waiting.catch(engine, alternative, oldest.messages.popleft()[1])
-    else:
-        waiting.arm_all(engine, parts, scope, wait)
+    alternatives = tuple(Wait(engine.new_key(), part, scope, False, wait) for part in wait.catch.parts)
+    wait.arms += alternatives
+    for act in (waiting.take_kept, waiting.arm):
+        for alternative in alternatives:
+            if alternative.alive:
+                act(engine, alternative)
 
 
 def fire_alternative(engine: EngineState, wait: Wait) -> None:
@@ -63,6 +60,7 @@ def multiple(context: ScopeCompiler, event: model.Event) -> None:
     parts = _alternatives(context, event, choice, choice.slot)
     choice.catch.parts = tuple(parts)
     context.watch(choice)
+    triggers.keep_queue(context, choice)
     context.place(event, choice, parts)
 
 
@@ -87,7 +85,6 @@ def _alternatives(context: ScopeCompiler, event: model.Event, owner: Node, slot:
             context.refuse(f"an intermediate event cannot catch an {node.spec.kind}; use a boundary event", event)
         node.slot, node.part_of, node.spec = slot, owner, Alternative()
         context.watch_event(node)
-        triggers.keep_queue(context, node)
         nodes.append(node)
     return nodes
 
@@ -107,6 +104,8 @@ def _link_alternatives(context: ScopeCompiler, gateway: model.Gateway, node: Nod
         for choice in choices:
             choice.spec, choice.part_of = Alternative(id), main
             context.watch_event(choice)
+            if choice.catch is not None:
+                choice.catch.home = triggers.queue_of(context, choice, choice.catch)
             choice.next = main.next or (main.catch.parts[0].next if main.catch is not None else None)
         found.extend(choices)
     if not found:

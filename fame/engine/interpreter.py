@@ -13,12 +13,11 @@ from operator import attrgetter
 from typing import Any
 
 from fame.engine import adhoc, faults, gateways, handlers, repair, scopes, starts, steps, tasks, waiting
-from fame.engine.data import correlates
 from fame.engine.engine_state import EngineState
 from fame.engine.host import Host
 from fame.engine.program import USER, Node, Program
-from fame.engine.state import Instance, Listener, Mailbox, Scope, Wait, scopes_of
-from fame.engine.waiting import MESSAGE, catch
+from fame.engine.state import Instance, Mailbox, Scope, scopes_of
+from fame.engine.waiting import MESSAGE, catch, take
 from fame.errors import MissionError
 
 MOVES = 10_000_000
@@ -84,7 +83,8 @@ class Engine(EngineState):
 
     def deliver(self, topic: str, message: Any) -> None:
         """Deliver a signal or message from outside; cheap if nothing waits for it."""
-        if topic in self.listeners or topic in self.program.starts:
+        program = self.program
+        if topic in self.listeners or topic in program.starts or topic in program.messages:
             deliver(self, topic, message)
             self.run()
 
@@ -293,42 +293,36 @@ class Engine(EngineState):
 def deliver(engine: EngineState, topic: str, message: Any) -> None:
     """Deliver a message once to each catcher that is armed now, in the order of arming; start events come last.
 
-    A BPMN message goes only to the first catcher that it correlates with (standard 8.3.2).
+    What a queue keeps is a signal for which no token waits at its event. A BPMN message goes only to the first catcher
+    that it correlates with, else to one queue, else to a start event (standard 8.3.2).
     """
-    taken = False
+    taken = heard = False
     listeners = tuple(engine.listeners.get(topic, ()))
-    if listeners:
-        for listener in listeners:
-            if listener.catch.trigger is MESSAGE:
-                if taken or not _is_for(listener, message):
-                    continue
-                taken = True
-            if isinstance(listener, Mailbox):
-                _put(engine, listener, message)
-            elif listener.alive and not listener.paused:
+    boxes: list[Mailbox] = []
+    served = set[Mailbox | None]()
+    for listener in listeners:
+        if isinstance(listener, Mailbox):
+            boxes.append(listener)
+        elif listener.paused:
+            continue
+        elif listener.catch.trigger is MESSAGE:
+            taken = taken or (listener.alive and take(engine, listener, message))
+        else:
+            if listener.catch.queue:
+                served.add(waiting.mailbox_of(listener))
+            if listener.alive:
                 catch(engine, listener, message)
+                heard = True
+    for box in boxes:
+        if box.catch.trigger is not MESSAGE and box.alive and box not in served:
+            box.messages.append((engine.new_key(), message))
+    heard = heard or taken
+    taken = taken or waiting.keep(engine, [box for box in boxes if box.catch.trigger is MESSAGE], message)
     for node in engine.program.starts.get(topic, ()):
         if not (
             taken if node.catch is not None and node.catch.trigger is MESSAGE else starts.is_awaited(node, listeners)
         ):
             starts.trigger(engine, node, message)
-
-
-def _is_for(listener: Listener, message: Any) -> bool:
-    """Whether a BPMN message correlates with a listener that has not been disarmed or suspended meanwhile."""
-    if not listener.alive or (isinstance(listener, Wait) and listener.paused):
-        return False
-    return correlates(listener.catch.keys, listener.scope.variables, message)
-
-
-def _put(engine: EngineState, box: Mailbox, message: Any) -> None:
-    """Give a message to the waits at a queue; without a wait, keep it in the queue."""
-    if not box.alive:
-        return
-    if not box.waits:
-        box.messages.append((engine.new_key(), message))
-        return
-    waits = tuple(box.waits)
-    for wait in waits[:1] if box.catch.trigger is MESSAGE else waits:
-        if wait.alive and not wait.paused:
-            catch(engine, wait, message)
+            heard = True
+    if not heard and topic in engine.program.messages:
+        engine.untaken[topic] += 1

@@ -248,7 +248,7 @@ class _Migration:
         waits = [self._wait(item) for item in data["waits"] if item["key"] not in self._gone]
         kept_waits = {item["key"] for item in waits if item["node"] is not None}
         boxes = [{**item, "node": self._node(item["node"])} for item in data["boxes"] if item["key"] not in self._gone]
-        boxes = [{**box, "waits": [k for k in box["waits"] if k in kept_waits]} for box in boxes if box["node"]]
+        boxes = [box for box in boxes if box["node"]]
         alive = kept_waits | {item["key"] for item in boxes}
         scopes = [self._scope(item, alive) for item in data["scopes"] if item["key"] not in self._gone]
         alive |= {item["key"] for item in scopes}

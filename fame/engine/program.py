@@ -115,6 +115,7 @@ class Catch:
     give_up       called when the trigger or its message cannot be evaluated: a function of (engine, wait, error)
     topic         of a signal or message; "" for other triggers
     queue         how many messages are kept for it
+    home          the node of the event that its queue belongs to, if another node stands for the same event
     take          stores a message in the variables
     keys          correlation keys of a message: (variable, expression over `msg`)
     value         the time of a timer, or the condition, compiled
@@ -129,6 +130,7 @@ class Catch:
     give_up: Callable[[Any, Any, BaseException], object]
     topic: str = ""
     queue: int = 0
+    home: Node | None = None
     take: Callable[[dict[str, Any], Any], None] | None = None
     keys: tuple[tuple[str, Callable[[dict[str, Any]], Any]], ...] = ()
     value: Callable[[dict[str, Any]], Any] = _no_value
@@ -231,6 +233,7 @@ class Program:
     """A compiled process with all processes that it calls. Immutable; any number of engines can run it.
 
     starts     its start events by topic; `timed`: those with a timer; `begin`: the none start, if there is one
+    messages   the topics of its BPMN messages; `shared`: those of which an event keeps messages
     elements   ``elements[slot]`` is the id whose completions are counted there
     nodes      all nodes, in the order of compilation
     sources    the models of the process and of all that it calls
@@ -251,6 +254,8 @@ class Program:
         self.starts: dict[str, tuple[Node, ...]] = {}
         self.timed: tuple[Node, ...] = ()
         self.begin: Node | None = None
+        self.messages: set[str] = set()
+        self.shared: set[str] = set()
         self.instances: int | None = None
         self.concluded: Callable[[Any], object]
 

@@ -118,10 +118,10 @@ class Revival:
 
     def _boxes(self, boxes: Control, scopes: Control, waits: Control) -> None:
         everything, decode = self.all, self.forms.decode
-        for node, scope, messages, holders in boxes:
+        for node, scope, messages, passed in boxes:
             box = Mailbox(self.keys[len(everything)], node, everything[scope])
             box.messages.extend((rank, decode(message)) for rank, message in messages)
-            box.waits = {everything[each]: None for each in holders}
+            box.passed = passed
             everything.append(box)
         for number, item in enumerate(scopes, 1):
             if item[-1] is not None and item[-1][0] is not None:

@@ -11,7 +11,7 @@ Invariant: ``snapshot(restore(program, snapshot(engine), ...)) == snapshot(engin
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import Any, Protocol
@@ -26,11 +26,12 @@ from fame.engine.program import Body, Node, Program
 from fame.engine.repair import AT_INCIDENT
 from fame.engine.state import Continuation, Gathered, Instance, Mailbox, Record, Scope, Wait, scopes_of
 from fame.engine.steps import ABANDONED, FINISH
+from fame.engine.waiting import HAND_ON
 from fame.errors import MissionError
 
 Data = dict[str, Any]
 Convert = Callable[[Any], Any]
-OF_NO_PROGRAM: tuple[Node, ...] = (FINISH, ABANDONED, FAILED, UNDO, ROLL_BACK, CANCELLED, NEXT, SWEEP)
+OF_NO_PROGRAM: tuple[Node, ...] = (FINISH, ABANDONED, FAILED, UNDO, ROLL_BACK, CANCELLED, NEXT, SWEEP, HAND_ON)
 """Nodes that belong to every engine, not to a program."""
 _ERROR = ("text", "element", "file", "line", "code")
 
@@ -77,6 +78,7 @@ def without_instances(engine: Engine, dump: Convert = no_data) -> Data:
         "conditions": [wait.key for wait in engine.conditions],
         "named": list(engine.waits),
         "inclusive": [scope.key for scope in engine.inclusive],
+        "untaken": dict(engine.untaken),
         "incidents": [[wait.key, *found] for wait, found in engine.incidents.items()],
         "held": None if engine.held is None else _keys_alive(*engine.held),
         "continuations": [_continuation(item) for item in dict.fromkeys(engine.cancelling.values())],
@@ -217,7 +219,7 @@ def _box(box: Mailbox, dump: Convert) -> Data:
         "node": box.node.key,
         "scope": box.scope.key,
         "messages": [[number, encode(message, dump)] for number, message in box.messages],
-        "waits": [wait.key for wait in box.waits],
+        "passed": box.passed,
     }
 
 
@@ -351,7 +353,7 @@ class _Restoring:
     def _box(self, item: Data) -> Mailbox:
         box = Mailbox(item["key"], self.nodes[item["node"]], self.scopes[item["scope"]])
         box.messages.extend((number, decode(message, self.load)) for number, message in item["messages"])
-        box.waits = {self.waits[key]: None for key in item["waits"]}
+        box.passed = item.get("passed", False)
         return box
 
     def _connect_scope(self, scope: Scope, item: Data) -> None:
@@ -368,7 +370,7 @@ class _Restoring:
 
     def _tables(self) -> None:
         engine, data = self.engine, self.data
-        engine.counter = data["counter"]
+        engine.counter, engine.untaken = data["counter"], Counter(data.get("untaken"))
         engine.instances = self.instances
         engine.listeners = {
             topic: {self.everything[key]: None for key in keys} for topic, keys in data["listeners"].items()
@@ -390,6 +392,9 @@ class _Restoring:
             engine.waiting_starts[node] = deque(messages, maxlen=node.catch.queue)
         for key, sets in data["gathered"].items():
             engine.gathered[self.nodes[key]] = [self._gathered(*found) for found in sets]
+        for item in data["boxes"]:
+            for key in item.get("waits", ()):  # written by an older version: these were not among the listeners
+                engine.listeners.setdefault(self.waits[key].catch.topic, {})[self.waits[key]] = None
         for item in data["continuations"]:
             engine.ready.append((self.nodes[item["node"]], self.scopes[item["scope"]]))
 

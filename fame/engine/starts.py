@@ -145,10 +145,19 @@ def _ways_in(context: ScopeCompiler, element: model.FlowNode) -> list[Node]:
             node.spec = Start()
         return found
     if isinstance(element, model.Gateway) and instantiates(element):
+        if not element.all_events:
+            _keep_nothing(context, [context.flows[id].target for id in element.outgoing])
         return event_gateways.instantiating(context, element)
     if isinstance(element, model.Task) and instantiates(element):
+        _keep_nothing(context, [element.id])
         return tasks.instantiating(context, element)
     return []
+
+
+def _keep_nothing(context: ScopeCompiler, ids: Sequence[str]) -> None:
+    """Open no queues in an instance for events that start it: no token comes to them again."""
+    starting = {id for id in ids if len(context.model[id].incoming) < 2}
+    context.body.queued = tuple(node for node in context.body.queued if node.id not in starting)
 
 
 def _add(context: ScopeCompiler, node: Node, element: model.FlowNode) -> None:

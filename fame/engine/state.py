@@ -145,9 +145,12 @@ class Wait:
 
 
 class Mailbox:
-    """Messages kept for one catching event in one activation of its scope, and the tokens that wait for them."""
+    """Messages kept for one catching event in one activation of its scope, with numbers in the order of arrival.
 
-    __slots__ = ("alive", "catch", "key", "messages", "node", "scope", "waits")
+    passed  whether a token has been at the event, and has left it
+    """
+
+    __slots__ = ("alive", "catch", "key", "messages", "node", "passed", "scope")
 
     key: int
     node: Node
@@ -155,11 +158,10 @@ class Mailbox:
     alive: bool
 
     def __init__(self, key: int, node: Node, scope: Scope) -> None:
-        self.key, self.node, self.scope, self.alive = key, node, scope, True
+        self.key, self.node, self.scope, self.alive, self.passed = key, node, scope, True, False
         assert node.catch is not None
         self.catch: Catch = node.catch
         self.messages: deque[tuple[int, Any]] = deque(maxlen=self.catch.queue)
-        self.waits: dict[Wait, None] = {}
 
 
 Status = Literal["running", "completed", "failed", "cancelled"]

@@ -118,6 +118,8 @@ def triggers_of(
 def listen(context: ScopeCompiler, element: model.FlowNode, catch: Catch, topic: model.Topic) -> None:
     """Set the topic of a `Catch`, and how it stores the message."""
     catch.topic, catch.queue = topic.qualified, topic.queue
+    if catch.trigger is waiting.MESSAGE:
+        context.compiler.program.messages.add(catch.topic)
     objects = [context.objects[id] for id in element.data_outputs if id in context.objects]
     takes: list[tuple[str, Callable[[dict[str, Any]], Any]]] = [
         (name, data.seeing_fields(source) if item.source.language == "feel" else source)
@@ -129,5 +131,14 @@ def listen(context: ScopeCompiler, element: model.FlowNode, catch: Catch, topic:
 
 def keep_queue(context: ScopeCompiler, node: Node) -> None:
     """Register an event with a queue, or its parts: it keeps messages from the start of its scope."""
-    if node.catch is not None:
-        context.queued += [each for each in (node, *node.catch.parts) if each.catch is not None and each.catch.queue]
+    for each in (node, *node.catch.parts) if node.catch is not None else ():
+        if each.catch is not None and each.catch.queue:
+            context.queued.append(each)
+            if each.catch.trigger is waiting.MESSAGE:
+                context.compiler.program.shared.add(each.catch.topic)
+
+
+def queue_of(context: ScopeCompiler, choice: Node, catch: Catch) -> Node | None:
+    """The node of the event that an alternative of an event-based gateway stands for, if it has a queue."""
+    same = (node for node in context.queued if node.id == choice.id)
+    return next((node for node in same if node.catch is not None and node.catch.topic == catch.topic), None)

@@ -2,15 +2,20 @@
 
 The trigger of a wait arms it: in the table of listeners (signal, message), as a timer of the host, or in the list of
 conditions. A disarmed wait is in none of them. The table at the end has the functions of each trigger.
+
+An event with a queue has a `Mailbox` among the listeners of its topic, which keeps what no token takes. A BPMN message
+is kept once for the whole robot: when the token of its event has passed, it is for any other that waits.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
+from fame.engine.data import correlates, correlation
 from fame.engine.engine_state import EngineState
 from fame.engine.host import is_from_outside
-from fame.engine.program import Node, Trigger, nothing
+from fame.engine.program import NO_TRIGGER, Catch, Node, Trigger, nothing
 from fame.engine.state import Listener, Mailbox, Scope, Wait
 
 # ---- arming --------------------------------------------------------------------------------------
@@ -91,41 +96,121 @@ def fire(engine: EngineState, wait: Wait) -> None:
 
 
 def listen(engine: EngineState, wait: Wait) -> None:
-    """Add a wait to the listeners of its topic, or take the first message of its queue."""
-    topic = wait.catch.topic
-    if not wait.catch.queue:
-        listeners = engine.listeners.get(topic)
-        if listeners is None:
-            engine.listeners[topic] = {wait: None}
-        else:
-            listeners[wait] = None
-        return
-    box = _mailbox_of(wait)
-    if box is None:  # a boundary event or event sub-process: its queue belongs to this wait
-        box = wait.box = wait.box or open_mailbox(engine, wait.node, wait.scope)
-    box.waits[wait] = None
-    while box.messages and wait in box.waits:
-        catch(engine, wait, box.messages.popleft()[1])
+    """Add a wait to the listeners of its topic, and give it what is kept for it."""
+    catch = wait.catch
+    listeners = engine.listeners.get(catch.topic)
+    if listeners is None:
+        engine.listeners[catch.topic] = {wait: None}
+    else:
+        listeners[wait] = None
+    if catch.queue and mailbox_of(wait) is None:  # a boundary event or event sub-process: the queue is this wait's
+        wait.box = open_mailbox(engine, wait.node, wait.scope)
+    take_kept(engine, wait)
 
 
 def stop_listening(engine: EngineState, wait: Wait) -> None:
     """Remove a wait from the listeners of its topic; its queue still keeps messages."""
-    if wait.catch.queue:
-        box = wait.box or _mailbox_of(wait)
-        if box is not None:
-            box.waits.pop(wait, None)
-    else:
-        _remove_listener(engine, wait.catch.topic, wait)
+    catch = wait.catch
+    _remove_listener(engine, catch.topic, wait)
+    if catch.queue and catch.trigger is MESSAGE and not (wait.alive or wait.box):
+        box = mailbox_of(wait)
+        if box is not None and box.scope is wait.scope:  # else the activity is repeated: see `pass_activity`
+            _pass(engine, box)
 
 
-def _mailbox_of(wait: Wait) -> Mailbox | None:
-    """The queue of a wait's event: that of its scope, or of an outer scope if the activity is repeated."""
-    scope: Scope | None = wait.scope
+def take_kept(engine: EngineState, wait: Wait) -> None:
+    """Give a wait what is kept for it, the oldest first; of alternatives, that which is for the oldest wins."""
+    catch = wait.catch
+    if not catch.queue and catch.topic not in engine.program.shared:
+        return
+    owner = wait.owner
+    is_alternative = isinstance(owner, Wait) and owner.catch.trigger is NO_TRIGGER
+    while wait.alive and not wait.paused:
+        rivals = owner.arms if is_alternative and isinstance(owner, Wait) else (wait,)
+        found = [(kept, box, rival) for rival in rivals for kept, box in _kept_for(engine, rival)]
+        if not found:
+            return
+        kept, box, taker = min(found, key=lambda item: item[0][0])
+        box.messages.remove(kept)
+        if box.catch.trigger is MESSAGE:
+            engine.untaken[box.catch.topic] -= 1
+        take(engine, taker, kept[1])
+
+
+def _kept_for(engine: EngineState, wait: Wait) -> Iterator[tuple[tuple[int, Any], Mailbox]]:
+    """The oldest message for a wait in its own queue, and in each whose token has passed."""
+    catch = wait.catch
+    own = mailbox_of(wait) if catch.queue else None
+    for box in engine.listeners.get(catch.topic, ()):
+        if isinstance(box, Mailbox) and (box is own or (box.passed and catch.trigger is MESSAGE)):
+            kept = next((item for item in box.messages if fits(catch, wait.scope, item[1])), None)
+            if kept is not None:
+                yield kept, box
+
+
+def fits(catch: Catch, scope: Scope, message: Any) -> bool:
+    """Whether a message correlates, in a scope. It sets no key."""
+    return not catch.keys or correlation(catch.keys, scope.variables, message) is not None
+
+
+def take(engine: EngineState, wait: Wait, message: Any) -> bool:
+    """Give a message to a wait, if it correlates with it. The first message sets the keys."""
+    if not correlates(wait.catch.keys, wait.scope.variables, message):
+        return False
+    catch(engine, wait, message)
+    return True
+
+
+def keep(engine: EngineState, boxes: list[Mailbox], message: Any) -> bool:
+    """Keep a BPMN message in the first queue with room that it is for; if all are full, the first loses its oldest."""
+    open_for = [box for box in boxes if box.alive and fits(box.catch, box.scope, message)]
+    box = next((box for box in open_for if len(box.messages) < box.catch.queue), open_for[0] if open_for else None)
+    if box is not None:
+        box.messages.append((engine.new_key(), message))
+    return box is not None
+
+
+def pass_activity(engine: EngineState, activity: Scope, scope: Scope) -> None:
+    """The token of an activity with a scope of its own has left: others may take what is kept for it in `scope`."""
+    for box in (scope.mail or {}).values():
+        if activity.node is not None and activity.node.id == box.node.id and box.catch.trigger is MESSAGE:
+            _pass(engine, box)
+
+
+def _pass(engine: EngineState, box: Mailbox) -> None:
+    """A token has left an event with a queue: what is left there is for others."""
+    box.passed = True
+    if box.messages:
+        engine.ready.append((HAND_ON, box.scope))
+
+
+def _hand_on(engine: EngineState, scope: Scope, node: Node) -> None:
+    """Give the messages in the queues of a scope whose token has passed to those that wait for them elsewhere."""
+    left = [(kept, box) for box in (scope.mail or {}).values() if box.passed for kept in box.messages]
+    for kept, box in sorted(left, key=lambda item: item[0][0]):
+        for wait in tuple(engine.listeners.get(box.catch.topic, ())):
+            if isinstance(wait, Mailbox) or wait.catch.trigger is not MESSAGE or not wait.alive or wait.paused:
+                continue
+            if box.alive and fits(wait.catch, wait.scope, kept[1]):
+                box.messages.remove(kept)
+                engine.untaken[box.catch.topic] -= 1
+                take(engine, wait, kept[1])
+                break
+
+
+HAND_ON = Node("", "(hand on)", _hand_on)
+"""In the ready queue, but no token: what an event keeps whose token has passed is given to others."""
+
+
+def mailbox_of(wait: Wait) -> Mailbox | None:
+    """The queue of a wait's event: its own, that of its scope, or of an outer scope if the activity is repeated."""
+    home = wait.catch.home or wait.node
+    scope: Scope | None = wait.scope if wait.box is None else None
     while scope is not None:
-        if scope.mail is not None and wait.node in scope.mail:
-            return scope.mail[wait.node]
+        if scope.mail is not None and home in scope.mail:
+            return scope.mail[home]
         scope = scope.parent
-    return None
+    return wait.box
 
 
 def open_mailbox(engine: EngineState, node: Node, scope: Scope) -> Mailbox:

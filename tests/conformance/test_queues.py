@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from conftest import Play
 from engine_models import (
     boundary,
@@ -10,13 +11,21 @@ from engine_models import (
     extensions,
     gateway,
     handler,
+    message,
+    model,
     path,
+    process,
     properties,
     script,
     signal,
     start,
     sub,
     user,
+)
+
+CORRELATED = (
+    '<correlationProperty id="K" name="key"><correlationPropertyRetrievalExpression messageRef="message_M">'
+    "<messagePath>msg.data</messagePath></correlationPropertyRetrievalExpression></correlationProperty>"
 )
 
 
@@ -117,3 +126,76 @@ def test_of_queued_messages_the_oldest_arrival_wins_at_an_event_based_gateway(pl
     content += path("s u g a") + path("g b")
     assert play(content).run().signal("B", 1).signal("A", 2).complete("u").log == "s u g b =completed"
     assert play(content).run().signal("A", 1).signal("B", 2).complete("u").log == "s u g a =completed"
+
+
+def told(id: str, size: int = 0, name: str = "M") -> str:
+    """An event that catches a BPMN message."""
+    return catch(id, properties(queue=size, type="std_msgs/msg/Int32"), message(name))
+
+
+@pytest.mark.parametrize("order", ["mu", "um"])
+@pytest.mark.parametrize("receive", [False, True])
+def test_an_event_behind_an_event_based_gateway_has_one_queue(play: Play, order: str, receive: bool) -> None:
+    said = properties(queue=2, type="std_msgs/msg/Int32")
+    event = element("receiveTask", "c", said, messageRef="message_M") if receive else told("c", 2)
+    run = play(
+        start() + user("u") + gateway("eventBased", "g") + event + kept("d", 2) + path("s u g c") + path("g d")
+    ).run()
+    for step in order:
+        run.complete("u") if step == "u" else run.message("M", 3)
+    assert (run.status, run.variables["M"]) == ("completed", 3)
+
+
+def test_what_an_event_keeps_when_its_token_has_passed_is_for_the_next_that_waits(play: Play) -> None:
+    content = start() + user("u") + told("c", 2) + told("d") + path("s u c d")
+    run = play(content).run().message("M", 1).message("M", 2).complete("u")
+    assert (run.status, run.variables["M"], run.node.engine.untaken["/M"]) == ("completed", 2, 0)
+    both = gateway("parallel", "f") + path("s f u c") + path("f d")
+    run = play(start() + user("u") + told("c", 2) + told("d") + both).run().message("M", 1)
+    assert run.waiting == ["u"]  # d has taken it
+
+
+def test_it_also_goes_to_a_token_that_waits_already(play: Play) -> None:
+    fork = start() + gateway("parallel", "f") + path("s f u c") + path("f v d")
+    run = play(fork + user("u") + told("c", 2) + user("v") + told("d")).run().message("M", 1).message("M", 2)
+    assert run.complete("v").waiting == ["u", "d"]  # what c keeps is for its own token
+    assert run.complete("u").status == "completed"
+
+
+def test_a_full_queue_leaves_a_message_to_the_next(play: Play) -> None:
+    run = play(start() + user("u") + told("c", 1) + told("d", 1) + path("s u c d")).run()
+    assert run.message("M", 1).message("M", 2).complete("u").status == "completed"
+
+
+def test_a_waiting_token_comes_before_an_open_queue(play: Play) -> None:
+    fork = start() + gateway("parallel", "f") + path("s f u c") + path("f d")
+    run = play(fork + user("u") + told("c", 1) + told("d", 1)).run().message("M", 1)
+    assert run.waiting == ["u"]
+    assert run.complete("u").waiting == ["c"]
+
+
+def test_after_a_suspension_the_oldest_of_a_gateway_wins_too(play: Play) -> None:
+    pause = handler("h", start("t", signal("pause")) + user("w") + path("t w"), resume=True)
+    content = start() + gateway("eventBased", "g") + kept("a", 1, "A") + kept("b", 1, "B") + path("s g a") + path("g b")
+    assert play(content + pause).run().signal("pause").signal("B", 1).signal("A", 2).complete("w").visits["b"] == 1
+
+
+@pytest.mark.parametrize("by", ["task", "gateway"])
+def test_what_starts_a_process_keeps_messages_for_its_next_instance(play: Play, by: str) -> None:
+    said = properties(queue=2, type="std_msgs/msg/Int32")
+    if by == "task":
+        first = element("receiveTask", "r", said, messageRef="message_M", instantiate="true") + path("r u")
+    else:
+        first = gateway("eventBased", "g", instantiate="true") + told("r", 2) + path("g r u")
+    run = play(model(process(first + user("u"), instances=1))).run().message("M", 1).message("M", 2).complete("u")
+    assert [instance.variables["M"] for instance in run.simulation.instances] == [1, 2]
+
+
+def test_each_instance_takes_its_own_of_what_is_kept(play: Play) -> None:
+    each = '<zeebe:loopCharacteristics inputCollection="=[1, 2, 3]" inputElement="key"/>'
+    several = element("multiInstanceLoopCharacteristics", "i", extensions(each), isSequential="true")
+    task = element("receiveTask", "c", properties(queue=5, type="std_msgs/msg/Int32"), several, messageRef="message_M")
+    run = play(model(process(start() + user("u") + task + path("s u c")), root=CORRELATED)).run()
+    for value in (3, 2, 1):
+        run.message("M", value)
+    assert run.complete("u").status == "completed"

@@ -188,7 +188,7 @@ class _Translation:
                 "box": box if box is None or self._known(box) else None}  # fmt: skip
 
     def _box(self, item: Data) -> Data:
-        return {**item, "node": self._node(item["node"]), "waits": self._alive(item["waits"])}
+        return {**item, "node": self._node(item["node"])}
 
     def _scope(self, item: Data) -> Data:
         items = item["items"]
