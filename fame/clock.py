@@ -25,6 +25,7 @@ from heapq import heapify, heappop, heappush
 from itertools import count
 
 from fame.iso8601 import parse_datetime
+from fame.worker import ThreadWorker, Worker
 
 SECOND = 1_000_000_000
 """Nanoseconds in a second."""
@@ -90,6 +91,9 @@ class Entry:
 class Scheduler:
     """Simulated time. `now` is nanoseconds since the start."""
 
+    is_simulated = True
+    """Whether time stands still while an entry runs."""
+
     def __init__(self) -> None:
         self.now: int = 0
         self._heap: list[tuple[int, int, int, Entry]] = []
@@ -127,6 +131,10 @@ class Scheduler:
     def soon(self, action: Action, kind: Kind = Kind.MESSAGE) -> Entry:
         """Do `action` now, after what was entered before it."""
         return self.at(self.now, action, kind)
+
+    def worker(self, name: str) -> Worker:
+        """A worker for what would stop the scheduler for too long. `name` is shown for its thread, if it has one."""
+        return Worker()
 
     def next_time(self) -> int | None:
         """When the next entry is due (ns), or None if the queue is empty."""
@@ -194,6 +202,8 @@ class WallScheduler(Scheduler):
     run in the thread that called `run`. `run()` without `until` waits for work from other threads until `stop`.
     """
 
+    is_simulated = False
+
     def __init__(self) -> None:
         self._changed = threading.Condition()  # on a reentrant lock: a signal handler may interrupt its own thread
         self._origin = time.monotonic_ns()
@@ -213,6 +223,9 @@ class WallScheduler(Scheduler):
             entry = self._enter(max(time, self.now), action, kind)
             self._changed.notify()
             return entry
+
+    def worker(self, name: str) -> Worker:
+        return ThreadWorker(name, self.soon)
 
     def next_time(self) -> int | None:
         with self._changed:

@@ -6,9 +6,9 @@ import errno
 import os
 import subprocess
 import sys
-import threading
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from fame.errors import ConfigError
 from fame.robot import journal as module
 from fame.robot.journal import Journal, Record, StateDirectory, read_segment
 from fame.robot.state_tables import fold
+from fame.worker import Done, Worker, outcome
 
 
 @pytest.fixture
@@ -229,56 +230,23 @@ def test_growth_is_bounded_by_the_size_of_the_state(directory: StateDirectory, m
     journal.close()
 
 
-def test_all_who_ask_while_the_disk_is_busy_share_one_write(
-    directory: StateDirectory, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    writes, may_write, told = [], threading.Semaphore(0), threading.Semaphore(0)
+def test_all_who_ask_while_the_disk_is_busy_share_one_write(directory: StateDirectory) -> None:
+    writes: list[tuple[Callable[[], object], Done]] = []
     done: list[int] = []
 
-    def slow(file: int) -> None:
-        may_write.acquire()
-        writes.append(file)
+    class SlowDisk(Worker):
+        def call(self, function: Callable[[], object], done: Done) -> None:
+            writes.append((function, done))
 
-    def later(function: object) -> None:
-        function()  # type: ignore[operator]
-        told.release()
-
-    journal = Journal(directory, {}, later)
+    journal = Journal(directory, {}, SlowDisk)
     journal.begin_segment({})
-    monkeypatch.setattr(os, "fdatasync", slow)
     for number in range(10):
         journal.append({"number": number})
-        journal.sync(lambda number=number: done.append(number))  # type: ignore[misc]
-    assert done == []
-    for _ in range(3):
-        may_write.release()
-    for _ in range(10):
-        told.acquire()
-    assert done == list(range(10))
-    assert len(writes) <= 2
+        journal.sync(partial(done.append, number))
+    assert (len(writes), done) == (1, [])
+    for count in (1, 10):
+        function, told = writes.pop()
+        told(*outcome(function))
+        assert done == list(range(count))
+    assert writes == []
     journal.close()
-
-
-def test_a_line_that_did_not_fit_on_the_disk_is_taken_back(
-    directory: StateDirectory, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    journal = Journal(directory, {})
-    journal.begin_segment({})
-    write = os.write
-    monkeypatch.setattr(os, "write", lambda file, data: write(file, data[:10]))
-    with pytest.raises(OSError, match="No space left"):
-        journal.append({"number": 1})
-    monkeypatch.undo()
-    journal.append({"number": 2})
-    journal.close()
-    assert changes(directory.segments()[-1]) == [{"number": 2}]
-
-
-def test_an_old_state_is_set_aside(directory: StateDirectory) -> None:
-    name = written(directory).name
-    assert directory.set_aside() == directory.path / "old-1"
-    assert directory.read() is None
-    assert (directory.path / "old-1" / name).exists()
-    assert directory.set_aside() is None
-    written(directory)
-    assert directory.set_aside() == directory.path / "old-2"

@@ -27,6 +27,7 @@ LAYERS = (
         "fame.randomness",
         "fame.imports",
         "fame.text",
+        "fame.worker",
     ),
     ("fame.engine", "fame.middleware", "fame.scripting"),
     ("fame.robot",),

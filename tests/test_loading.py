@@ -8,9 +8,10 @@ from deployment_field import Field, patrol
 
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.deploy import EngineNode, loading
-from fame.deploy.loading import TooLong, Work
+from fame.deploy.loading import Work
 from fame.errors import FameError, ModelError
 from fame.middleware.local import LocalMiddleware
+from fame.worker import Interrupted
 
 
 def done_with(scheduler: Scheduler, task) -> object:
@@ -56,7 +57,7 @@ def test_what_takes_too_long_is_given_up_and_its_thread_ends(monkeypatch):
         try:
             while True:
                 time.sleep(0.001)
-        except TooLong:
+        except Interrupted:
             ended.set()
             raise
 

@@ -325,8 +325,9 @@ def test_a_signal_leaves_when_it_is_on_the_disk_and_not_before(field: Durable, m
     field.deploy(MISSION)
     order: list[str] = []
     recorder = field.engine._keeper.recorder
-    flush = recorder.journal.flush
-    monkeypatch.setattr(recorder.journal, "flush", lambda: (order.append("disk"), flush()))
+    file = recorder.journal._file
+    sync = file.sync
+    monkeypatch.setattr(file, "sync", lambda: (order.append("disk"), sync()))
     field.person.subscription("/go", "std_msgs/msg/Empty", lambda message: order.append("signal"))
     field.engine.running.deliver("/go", None)
     field.pass_time(1)

@@ -146,7 +146,9 @@ class EngineNode:
         self._loaded: RobotNode | None = None  # on its way to be a candidate
         self._foreseen = "", Foreseen()  # deployment, and what would become of what runs
         self._before = ""  # the hash of the model that runs
-        self._keeper = StateKeeper(state, robot, scheduler, self._on_disk_trouble) if state is not None else None
+        self._keeper = (
+            StateKeeper(state, robot, scheduler, self._on_disk_trouble, wall_time) if state is not None else None
+        )
         self._resumed: ResumedMission | None = None
         self._protocol: Machine[RobotState, Event, Action] = Machine(RobotState(robot), step, self._perform)
         self._absences = Absences()

@@ -1,9 +1,7 @@
 """Load a process beside the running mission, and wait for its topics, its sender, and the end of the old process.
 
-Loading is in a thread, and so is what any process needs even before the first one comes. A task is a generator. What
-it does between two ``yield``s is done in the scheduler's thread; what it yields is a function, called in a thread of
-its own, whose result (or error) comes back to the ``yield``. Under simulated time all of it is done at once, so a
-simulated run stays repeatable.
+A task is a generator. What it does between two ``yield``s is done in the scheduler's thread; what it yields is a
+function, done by a worker of the scheduler (`fame.worker`), whose result (or error) comes back to the ``yield``.
 
 Python runs one thread at a time and changes between them every few milliseconds, so the mission hardly notices.
 Collecting garbage would stop all threads, the longer the more is being made: it waits until the work is done.
@@ -13,16 +11,14 @@ A loaded process is a `Candidate` until it runs: timers and endpoints only; `fam
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import sys
-import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
+from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope
 from fame.deploy.machine import boundary
@@ -47,69 +43,48 @@ KEPT = 10
 _STEP = 0.15  # s between two steps of preloading, for each engine: all may be on one machine that starts them
 
 
-class TooLong(BaseException):
-    """Ends a thread whose task has been given up."""
-
-
 class Work(Generic[Result]):
     """A running task. `done` is called once, in the scheduler's thread, with its result or its FameError."""
 
     def __init__(self, scheduler: Scheduler, task: Task[Result], done: Callable[[Result | FameError], object]) -> None:
-        self._scheduler, self._task, self._done = scheduler, task, done
-        self._threaded = isinstance(scheduler, WallScheduler)
-        self._thread: threading.Thread | None = None
-        self._limit = scheduler.after(round(LIMIT * SECOND), self._give_up, Kind.TIMER) if self._threaded else None
-        self._go_on(task.send, None)
+        self._task, self._done = task, done
+        self._worker = scheduler.worker("fame load")
+        self._limit = scheduler.after(round(LIMIT * SECOND), self._give_up, Kind.TIMER)
+        self._go_on(None, None)
 
-    def _go_on(self, step: Callable[[Any], Callable[[], Any]], value: Any) -> None:
+    def _go_on(self, value: Any, error: Exception | None) -> None:
         """Do the task up to its next function."""
-        if self._limit is not None and self._limit.action is None:
+        if self._limit.action is None:
             return  # given up
         try:
-            function = step(value)
+            function = self._task.send(value) if error is None else self._task.throw(error)
         except StopIteration as end:
             self._end(end.value)
         except FameError as error:
             self._end(error)
         else:
-            self._call(function)
-
-    def _call(self, function: Callable[[], Any]) -> None:
-        if not self._threaded:
-            self._go_on(*self._outcome(function))
-            return
-        self._thread = threading.Thread(target=self._call_in_thread, args=(function,), name="fame load", daemon=True)
-        self._thread.start()
-
-    def _call_in_thread(self, function: Callable[[], Any]) -> None:
-        gc.disable()
-        try:
-            outcome = self._outcome(function)
-        except TooLong:
-            return
-        finally:
-            gc.enable()
-        self._scheduler.soon(partial(self._go_on, *outcome), Kind.RESUMPTION)
-
-    def _outcome(self, function: Callable[[], Any]) -> tuple[Callable[[Any], Callable[[], Any]], Any]:
-        """Continue the task after a function."""
-        try:
-            return self._task.send, function()
-        except Exception as error:
-            return self._task.throw, error
+            self._worker.call(partial(_uncollected, function), self._go_on)
 
     def _give_up(self) -> None:
-        if self._thread is not None:  # it ends at its next step of Python
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(
-                ctypes.c_ulong(self._thread.ident or 0), ctypes.py_object(TooLong)
-            )
+        self._worker.interrupt()
         self._task.close()
         self._done(ModelError(f"takes more than {LIMIT:g} s to be read and checked"))
 
     def _end(self, outcome: Result | FameError) -> None:
-        if self._limit is not None:
-            self._limit.cancel()
+        self._limit.cancel()
+        self._worker.close()
         self._done(outcome)
+
+
+def _uncollected(function: Callable[[], Any]) -> Any:
+    """The result of a function during which no garbage is collected."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        return function()
+    finally:
+        if collects:
+            gc.enable()
 
 
 # ---- a model that was sent -------------------------------------------------------------------------------------------

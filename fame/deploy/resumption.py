@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
-from fame.clock import SECOND, Kind, Scheduler, WallScheduler
+from fame.clock import SECOND, Kind, Scheduler
 from fame.deploy.envelope import Envelope, model_hash, stored_envelope
 from fame.deploy.signing import verify_signature
 from fame.errors import ConfigError, DeploymentError
@@ -46,11 +47,16 @@ class StateKeeper:
     """
 
     def __init__(
-        self, directory: StateDirectory, robot: str, scheduler: Scheduler, on_trouble: Callable[[str], object]
+        self,
+        directory: StateDirectory,
+        robot: str,
+        scheduler: Scheduler,
+        on_trouble: Callable[[str], object],
+        wall_time: Callable[[], float] = time.time,
     ) -> None:
         self.directory: StateDirectory = directory
         self.recorder: Recorder | None = None
-        self._robot, self._scheduler, self._on_trouble = robot, scheduler, on_trouble
+        self._robot, self._scheduler, self._on_trouble, self._wall_time = robot, scheduler, on_trouble, wall_time
         self._touch()
 
     # ---- reading -----------------------------------------------------------------------------------------------------
@@ -71,23 +77,28 @@ class StateKeeper:
     def _envelope(self, header: Mapping[str, Any], trusted: Sequence[Any]) -> Envelope:
         """The envelope that a journal names, verified. Raises ConfigError."""
         path = self.directory.path / str(header["envelope"])
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
+        data = self._read_file(path.name)
+        if data is None:
+            raise ConfigError("is missing: it is the deployment that the journal names", file=str(path))
         if sha256(data).hexdigest() != header["envelope_hash"]:
             raise ConfigError("is damaged, or not the deployment that the journal names", file=str(path))
         return _verified(data, path, trusted)
 
     def promised(self, trusted: Sequence[Any]) -> Envelope | None:
         """What the engine before was ready to start, verified, if there was something. Raises ConfigError."""
-        path = self.directory.path / _PROMISE
-        return _verified(path.read_bytes(), path, trusted) if path.exists() else None
+        data = self._read_file(_PROMISE)
+        return None if data is None else _verified(data, self.directory.path / _PROMISE, trusted)
+
+    def _read_file(self, name: str) -> bytes | None:
+        try:
+            return self.directory.read_file(name)
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror}", file=str(self.directory.path / name)) from None
 
     def away(self, stored: Stored, process: RobotNode) -> float:
         """How long the engine was away (s)."""
-        if isinstance(process.scheduler, WallScheduler):
-            return max(0.0, time.time() - self.directory.last_seen)
+        if not process.scheduler.is_simulated:
+            return max(0.0, self._wall_time() - self.directory.last_seen)
         from fame.robot.restoring import epoch_of, last_time
 
         return max(0.0, (epoch_of(process) + process.scheduler.now - last_time(stored.contents)) / SECOND)
@@ -103,7 +114,7 @@ class StateKeeper:
     def forget_promise(self) -> None:
         """The sender, or the team, has decided."""
         with suppress(OSError):
-            (self.directory.path / _PROMISE).unlink(missing_ok=True)
+            self.directory.remove_file(_PROMISE)
 
     def begin(self, envelope: Envelope, process: RobotNode) -> None:
         """Record a process that is about to start."""
@@ -122,16 +133,16 @@ class StateKeeper:
             "envelope": name,
             "envelope_hash": key,
         }
-        journal = Journal(self.directory, header, _later(process))
+        journal = Journal(self.directory, header, partial(process.scheduler.worker, "fame journal"))
         self.recorder = Recorder(process, journal, on_trouble=self._on_trouble)
         self.recorder.begin_with(lambda: self.directory.write_file(name, data), lambda: self._remove_all_but(name))
 
     def _remove_all_but(self, name: str) -> None:
         """Remove the deployments of before, as soon as no journal names them, and the promise."""
         self.forget_promise()
-        for path in self.directory.path.glob(f"{_ENVELOPE}*"):
+        for path in self.directory.files(_ENVELOPE):
             if path.name != name:
-                path.unlink(missing_ok=True)
+                self.directory.remove_file(path.name)
 
     def resume(self, stored: Stored, process: RobotNode) -> Callable[[], object]:
         """Give a loaded process the stored state. Returns a function that lets it go on.
@@ -144,7 +155,8 @@ class StateKeeper:
 
         tables = restored(process, stored.contents)
         try:
-            journal = Journal.resume(self.directory, stored.contents, _later(process))
+            worker = partial(process.scheduler.worker, "fame journal")
+            journal = Journal.resume(self.directory, stored.contents, worker)
         except OSError as error:
             raise ConfigError(f"cannot be written: {error.strerror}", file=str(stored.contents.path)) from None
         self.recorder = recorder = Recorder(process, journal, on_trouble=self._on_trouble)
@@ -162,17 +174,9 @@ class StateKeeper:
             self.recorder = None
 
     def _touch(self) -> None:
-        if isinstance(self._scheduler, WallScheduler):
+        if not self._scheduler.is_simulated:
             self.directory.touch()
             self._scheduler.after(SECOND, self._touch, Kind.TIMER)
-
-
-def _later(process: RobotNode) -> Callable[[Callable[[], object]], object] | None:
-    """On the wall clock the disk is written in a thread; simulated time waits for it."""
-    scheduler = process.scheduler
-    if not isinstance(scheduler, WallScheduler):
-        return None
-    return lambda function: scheduler.soon(function, Kind.MESSAGE)
 
 
 def _text(envelope: Envelope) -> bytes:

@@ -11,19 +11,17 @@ later line proves that it was on the disk: then the journal is damaged, and is r
 
 `append` hands a record to the operating system: it survives the death of the process. `sync` calls back when all
 records so far are on the disk, and survive the loss of power. Requests that come while the disk is busy share the next
-write (group commit). Without `later` the disk is waited for.
+write (group commit).
 """
 
 from __future__ import annotations
 
 import errno
-import fcntl
 import json
 import os
-import threading
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -33,6 +31,8 @@ from uuid import uuid4
 import orjson
 
 from fame.errors import ConfigError
+from fame.robot.disk import SYSTEM, Disk, File
+from fame.worker import Worker
 
 FORMAT = 1
 """Version of the format. A journal of another version is refused."""
@@ -45,8 +45,6 @@ _NUMBERS = 64
 """The numbers of a line are in its first bytes."""
 
 Record = dict[str, Any]
-Later = Callable[[Callable[[], object]], object]
-"""Has a function called soon, in the thread of the engine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,17 +63,18 @@ class Contents:
     first: int
     last: int
     end: int
+    disk: Disk = SYSTEM
 
     def records(self) -> Iterator[Record]:
         """The state, then its changes, one at a time. Raises ConfigError if the file cannot be read any more."""
-        with _opened(self.path) as file:
+        with _opened(self.path, self.disk) as file:
             file.readline(_LONGEST)
             for _ in range(self.number):
                 yield self._next(file)
 
     def last_record(self) -> Record:
         """The last record. Raises ConfigError if the file cannot be read any more."""
-        with _opened(self.path) as file:
+        with _opened(self.path, self.disk) as file:
             file.seek(self.last)
             return self._next(file)
 
@@ -89,25 +88,25 @@ class Contents:
 # ---- reading ---------------------------------------------------------------------------------------------------------
 
 
-def read_segment(path: Path) -> Contents:
+def read_segment(path: Path, disk: Disk = SYSTEM) -> Contents:
     """Find the records of a segment up to its torn end, line by line: a segment may be larger than the memory.
 
     Raises ConfigError for one that is damaged, foreign or of another version.
     """
-    with _opened(path) as file:
-        return _read(path, file)
+    with _opened(path, disk) as file:
+        return _read(path, file, disk)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[BinaryIO]:
+def _opened(path: Path, disk: Disk) -> Iterator[BinaryIO]:
     try:
-        with path.open("rb") as file:
+        with disk.read(path) as file:
             yield file
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
 
 
-def _read(path: Path, file: BinaryIO) -> Contents:
+def _read(path: Path, file: BinaryIO, disk: Disk) -> Contents:
     header, seed = _header(path, file.readline(_LONGEST))
     number, first, last, end = 0, 0, 0, file.tell()
     for line in iter(lambda: file.readline(_LONGEST), b""):
@@ -119,7 +118,7 @@ def _read(path: Path, file: BinaryIO) -> Contents:
         first = first or end
     if not number:
         raise ConfigError("is damaged: the state at its beginning is missing or wrong", file=str(path))
-    return Contents(path, header, number, first, last, end)
+    return Contents(path, header, number, first, last, end, disk)
 
 
 def _header(path: Path, line: bytes) -> tuple[Record, int]:
@@ -212,80 +211,74 @@ class StateDirectory:
     Raises ConfigError if it cannot be used, or if another engine uses it.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path: Path = Path(path)
+    def __init__(self, path: str | os.PathLike[str], disk: Disk = SYSTEM) -> None:
+        self.path, self.disk = Path(path), disk
         try:
-            self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
-            self._lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            disk.make_directory(self.path)
+            self._lock = disk.lock(self.path / "lock")
+        except BlockingIOError as error:
+            text = f"is in use by another engine (process {error.strerror})"
+            raise ConfigError(text, file=str(path)) from None
         except OSError as error:
-            raise self._unusable(error) from None
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            owner = os.read(self._lock, 32).decode(errors="replace").strip()
-            os.close(self._lock)
-            raise ConfigError(f"is in use by another engine (process {owner})", file=str(path)) from None
-        self.last_seen: float = os.fstat(self._lock).st_mtime
-        try:
-            os.ftruncate(self._lock, 0)
-            os.write(self._lock, str(os.getpid()).encode())
-        except OSError as error:
-            os.close(self._lock)
-            raise self._unusable(error) from None
-
-    def _unusable(self, error: OSError) -> ConfigError:
-        return ConfigError(f"cannot be used for an engine's state: {error.strerror}", file=str(self.path))
+            text = f"cannot be used for an engine's state: {error.strerror}"
+            raise ConfigError(text, file=str(self.path)) from None
+        self.last_seen: float = self._lock.last_seen
 
     def touch(self) -> None:
         """Record that the engine is running."""
-        with suppress(OSError):
-            os.utime(self._lock)
+        self._lock.touch()
+
+    def files(self, prefix: str) -> list[Path]:
+        """The files whose names begin so. Raises OSError."""
+        return [self.path / name for name in sorted(self.disk.names(self.path)) if name.startswith(prefix)]
 
     def segments(self) -> list[Path]:
-        """The segments, oldest first."""
-        found = [item for item in self.path.glob(f"{_PREFIX}*") if item.name.removeprefix(_PREFIX).isdigit()]
+        """The segments, oldest first. Raises OSError."""
+        found = [item for item in self.files(_PREFIX) if item.name.removeprefix(_PREFIX).isdigit()]
         return sorted(found, key=lambda item: int(item.name.removeprefix(_PREFIX)))
 
     def read(self) -> Contents | None:
         """Return the newest segment, or None. Raises ConfigError as `read_segment` does."""
         segments = self.segments()
-        return read_segment(segments[-1]) if segments else None
+        return read_segment(segments[-1], self.disk) if segments else None
 
     def set_aside(self) -> Path | None:
         """Move an old state into a folder ``old-N`` inside the directory. Returns the folder, None without a state."""
-        found = [item for item in self.path.iterdir() if item.name != "lock" and not item.name.startswith("old-")]
+        found = [item for item in self.files("") if item.name != "lock" and not item.name.startswith("old-")]
         if not found:
             return None
-        numbers = [int(item.name[4:]) for item in self.path.glob("old-*") if item.name[4:].isdigit()]
+        numbers = [int(item.name[4:]) for item in self.files("old-") if item.name[4:].isdigit()]
         folder = self.path / f"old-{max(numbers, default=0) + 1}"
-        folder.mkdir(mode=0o700)
+        self.disk.make_directory(folder)
         for item in found:
-            item.rename(folder / item.name)
-        sync_directory(self.path)
+            self.disk.rename(item, folder / item.name)
+        self.disk.sync_directory(self.path)
         return folder
+
+    def read_file(self, name: str) -> bytes | None:
+        """The content of a file, None if there is none. Raises OSError."""
+        try:
+            with self.disk.read(self.path / name) as file:
+                return file.read()
+        except FileNotFoundError:
+            return None
+
+    def remove_file(self, name: str) -> None:
+        """Remove a file, if it exists. Raises OSError."""
+        self.disk.remove(self.path / name)
 
     def write_file(self, name: str, data: bytes) -> None:
         """Write a file as a whole: afterwards it is on the disk, or the old one is unchanged. Raises OSError."""
         temporary = self.path / (name + _SUFFIX)
-        with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600), "wb") as file:
+        with closing(self.disk.write(temporary, new=True)) as file:
             file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.rename(self.path / name)
-        sync_directory(self.path)
+            file.sync()
+        self.disk.rename(temporary, self.path / name)
+        self.disk.sync_directory(self.path)
 
     def close(self) -> None:
         """Release the lock."""
-        os.close(self._lock)
-
-
-def sync_directory(path: Path) -> None:
-    """Write the entries of a directory to the disk (`fsync`). Raises OSError."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        self._lock.close()
 
 
 # ---- writing ---------------------------------------------------------------------------------------------------------
@@ -295,41 +288,45 @@ class Journal:
     """The journal of one engine, open for writing.
 
     header  what the first line of each segment says, besides its format
-    later   as of `Later`: then the disk is written in a thread; without it, `sync` waits for the disk
-    failed  called with the error if that thread cannot write the disk
+    worker  makes the worker that waits for the disk
+    failed  called with the error if that cannot write it
 
     Methods raise OSError if the disk cannot be written; what was written before stays readable.
     """
 
-    def __init__(self, directory: StateDirectory, header: Mapping[str, Any], later: Later | None = None) -> None:
-        self._directory, self._later = directory, later
+    def __init__(
+        self, directory: StateDirectory, header: Mapping[str, Any], worker: Callable[[], Worker] = Worker
+    ) -> None:
+        self._directory, self._worker = directory, worker
         self.header: Record = {**header, "format": FORMAT, "journal": uuid4().hex}
         self._seed = _seed(self.header["journal"])
-        self._file = -1
+        self._file: File | None = None
+        self._commits: _Commits | None = None
         self._number = self._synced = self._end = self._limit = 0
-        self._committer: _Committer | None = None
         self.failed: Callable[[OSError], object] = lambda error: None
 
     @classmethod
-    def resume(cls, directory: StateDirectory, found: Contents, later: Later | None = None) -> Journal:
+    def resume(cls, directory: StateDirectory, found: Contents, worker: Callable[[], Worker] = Worker) -> Journal:
         """Continue after the undamaged lines of the newest segment. Raises OSError."""
-        journal = cls(directory, found.header, later)
+        journal = cls(directory, found.header, worker)
         journal.header = found.header
         journal._seed = _seed(found.header["journal"])
-        journal._file = os.open(found.path, os.O_WRONLY | os.O_CLOEXEC)
-        os.ftruncate(journal._file, found.end)
-        os.lseek(journal._file, 0, os.SEEK_END)
-        os.fsync(journal._file)
-        journal._number = journal._synced = found.number
-        journal._end = found.end
-        journal._limit = max(_LEAST, _TIMES * found.first) + found.first
-        journal._begin_commits()
+        file = directory.disk.write(found.path, new=False)
+        journal._open(file, found.number, found.end, found.first)
+        file.truncate(found.end)
+        file.sync()
         return journal
+
+    def _open(self, file: File, number: int, end: int, state: int) -> None:
+        """Write this file from now on, of which a number of records, and `end` bytes, are on the disk."""
+        self._file, self._commits = file, _Commits(file, self._worker(), self._on_failed)
+        self._number = self._synced = number
+        self._end, self._limit = end, max(_LEAST, _TIMES * state) + state
 
     @property
     def is_long(self) -> bool:
         """Whether the changes have become so long that the state should be written (`begin_segment`)."""
-        return self._end > self._limit and (self._committer is None or self._committer.idle)
+        return self._end > self._limit and (self._commits is None or self._commits.idle)
 
     def begin_segment(self, state: Mapping[str, Any]) -> None:
         """Write a segment that begins with this state, and remove the older ones. Afterwards it is on the disk."""
@@ -340,112 +337,89 @@ class Journal:
         name = f"{_PREFIX}{number:08d}"
         self._directory.write_file(name, data)
         self._close_file()
-        self._file = os.open(self._directory.path / name, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
-        self._number = self._synced = 1
-        self._end, self._limit = len(data), max(_LEAST, _TIMES * len(data)) + len(data)
-        self._begin_commits()
+        self._open(self._directory.disk.write(self._directory.path / name, new=False), 1, len(data), len(data))
         for segment in old:
-            segment.unlink()
+            self._directory.disk.remove(segment)
 
     def append(self, record: Mapping[str, Any]) -> None:
         """Write a record: it survives the death of this process."""
-        synced = self._synced if self._committer is None else max(self._synced, self._committer.synced)
-        line = _line(self._number + 1, synced, record, self._seed)
+        file, commits = self._opened()
+        line = _line(self._number + 1, max(self._synced, commits.synced), record, self._seed)
         try:
-            written = os.write(self._file, line)
-            if written < len(line):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            file.write(line)
         except OSError:
             with suppress(OSError):  # a part of a line is torn anyway
-                os.ftruncate(self._file, self._end)
+                file.truncate(self._end)
             raise
         self._number += 1
         self._end += len(line)
 
     def sync(self, then: Callable[[], object]) -> None:
         """Call `then` when all records so far are on the disk."""
-        if self._committer is not None:
-            self._committer.request(self._number, then)
-            return
-        self.flush()
-        then()
+        self._opened()[1].request(self._number, then)
 
     def flush(self) -> None:
         """Wait until all records so far are on the disk."""
-        os.fdatasync(self._file)
+        self._opened()[0].sync()
         self._synced = self._number
 
     def close(self) -> None:
         """Write everything to the disk, and close the file."""
         self._close_file()
 
-    def _begin_commits(self) -> None:
-        if self._later is not None:
-            self._committer = _Committer(self._file, self._later, self._on_failed)
+    def _opened(self) -> tuple[File, _Commits]:
+        if self._file is None or self._commits is None:
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        return self._file, self._commits
 
     def _on_failed(self, error: OSError) -> None:
         self.failed(error)
 
     def _close_file(self) -> None:
-        if self._committer is not None:
-            self._committer.close()
-            self._committer = None
-        if self._file >= 0:
+        if self._file is not None and self._commits is not None:
+            self._commits.close()
             with suppress(OSError):
-                os.fdatasync(self._file)
-            os.close(self._file)
-            self._file = -1
+                self._file.sync()
+            self._file.close()
+            self._file = self._commits = None
 
 
-class _Committer:
-    """A thread that writes one file to the disk for all who ask meanwhile. `synced`: the last record that is there."""
+class _Commits:
+    """Has a worker write a file to the disk for all who ask meanwhile. `synced`: the last record that is there."""
 
-    def __init__(self, file: int, later: Later, failed: Callable[[OSError], object]) -> None:
-        self._file, self._later, self._failed = file, later, failed
-        self._changed = threading.Condition()
+    def __init__(self, file: File, worker: Worker, failed: Callable[[OSError], object]) -> None:
+        self._file, self._worker, self._failed = file, worker, failed
         self._requests: list[Callable[[], object]] = []
         self._wanted = self.synced = 0
-        self._busy = self._closing = False
-        self._thread: threading.Thread | None = None
+        self._busy = False
 
     @property
     def idle(self) -> bool:
-        """Whether no callback waits for the disk."""
-        with self._changed:
-            return not (self._busy or self._requests)
+        """Whether nobody waits for the disk."""
+        return not (self._busy or self._requests)
 
     def request(self, number: int, then: Callable[[], object]) -> None:
-        """Call `then` in the engine's thread when the records up to this number are on the disk."""
-        with self._changed:
-            self._requests.append(then)
-            self._wanted = number
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._work, name="fame journal", daemon=True)
-                self._thread.start()
-            self._changed.notify()
+        """Call `then` when the records up to this number are on the disk."""
+        self._requests.append(then)
+        self._wanted = number
+        if not self._busy:
+            self._begin()
 
     def close(self) -> None:
-        """Finish all requests, and end the thread."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify()
-        if self._thread is not None:
-            self._thread.join()
+        """Wait for what is under way. Nobody is called any more: what follows is in another file."""
+        self._requests.clear()
+        self._worker.close()
 
-    def _work(self) -> None:
-        while True:
-            with self._changed:
-                while not self._requests and not self._closing:
-                    self._changed.wait()
-                if not self._requests:
-                    return
-                requests, self._requests, wanted, self._busy = self._requests, [], self._wanted, True
-            try:
-                os.fdatasync(self._file)
-            except OSError as error:
-                self._later(partial(self._failed, error))
-                return
-            with self._changed:
-                self.synced, self._busy = wanted, False
-            for then in requests:
-                self._later(then)
+    def _begin(self) -> None:
+        requests, self._requests, self._busy = self._requests, [], True
+        self._worker.call(self._file.sync, partial(self._end, requests, self._wanted))
+
+    def _end(self, requests: list[Callable[[], object]], number: int, _: None, error: Exception | None) -> None:
+        if isinstance(error, OSError):
+            self._failed(error)  # and stays busy: the state is to be written as a whole, to another file
+            return
+        self.synced, self._busy = number, False
+        for then in requests:
+            then()
+        if self._requests and not self._busy:
+            self._begin()

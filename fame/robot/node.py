@@ -19,7 +19,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from fame.bpmn.model import CallActivity, Process
-from fame.clock import EPOCH, SECOND, Kind, Scheduler, WallScheduler
+from fame.clock import EPOCH, SECOND, Kind, Scheduler
 from fame.engine import Engine, Instance, Program, compile_program
 from fame.engine.state import Wait
 from fame.errors import MessageError
@@ -159,8 +159,7 @@ class RobotNode:
     def assemble(self, program: Program) -> None:
         """Make the engine of a compiled program."""
         engine = Engine(program, self.host, self.host.scripts.variables)
-        if isinstance(self.scheduler, WallScheduler):
-            engine.at_once = True  # every event has a time of its own
+        engine.at_once = not self.scheduler.is_simulated  # every event has a time of its own
         self.attach(engine)
 
     def attach(self, engine: Engine) -> None:

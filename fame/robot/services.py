@@ -18,14 +18,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, TypeVar
 
-from fame.clock import SECOND, Entry, Scheduler, WallScheduler
+from fame.clock import Scheduler
 from fame.engine.program import Compiled
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware
 from fame.scripting.requests import Until
 
 Value = TypeVar("Value", str, float, int)
-_POLL_PERIOD = SECOND // 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +88,9 @@ class CommandService:
         command = [sys.executable, "-m", "fame", *arguments, "--json"]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self._output: dict[str, Any] | None = None
-        self._poll: Entry | None = None
-        if isinstance(context.scheduler, WallScheduler):
-            self._poll = context.scheduler.after(_POLL_PERIOD, self._check)
-        else:
-            self._finish()
+        self._open = True
+        self._worker = context.scheduler.worker("fame command")
+        self._worker.call(self._process.communicate, self._on_ended)
 
     def results(self) -> Mapping[str, Any] | None:
         """Give the variables, None while the command runs. Raises ConfigError if the command failed."""
@@ -105,24 +102,16 @@ class CommandService:
 
     def close(self) -> None:
         """Kill the command if it runs."""
-        if self._poll is not None:
-            self._poll.cancel()
-        if self._output is None:
-            self._process.kill()
-            self._process.communicate()
+        self._open = False
+        self._process.kill()
+        self._worker.close()
 
-    def _check(self) -> None:
-        if self._process.poll() is None:
-            self._poll = self._context.scheduler.after(_POLL_PERIOD, self._check)
-            return
-        self._finish()
-        self._context.changed()
-
-    def _finish(self) -> None:
-        output, messages = self._process.communicate()
-        for line in messages.splitlines():
-            self._context.report(line)
-        self._output = json.loads(output)
+    def _on_ended(self, output: tuple[str, str], error: Exception | None) -> None:
+        if self._open and error is None:
+            for line in output[1].splitlines():
+                self._context.report(line)
+            self._output = json.loads(output[0])
+            self._context.changed()
 
 
 def compile_service(start: StartService, context: ServiceContext) -> Compiled:

@@ -1,0 +1,59 @@
+"""What must hold of every run, whatever strikes: each function gives the sentences that do not hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from .team import Team
+
+LAST = 99
+"""The version that is deployed at the end."""
+
+
+def judge(team: Team) -> list[str]:
+    """Run a team to its end, and return what does not hold."""
+    team.run()
+    found = [*team.problems, *half_applied(team), *broken_promises(team), *undecided(team)]
+    for robot in team.robots.values():
+        if robot.engine is not None and robot.engine.state == "holding":
+            team.note(f"{robot.name} holds: a person aborts")
+            team.abort(robot)
+            team.pass_time(10)
+            if robot.engine is not None and robot.engine.state == "holding":
+                found.append(f"{robot.name} holds although a person has aborted")
+    sender = team.deploy(LAST)
+    team.pass_time(40)
+    if not sender.ended.startswith("started"):
+        found.append(f"a new deployment has failed on a healthy team: {sender.ended or 'no end after 40 s'}")
+    found += half_applied(team)
+    return list(dict.fromkeys([*found, *team.problems]))
+
+
+def half_applied(team: Team) -> Iterator[str]:
+    """Never one robot on the new model and another on the old one."""
+    running = {
+        robot.name: robot.engine.deployed
+        for robot in team.robots.values()
+        if robot.engine is not None and robot.engine.deployed and robot.engine.state != "holding"
+    }
+    if len(set(running.values())) > 1:
+        where = ", ".join(f"{name} runs {deployment}" for name, deployment in running.items())
+        yield f"half applied: {where}"
+
+
+def broken_promises(team: Team) -> Iterator[str]:
+    """An engine that said ready keeps its promise, or nobody starts; one without a directory dies with its promise."""
+    ready = {(said.process, said.deployment) for said in team.said if said.answer == "ready"}
+    started = {said.deployment for said in team.said if said.answer == "started"}
+    for said in team.said:
+        key = said.process, said.deployment
+        broken = said.answer in ("aborted", "refused") and key in ready and said.deployment in started
+        if broken and (said.robot, said.deployment) not in team.released:
+            yield f"{said.robot} said ready, then {said.answer} to {said.deployment}, which others have started"
+
+
+def undecided(team: Team) -> Iterator[str]:
+    """Every deployment ends once the network is whole."""
+    for sender in team.senders:
+        if sender.alive:
+            yield f"{sender.process.name} has not ended {60} s after the last fault"

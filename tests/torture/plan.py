@@ -1,0 +1,116 @@
+"""What happens in a run: what people do, and which faults strike when, drawn from the seed.
+
+Swarm testing: each seed first draws which kinds of fault it uses at all, so that rare ones meet each other undisturbed.
+A plan is data (JSON): what once failed is kept as a plan, since a seed means something else after a change of code.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from .missions import ROBOTS
+
+HEAL = 45.0
+"""When all faults end (s)."""
+DESK = "desk"
+"""The machine of the senders."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Step:
+    """Something that happens at `time` (s). `target` is a robot, a machine or the number of a sender.
+
+    With `on` it happens after `time`, as soon as a robot gives this answer (``A ready``).
+    """
+
+    time: float
+    kind: str
+    target: str = ""
+    value: Any = None
+    on: str = ""
+
+    def __str__(self) -> str:
+        on = f"  on {self.on}" if self.on else ""
+        return f"{self.time:8.3f}  {self.kind} {self.target} {'' if self.value is None else self.value}".rstrip() + on
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """All that happens in the run of a seed."""
+
+    seed: int
+    steps: tuple[Step, ...]
+
+    def to_json(self) -> str:
+        return json.dumps({"seed": self.seed, "steps": [list(asdict(step).values()) for step in self.steps]})
+
+    @classmethod
+    def from_json(cls, text: str) -> Plan:
+        found = json.loads(text)
+        return cls(found["seed"], tuple(Step(*step) for step in found["steps"]))
+
+
+FAULTS = ("kill", "stop", "cut", "loss", "delay", "match", "clock", "kill sender", "stop sender")
+
+
+def draw(seed: int) -> Plan:
+    """The plan of a seed."""
+    chance = random.Random(f"plan {seed}")
+    steps = [Step(_rounded(chance.uniform(0, 2)), "start", robot) for robot in ROBOTS]
+    steps += _deployments(chance)
+    begun = [step.time for step in steps if step.kind == "deploy"]
+    for kind in [kind for kind in FAULTS if chance.random() < 0.4]:
+        for _ in range(chance.randint(1, 4)):
+            steps.append(_when(chance, begun, _fault(chance, kind)))
+    if chance.random() < 0.5:
+        steps.append(Step(0.0, "delay", "", (chance.choice((0.05, 0.5, 2.0)), HEAL)))
+    return Plan(seed, tuple(sorted(steps, key=lambda step: step.time)))
+
+
+def _when(chance: random.Random, begun: list[float], step: Step) -> Step:
+    """Faults strike at any time, soon after a deployment begins, or at an answer of a robot."""
+    soon = _rounded(chance.choice(begun) + chance.choice((0.7, 2, 10)) * chance.random())
+    match chance.choice(("any", "soon", "answer")):
+        case "soon":
+            return replace(step, time=soon)
+        case "answer":
+            answer = chance.choice(("ready", "ready", "started", "asking", "aborted", "refused"))
+            return replace(step, time=soon, on=f"{chance.choice(ROBOTS)} {answer}")
+    return step
+
+
+def _deployments(chance: random.Random) -> list[Step]:
+    time, steps = 2.0, []
+    for version in range(1, chance.randint(2, 5)):
+        time += chance.choice((0.3, 2.0, 8.0, 15.0)) * chance.random()
+        steps.append(Step(_rounded(time), "deploy", str(version), version))
+    return steps
+
+
+def _fault(chance: random.Random, kind: str) -> Step:
+    time = _rounded(chance.uniform(2, 30))
+    long = _rounded(chance.choice((0.2, 2.0, 8.0, 14.0)) * (0.5 + chance.random()))
+    match kind:
+        case "kill" | "stop" | "match":
+            return Step(time, kind, chance.choice(ROBOTS), long)
+        case "cut":
+            return Step(time, kind, " ".join(chance.sample((*ROBOTS, DESK), 2)), long)
+        case "loss":
+            return Step(time, kind, "", (_rounded(chance.uniform(0.01, 0.6)), long))
+        case "delay":
+            return Step(time, kind, "", (_rounded(chance.choice((0.05, 0.5, 3.0))), long))
+        case "clock":
+            return Step(
+                time,
+                kind,
+                chance.choice((*ROBOTS, DESK)),
+                _rounded(chance.choice((1, 60, 1e5)) * chance.uniform(-1, 1)),
+            )
+    return Step(time, kind, "", long)
+
+
+def _rounded(value: float) -> float:
+    return round(value, 3)

@@ -1,0 +1,318 @@
+"""A team that runs a plan: machines, engines, senders and a network, on one scheduler."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from fame.clock import SECOND, Kind, Scheduler
+from fame.deploy import Deployment, EngineNode, engines
+from fame.deploy.assignment import assign_robots
+from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope, Report
+from fame.deploy.robot_state import Reply
+from fame.errors import ConfigError, DeploymentError, FameError
+from fame.middleware import messages
+
+from .fabric import Fabric, Wire
+from .missions import ROBOTS, mission
+from .plan import DESK, HEAL, Plan, Step
+from .processes import Machine, Process
+
+QUIET = 60.0
+"""How long the team has after the last fault (s)."""
+
+
+@dataclass
+class Said:
+    """An answer of an engine to a deployment, as it gave it."""
+
+    time: float
+    robot: str
+    process: str
+    answer: str
+    deployment: str
+    reason: str
+
+
+@dataclass
+class Robot:
+    """A robot: its machine, and the engine that runs on it now, if one does."""
+
+    name: str
+    machine: Machine
+    process: Process | None = None
+    wire: Wire | None = None
+    engine: EngineNode | None = None
+    wanted: bool = False  # whether an engine is to run
+
+
+@dataclass
+class Sender:
+    """`fame deploy` of a version: it looks for its robots, deploys, and ends."""
+
+    version: int
+    process: Process
+    wire: Wire
+    deployment: Deployment | None = None
+    ended: str = ""
+
+    @property
+    def alive(self) -> bool:
+        return self.process.alive and not self.ended
+
+
+@dataclass
+class Team:
+    """The run of a plan. `lines` tell what happened; `said` has all answers; `problems` what must not be."""
+
+    plan: Plan
+    scheduler: Scheduler = field(default_factory=Scheduler)
+    said: list[Said] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    struck: Counter[str] = field(default_factory=Counter)
+    released: set[tuple[str, str]] = field(default_factory=set)  # (robot, deployment) that a person aborted
+
+    def __post_init__(self) -> None:
+        self.fabric = Fabric(self.scheduler, self.plan.seed)
+        self.machines = {name: Machine(name, self.scheduler) for name in (*ROBOTS, DESK)}
+        self.robots = {name: Robot(name, self.machines[name]) for name in ROBOTS}
+        self.senders: list[Sender] = []
+        self._numbers = Counter[str]()
+        self._armed: list[Step] = []  # what waits for an answer
+
+    # ---- the run -----------------------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Carry out the plan, heal, and wait."""
+        for step in self.plan.steps:
+            action = partial(self._armed.append, step) if step.on else partial(self._do, step)
+            self.scheduler.at(round(step.time * SECOND), action, Kind.MESSAGE)
+        self.pass_until(HEAL)
+        self._heal()
+        self.pass_time(QUIET)
+
+    def pass_time(self, seconds: float) -> None:
+        """Let simulated time pass."""
+        self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
+
+    def pass_until(self, time: float) -> None:
+        self.scheduler.run(round(time * SECOND))
+
+    def note(self, text: str) -> None:
+        """A line of the log."""
+        self.lines.append(f"{self.scheduler.now / SECOND:10.6f}  {text}")
+
+    def _do(self, step: Step) -> None:
+        self.note(f"{step.kind} {step.target} {step.value}")
+        self.struck[self._phase(step)] += 1
+        match step.kind:
+            case "start":
+                self.start(self.robots[step.target])
+            case "deploy":
+                self.deploy(step.value)
+            case "kill":
+                self.kill(self.robots[step.target], step.value)
+            case "stop":
+                if (process := self.robots[step.target].process) is not None:
+                    self._stop(process, step.value)
+            case "cut":
+                one, other = step.target.split()
+                self.fabric.cut(one, other)
+                self._later(step.value, partial(self.fabric.cut, one, other, heal=True))
+            case "loss":
+                self.fabric.loss = step.value[0]
+                self._later(step.value[1], partial(setattr, self.fabric, "loss", 0.0))
+            case "delay":
+                self.fabric.delay = step.value[0]
+                self._later(step.value[1], partial(setattr, self.fabric, "delay", 0.002))
+            case "match":
+                self._drop_matches(self.robots[step.target])
+            case "clock":
+                self.machines[step.target].ahead += step.value
+            case "kill sender" | "stop sender":
+                for sender in [one for one in self.senders if one.alive][-1:]:
+                    if step.kind == "kill sender":
+                        self.fabric.leave(sender.wire)
+                    else:
+                        self._stop(sender.process, step.value)
+            case _:
+                raise ValueError(step.kind)
+
+    def _phase(self, step: Step) -> str:
+        """A kind of fault, and in which phase of a deployment it strikes its robot (or the newest)."""
+        engine = self.robots[step.target].engine if step.target in self.robots else None
+        if engine is not None:
+            candidate = engine._protocol.state.candidate
+            return f"{step.kind} / {candidate.stage if candidate is not None else engine.state}"
+        running = [one.deployment for one in self.senders if one.alive and one.deployment is not None]
+        return f"{step.kind} / {running[-1]._protocol.state.phase if running else 'nothing under way'}"
+
+    def _later(self, seconds: float, action: Any) -> None:
+        self.scheduler.after(round(seconds * SECOND), action, Kind.MESSAGE)
+
+    def _heal(self) -> None:
+        """No fault from now on: every link is whole, every process runs."""
+        self.note("heal")
+        self._armed.clear()
+        self.fabric.loss, self.fabric.delay = 0.0, 0.002
+        for pair, count in list(self.fabric.cuts.items()):
+            for _ in range(count):
+                self.fabric.cut(*pair, heal=True)
+        for process in [one.process for one in (*self.robots.values(), *self.senders) if one.process is not None]:
+            self._continue(process)
+        for robot in self.robots.values():
+            if robot.process is None:
+                self.start(robot)
+
+    # ---- processes ---------------------------------------------------------------------------------------------------
+
+    def _process(self, name: str, machine: Machine) -> tuple[Process, Wire]:
+        self._numbers[name] += 1
+        process = Process(f"{name}#{self._numbers[name]}", machine, self.scheduler, self._on_error)
+        return process, self.fabric.join(process)
+
+    def _on_error(self, process: Process, error: Exception) -> None:
+        """An error has left the main loop of a process: it ends, as one without a handler would."""
+        self.note(f"{process.name} ends: {type(error).__name__}: {error}")
+        for robot in self.robots.values():
+            if robot.process is process:
+                self._end(robot)
+        if not (isinstance(error, FameError) and "there is an engine" in str(error)):
+            self.problems.append(f"{process.name} ended with {type(error).__name__}: {error}")
+        else:  # whoever started it, starts it again
+            self._later(3.0, partial(self._restart, process.name.split("#")[0]))
+
+    def start(self, robot: Robot) -> None:
+        """Start a robot's engine."""
+        if robot.process is not None:
+            return
+        robot.process, robot.wire = self._process(robot.name, robot.machine)
+        self.note(f"{robot.process.name} begins")
+        robot.engine = EngineNode(
+            robot.name, scheduler=robot.process, middleware=robot.wire, wall_time=robot.machine.wall_time
+        )
+        self._listen(robot, robot.engine, robot.process)
+
+    def _listen(self, robot: Robot, engine: EngineNode, process: Process) -> None:
+        """Note every answer that an engine gives."""
+        publish = engine.status.publish
+
+        def published(answer: str = "", deployment: str = "", reason: str = "", *rest: Any, **more: Any) -> None:
+            if answer and not more.get("repeated"):
+                said = Said(self.scheduler.now / SECOND, robot.name, process.name, answer, deployment, reason)
+                self.said.append(said)
+                self.note(f"{process.name}: {answer} {deployment} {reason}".rstrip())
+            publish(answer, deployment, reason, *rest, **more)
+            for step in [step for step in self._armed if step.on == f"{robot.name} {answer}"]:
+                self._armed.remove(step)
+                self._later(0.0, partial(self._do, step))
+
+        engine.status.publish = published  # type: ignore[method-assign]
+
+    def kill(self, robot: Robot, away: float) -> None:
+        """SIGKILL, and a restart after a while."""
+        if robot.wire is not None:
+            self._end(robot)
+            self._later(away, partial(self._restart, robot.name))
+
+    def _end(self, robot: Robot) -> None:
+        assert robot.wire is not None
+        self.fabric.leave(robot.wire)
+        robot.process = robot.wire = robot.engine = None
+
+    def _restart(self, name: str) -> None:
+        if name in self.robots:
+            self.start(self.robots[name])
+
+    def _stop(self, process: Process, seconds: float) -> None:
+        process.stop()
+        self.fabric.check()
+        self._later(seconds, partial(self._continue, process))
+
+    def _continue(self, process: Process) -> None:
+        if process.stopped and process.alive:
+            process.go_on()
+            self.fabric.check()
+
+    def _drop_matches(self, robot: Robot) -> None:
+        """The endpoints of a robot lose their matches, and find them again."""
+        if robot.wire is None:
+            return
+        for wire in robot.wire.others():
+            for end in robot.wire.ends():
+                wire.lose(end)
+                self._later(0.5, partial(wire.discover, end))
+
+    # ---- what people do ----------------------------------------------------------------------------------------------
+
+    def deploy(self, version: int) -> Sender:
+        """``fame deploy``: find the robots for at most 10 s, deploy, end."""
+        process, wire = self._process(f"sender {version}", self.machines[DESK])
+        sender = Sender(version, process, wire)
+        self.senders.append(sender)
+        self._find(sender, process.now + 10 * SECOND)
+        return sender
+
+    def _find(self, sender: Sender, until: int) -> None:
+        process, wire, definitions = sender.process, sender.wire, mission(sender.version)
+        try:
+            assign_robots(definitions, engines(wire), found=True, only=())
+        except (ConfigError, DeploymentError) as error:
+            if process.now >= until:
+                self._leave(sender, f"no robots: {error}")
+            else:
+                process.after(SECOND // 20, partial(self._find, sender, until))
+            return
+        process.after(SECOND // 2, partial(self._begin, sender))
+
+    def _begin(self, sender: Sender) -> None:
+        wall_time = sender.process.machine.wall_time
+        try:
+            sender.deployment = Deployment(
+                mission(sender.version),
+                id=sender.process.name,
+                sequence=round(wall_time() * 1e6),
+                scheduler=sender.process,
+                middleware=sender.wire,
+                wall_time=wall_time,
+                ended=lambda _: self._later(0.0, partial(self._ended, sender)),
+            )
+        except FameError as error:
+            self._leave(sender, f"not sent: {error}")
+            return
+        sender.deployment.begin()
+
+    def _ended(self, sender: Sender) -> None:
+        if sender.deployment is not None and sender.alive:
+            outcome = "; ".join(map(str, sender.deployment.robots.values()))
+            self._leave(sender, f"{'failed' if sender.deployment.failed else 'started'}: {outcome}")
+
+    def _leave(self, sender: Sender, text: str) -> None:
+        """The process of a sender ends."""
+        self.note(f"{sender.process.name}: {text}")
+        sender.ended = text
+        if sender.deployment is not None:
+            sender.deployment.close()
+        sender.wire.close()
+        self._later(0.5, partial(self.fabric.leave, sender.wire))
+
+    def abort(self, robot: Robot) -> None:
+        """``fame abort``: a person ends the deployment that a robot holds."""
+        assert robot.engine is not None
+        candidate = robot.engine._protocol.state.candidate
+        if candidate is None:
+            return
+        deployment = candidate.envelope.deployment
+        self.released.add((robot.name, deployment))
+        process, wire = self._process("person", self.machines[DESK])
+        publisher = wire.node("person").publisher(f"/{robot.name}/bpmn_process", STRING, PROCESS_QOS)
+        envelope = Envelope(deployment=deployment, sequence=0, robot=robot.name, phase="abort")
+        self._later(2.0, lambda: publisher.publish(messages.create(STRING, envelope.to_json())))
+        self._later(4.0, partial(self.fabric.leave, wire))
+        del process
+
+
+__all__ = ["Reply", "Report", "Robot", "Said", "Sender", "Team"]
