@@ -134,6 +134,83 @@ def test_an_error_that_nobody_catches_is_one_finding_per_element() -> None:
     assert not result.failed
 
 
+# ---- errors that nothing catches -------------------------------------------------------------------------------------
+
+
+RAISE = "run raise BpmnError('broken')"
+
+
+@pytest.mark.parametrize("delivery", ["run", "fast", "any"])
+def test_an_uncaught_error_ends_its_instance_and_the_others_go_on(delivery: str) -> None:
+    """Two of them block each other, whatever the third one does."""
+    blocked: dict[str, Steps] = {"A": ["work", "catch b", "throw a"], "B": ["work", "catch a", "throw b"]}
+    result = found({**blocked, "C": ["work", RAISE]}, delivery=delivery)
+    assert result.exhaustive
+    (one,) = (one for one in result.findings if one.level == "error")
+    assert one.kind == "error"
+    assert "error broken was not caught" in " ".join(map(str, one.run))
+    assert "then A waits at" in one.text
+    assert one.robots == ("A", "B")
+    never = [place.element for one in result.findings if one.kind == "unreachable" for place in one.places]
+    assert never
+    assert not any("work" in element for element in never)
+    result = found({**blocked, "C": ["work", "fail broken"]}, delivery=delivery)
+    (one,) = (one for one in result.findings if one.kind == "deadlock")
+    assert "then" not in next(one.text for one in result.findings if one.kind == "error"), "that is so without it, too"
+
+
+def test_what_waits_forever_after_an_error_is_told_with_it_once() -> None:
+    robots: dict[str, Steps] = {"A": ["fail lame", "fail late", "throw done"], "B": ["catch done"], "C": ["fail other"]}
+    result = found(robots)
+    errors = {one.places[0].element: one for one in result.findings}
+    assert [one.kind for one in errors.values()] == ["error"] * 3
+    assert {bool(one.robots) for one in errors.values() if "A_" in one.places[0].element} == {True}
+    assert not next(one for element, one in errors.items() if "C_" in element).robots
+    assert not result.failed
+    told = next(one for one in errors.values() if "late" in one.text)
+    assert told.text.endswith(", forever")
+    assert told.doomed is not None
+    assert str(told.run[told.doomed]) == 'A\'s "work" fails: late'
+    assert sum(step.kind == "fail" for step in told.run) == 1
+
+
+def test_an_error_that_waits_on_two_errors_is_told_at_one() -> None:
+    """B waits if both are lame; nobody waits if one of them is."""
+    robots: dict[str, Steps] = {"A": ["fail lame", "throw a"], "C": ["fail lame", "throw c"],
+                                "B": [("race", ["catch a"], ["catch c"])]}  # fmt: skip
+    told = [one for one in found(robots, delivery="run").findings if one.kind == "error" and one.robots]
+    assert told
+    assert all(sum(step.kind == "fail" for step in one.run) == 2 for one in told)
+
+
+def test_an_error_fails_the_check_if_it_is_computed_or_no_run_completes() -> None:
+    for steps in (["work", RAISE], [RAISE], ["run n = []", ("if", "n[0] == 1", ["work"], [])]):
+        result = found({"A": steps, "B": ["work"]})
+        assert result.failed, steps
+        assert [one.kind for one in result.findings if one.level == "error"] == ["error"]
+        assert not any(place.element.startswith("B") for one in result.findings for place in one.places)
+    one_way = "run if x > 1: raise BpmnError('a')"
+    assert not found({"A": ["run x = robot.now", one_way]}).failed
+    assert found({"A": ["run x = robot.now", f"{one_way}\nraise BpmnError('b')"]}).failed
+    assert not found({"A": ["run seen = {1: 2}", "run x = seen[robot.now]"]}).failed  # the key may be there
+
+
+def test_a_loop_that_only_an_error_ends_never_completes() -> None:
+    result = found({"A": [("while", ["fail broken"])]})
+    assert {"never", "error"} == kinds(result)
+    assert next(one for one in result.findings if one.kind == "never").text.startswith("no run completes")
+    counted: Steps = ["run n = 0", ("while", ["work", "run n += 1\nif n > 2: raise BpmnError('broken')"])]
+    result = found({"A": counted, "B": ["work"]})
+    assert [one.kind for one in result.findings if one.level == "error"] == ["error"]
+
+
+def test_an_error_of_one_delivery_fails_the_check_in_both() -> None:
+    """A message that comes early makes it certain."""
+    robots: dict[str, Steps] = {"A": [("race", ["catch a", RAISE], ["catch b"])], "B": ["throw b"], "C": ["throw a"]}
+    assert found(robots, delivery="fast").failed
+    assert found(robots).failed
+
+
 def test_multi_instance_bidding() -> None:
     """The auctioneer takes the first bid; the others have nobody to tell them that it is over."""
     robots: dict[str, Steps] = {
@@ -189,10 +266,29 @@ def test_a_variable_that_counts_for_ever_becomes_unknown() -> None:
 
 def test_an_accepted_deadlock_does_not_fail() -> None:
     robots: dict[str, Steps] = {"A": ["catch b", "throw a"], "B": ["catch a", "throw b"]}
-    result = explore(team(robots, accept={"A": "deadlock: they are started by hand"}))
+    result = explore(team(robots, accept=dict.fromkeys("AB", "deadlock: they are started by hand")))
     (one,) = (one for one in result.findings if one.kind == "deadlock")
     assert one.accepted == "they are started by hand"
     assert not result.failed
+
+
+def test_a_deadlock_is_accepted_only_for_every_robot_that_waits() -> None:
+    robots: dict[str, Steps] = {"A": ["catch b", "throw a"], "B": ["catch a", "throw b"]}
+    result = explore(team(robots, accept={"A": "deadlock: somebody ends it"}))
+    assert result.failed
+    patrol: dict[str, Steps] = {"A": [("while", ["work"])], "B": [("or", ["work"], [("while", ["work"])])]}
+    result = explore(team(patrol, accept={"A": "never: patrols until it is stopped"}))
+    assert [bool(one.accepted) for one in result.findings if one.kind == "never"] == [True, False]
+
+
+def test_an_accepted_deadlock_hides_none_that_contains_it() -> None:
+    robots: dict[str, Steps] = {"A": ["catch stop"], "B": [("or", ["work"], ["catch never"])], "C": ["person"]}
+    robots["D"] = [("or", ["throw x"], ["throw stop", "throw never"])]
+    result = explore(team(robots, accept={"A": "deadlock: somebody ends it; lost: somebody ends it"}), delivery="run")
+    stuck = {one.robots: bool(one.accepted) for one in result.findings if one.kind in ("deadlock", "lost")}
+    assert stuck[("A",)] is True
+    assert stuck[("A", "B")] is False
+    assert result.failed
 
 
 def test_messages_kept_in_a_bag_are_not_lost() -> None:

@@ -108,13 +108,12 @@ def _refuse_unexplored(definitions: Definitions, library: Library, found: Mappin
 
     The robots are those that were `found`; a pool without one has as many as `fame check --explore` takes.
     """
-    from fame.check.explore.findings import FAILING
     from fame.cli.exploration import partial_text
     from fame.scenario.exploration import explore_found
 
     result = explore_found(definitions, library, found)
     note(result.summary())
-    faults = [one for one in result.findings if one.kind in FAILING and not one.accepted]
+    faults = [one for one in result.findings if one.level == "error"]
     if faults:
         more = f"; and {len(faults) - 1} more: fame check --explore" if len(faults) > 1 else ""
         raise DeploymentError(f"not deployed: {faults[0].text}{more}")

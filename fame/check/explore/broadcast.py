@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import permutations
 
 from fame.check.explore.network import Network, Receivers, Sent
-from fame.check.explore.transitions import BITS, MASK, Move, Reactions
+from fame.check.explore.transitions import BITS, CUT, MASK, Move, Reactions
 
 MOST_IN_CASCADE = 200
 """Deliveries that one step may lead to at once."""
@@ -82,6 +82,7 @@ class Broadcast:
                     done.append((after, reactions + added))
                 elif deliveries > MOST_IN_CASCADE:
                     self.network.piles.add((more[0].origin, more[0].topic, more[0].receivers[0]))
+                    done.append((after & ~more[0].mask | more[0].mask // MASK * CUT, reactions + added))
                 else:
                     pending.append((after, more, reactions + added, deliveries))
         return done

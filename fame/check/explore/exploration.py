@@ -14,7 +14,7 @@ from fame.bpmn.model import Definitions, Element, Process
 from fame.bpmn.pools import Pool, shared_topics
 from fame.check.explore.abstraction import Abstraction, abstraction
 from fame.check.explore.faults import Faults
-from fame.check.explore.findings import FAILING, KINDS, Finding, Kind, Report
+from fame.check.explore.findings import FAILING, KINDS, LEVELS, Finding, Kind, Report
 from fame.check.explore.graph import Explored
 from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
 from fame.check.explore.host import field_names
@@ -125,8 +125,8 @@ class Exploration:
 
     @property
     def failed(self) -> bool:
-        """Whether something of the kinds that fail a check was found, and not accepted."""
-        return any(one.kind in FAILING and not one.accepted for one in self.findings)
+        """Whether an error was found, and not accepted."""
+        return any(one.level == "error" for one in self.findings)
 
     @property
     def states(self) -> int:
@@ -137,10 +137,6 @@ class Exploration:
         """The first line of a report."""
         spent = f"{self.states} states in {self.seconds:.1f} s"
         modes = " and ".join(search.delivery for search in self.searches)
-        if not self.states and self.exhaustive:
-            return (
-                f"{self.file}: every run ends at its start in an error that nothing catches ({', '.join(self.robots)})"
-            )
         if self.exhaustive:
             return f"{self.file}: all states explored ({', '.join(self.robots)}; delivery {modes}): {spent}"
         return f"{self.file}: NOT all states explored ({', '.join(self.cuts)}; delivery {modes}): {spent}"
@@ -345,7 +341,8 @@ def _explored(team: Team, begun: float) -> Exploration:
         searches.append(searched)
         left -= searched.states
         for one in found:
-            findings.setdefault(_cause(one), one)
+            key = _cause(one)
+            findings[key] = min(findings.get(key, one), one, key=_rank)
     unreachable = [one for one in findings.values() if one.kind == "unreachable"]
     if any(search.cuts for search in searches):  # what one search did not enter another may
         unreachable = []
@@ -367,12 +364,18 @@ def _explored(team: Team, begun: float) -> Exploration:
 def _cause(finding: Finding) -> tuple[str, str]:
     """What makes two findings of different deliveries the same one."""
     if finding.kind in FAILING:
-        return ("wait", repr([(place.element) for place in finding.places]))
+        kind = "never" if finding.kind == "never" else "wait"
+        return (kind, repr([place.element for place in finding.places] + [finding.accepted]))
     if finding.kind in ("always-lost", "unneeded", "growth"):
         return (finding.kind, finding.text)
     if finding.kind == "fault":
         return (finding.kind, finding.text)
     return (finding.kind, repr([place.element for place in finding.places]))
+
+
+def _rank(finding: Finding) -> tuple[int, bool]:
+    """Of the same findings of several deliveries the worst has the lowest rank, then one that leaves robots waiting."""
+    return LEVELS.index(finding.level), not finding.robots
 
 
 # ---- the model -------------------------------------------------------------------------------------------------------

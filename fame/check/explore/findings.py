@@ -1,18 +1,20 @@
 """The findings of an exploration: one per cause, each with the shortest run to it.
 
 The first three kinds fail a check: a ``deadlock``, a mission that can ``never`` complete, a ``lost`` signal that a
-robot waits for afterwards. Warnings are signals that are ``always-lost``, ``dropped`` triggers, pools that may not have
-started at the end (``unstarted``), ``unreachable`` elements, errors that are not caught (``error``), conditions that
-fail (``condition``), ``growth`` without bound, and a single ``fault`` that leaves others waiting forever. What has no
-consequence is a note.
+robot waits for afterwards; and an ``error`` that nothing catches, unless whether it is raised is unknown and a run may
+complete without it. What waits forever after such an error is part of its finding. Warnings are signals that are
+``always-lost``, ``dropped`` triggers, pools that may not have started at the end (``unstarted``), ``unreachable``
+elements, other errors, conditions that fail (``condition``), ``growth`` without bound, and a single ``fault`` that
+leaves others waiting forever. What has no consequence is a note.
 
-An element or process with property ``accept`` = ``<kind>: <reason>`` accepts a finding about it.
+An element or process with property ``accept`` = ``<kind>: <reason>`` accepts a finding about it. If robots wait
+forever, something at which each of them waits, or its process, has to accept that.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -20,14 +22,18 @@ from fame.check.explore.faults import outcomes
 from fame.check.explore.graph import Explored
 from fame.check.explore.product import Fault, Product
 from fame.check.explore.semantics import SECOND_TOKEN, counted, cycle
-from fame.check.explore.trace import Place, Runs, Step, waiting
+from fame.check.explore.trace import Place, Run, Runs, Step, waiting
 
 Kind = Literal[
     "deadlock", "never", "lost", "always-lost", "dropped", "unstarted", "unreachable", "error", "condition", "growth",
     "fault", "unneeded", "unsafe", "endless",
 ]  # fmt: skip
 FAILING: tuple[Kind, ...] = ("deadlock", "never", "lost")
-"""The kinds that make a check fail."""
+"""The kinds that always make a check fail: robots wait forever."""
+LEVELS = ("error", "warning", "note")
+"""How bad a finding is, the worst first."""
+Cause = frozenset[tuple[str, str]]
+"""At which elements robots of which pool wait forever; "" for those that go on."""
 _ERROR: Kind = "error"
 _UNSAFE: Kind = "unsafe"
 KINDS: tuple[Kind, ...] = (
@@ -49,6 +55,7 @@ class Finding:
     delivery  how messages were delivered in that run
     accepted  why the model accepts it, empty if it does not
     robots    those that wait forever, as they are called in the run
+    certain   an error that is raised whatever the unknown values are, or without which no run completes
     """
 
     kind: Kind
@@ -60,13 +67,14 @@ class Finding:
     delivery: str = "run"
     accepted: str = ""
     robots: tuple[str, ...] = ()
+    certain: bool = False
 
     @property
     def level(self) -> str:
         """``error``, ``warning`` or ``note``."""
         if self.accepted or self.kind == "unneeded":
             return "note"
-        return "error" if self.kind in FAILING else "warning"
+        return "error" if self.kind in FAILING or self.certain else "warning"
 
     def __str__(self) -> str:
         accepted = f" (accepted: {self.accepted})" if self.accepted else ""
@@ -104,18 +112,19 @@ class Report:
     def findings(self) -> list[Finding]:
         """All findings, the worst first."""
         good = self.explored.completable()
+        circling = self._circling(good)
         found = [
             *self._stuck(good),
-            *self._endless(good),
+            *self._least("never", {cause: at for cause, at in circling.items() if not self.explored.layer(at)}, good),
             *self._not_started(),
             *self._signals(),
-            *self._errors(),
+            *self._errors(circling, good),
             *self._growth(),
         ]
         found += self._circles() if self.weak else ()
         found += self._unreachable() if self.exhaustive and self.explored.states else ()
         delivery = self.product.options.delivery
-        found = [self._judged(replace(one, delivery=delivery)) for one in found]
+        found = [one if one.kind in FAILING else self._judged(replace(one, delivery=delivery)) for one in found]
         return sorted(found, key=lambda one: KINDS.index(one.kind))
 
     # ---- single faults -------------------------------------------------------------------------------
@@ -129,13 +138,11 @@ class Report:
                 rows.append((self._fault_name(fault), "the others complete", None))
                 continue
             last = self._last_of(at, good)
-            stuck, name = self._waiting("deadlock", last, good), self._fault_name(self._in_run(fault, last))
+            stuck, name = self._waiting("fault", last, good), self._fault_name(self._in_run(fault, last))
             if any(name == other for other, _, _ in rows):  # of another robot that is alike
                 continue
-            who = stuck.text.partition(": ")[2].removesuffix(", and nothing will come")
-            finding = replace(stuck, kind="fault", text=f"{name}: {who}, forever",
-                              delivery=self.product.options.delivery)  # fmt: skip
-            rows.append((name, f"{who}, forever", self._judged(finding)))
+            who = _after_title(stuck)
+            rows.append((name, who, replace(stuck, kind="fault", text=f"{name}: {who}")))
         return rows
 
     def _last_of(self, at: int, good: bytearray) -> int:
@@ -149,7 +156,7 @@ class Report:
 
     def _in_run(self, fault: Fault, at: int) -> Fault:
         """The fault with the robot by its name in the run to a state: equal robots change places."""
-        steps, after = self.runs.to(at)
+        steps, after, _ = self.runs.to(at)
         states = self.explored.states
         happened = (
             step
@@ -173,50 +180,57 @@ class Report:
 
     def _judged(self, finding: Finding) -> Finding:
         """The finding, accepted if the model says so."""
-        kinds = (finding.kind, "deadlock") if finding.kind == "lost" else (finding.kind,)
-        for element in (*(place.element for place in finding.places), *finding.processes):
-            for kind in kinds:
-                if kind in self.accepts.get(element, ()):
-                    return replace(finding, accepted=self.accepts[element][kind])
-        return finding
+        reason = self._reason(finding.kind, [*(place.element for place in finding.places), *finding.processes])
+        return replace(finding, accepted=reason) if reason else finding
+
+    def _reason(self, kind: Kind, elements: Iterable[str]) -> str:
+        """Why one of some elements and processes accepts a finding of a kind; empty if none does."""
+        kinds = (kind, "deadlock") if kind == "lost" else (kind,)
+        return next((self.accepts[one][each] for one in elements if one in self.accepts
+                     for each in kinds if each in self.accepts[one]), "")  # fmt: skip
 
     # ---- robots that wait forever -------------------------------------------------------------------
 
     def _stuck(self, good: bytearray) -> Iterator[Finding]:
         """Deadlocks: one for each set of elements at which robots wait, and none for one that contains another."""
-        causes: dict[frozenset[tuple[str, str]], int] = {}
+        causes: dict[Cause, int] = {}
         for at in self.explored.stuck:
-            if self.product.fault_of(self.explored.states[at]):
-                continue
-            causes.setdefault(self._cause(at), at)
-        for cause, at in causes.items():
-            if not any(other < cause for other in causes):
-                yield self._waiting("deadlock", at, good)
+            if not self.product.fault_of(self.explored.states[at]) and not self.explored.layer(at):
+                causes.setdefault(self._cause(at), at)
+        yield from self._least("deadlock", causes, good)
 
-    def _cause(self, at: int) -> frozenset[tuple[str, str]]:
+    def _least(self, kind: Kind, causes: Mapping[Cause, int], good: bytearray) -> Iterator[Finding]:
+        """The findings of some causes; of those that are accepted, and of the others, none that contains another."""
+        found = {cause: self._waiting(kind, at, good) for cause, at in causes.items()}
+        for cause, one in found.items():
+            if not any(other < cause and bool(found[other].accepted) == bool(one.accepted) for other in found):
+                yield one
+
+    def _cause(self, at: int, moving: Set[int] = frozenset()) -> Cause:
         """At which elements robots of which pool wait in a state."""
         state = self.explored.states[at]
-        found = {(self.pools[robot], element) for robot, waits in waiting(self.product, state) for element, _ in waits}
+        found = {(self.pools[robot], "" if robot in moving else element)
+                 for robot, waits in waiting(self.product, state) for element, _ in waits or (("-", ""),)}  # fmt: skip
         return frozenset(found)
 
     def _not_started(self) -> Iterator[Finding]:
         """Pools that have to start, and may not have at the end."""
         for place, pool in enumerate(self.product.options.required):
             states = self.explored.states
-            found = (at for at in self.explored.final if not states[at] >> self.product.mark_shift + place & 1)
+            final = (at for at in self.explored.final if not self.explored.layer(at))
+            found = (at for at in final if not states[at] >> self.product.mark_shift + place & 1)
             at = next((at for at in found if not self.product.fault_of(states[at])), None)
             if at is not None:
                 name, starts = self.pools[pool[0]], self.starts[pool[0]]
                 where = ", ".join(self._wait(element, topic) for element, topic in starts)
                 text = f"{name} may never start: the mission can end while it still waits at {where}"
                 places = tuple(self.runs.place(element) for element, _ in starts)
-                yield Finding("unstarted", text, places, (self.processes[pool[0]],), tuple(self.runs.to(at)[0]))
+                yield Finding("unstarted", text, places, (self.processes[pool[0]],), tuple(self.runs.to(at).steps))
 
-    def _waiting(self, kind: Kind, at: int, good: bytearray) -> Finding:
-        """A finding about a state in which robots wait forever."""
+    def _waiting(self, kind: Kind, at: int, good: bytearray, run: Run | None = None) -> Finding:
+        """A finding about a state in which robots wait forever, accepted if for each of them something accepts it."""
         state = self.explored.states[at]
-        steps, after = self.runs.to(at)
-        names = self.runs.names(at)
+        steps, after, names = run or self.runs.to(at)
         doomed = next((number for number, one in enumerate(after) if one and not any(good[each] for each in one)), None)
         waits = waiting(self.product, state)
         topics = {topic for _, found in waits for _, topic in found if topic}
@@ -231,37 +245,43 @@ class Report:
             "deadlock": ", and nothing will come" if topics else "",
             "lost": f", and {', '.join(dict.fromkeys(missed))} was lost on a robot that needed it",
         }.get(kind, "")
-        title = {"deadlock": "deadlock", "lost": "lost signal", "never": "can never complete"}[kind]
-        initially = not good[0] if self.explored.states else False
-        if kind == "never" and initially:
+        title = {"lost": "lost signal", "never": "can never complete"}.get(kind, "deadlock")
+        if kind == "never" and not any(good[: self.explored.begun]):
             title = "no run completes"
         places = tuple(self.runs.place(element) for _, found in waits for element, _ in dict.fromkeys(found))
         processes = tuple(dict.fromkeys(self.processes[robot] for robot, _ in waits))
+        reasons = [self._reason(kind, [*(element for element, _ in found), self.processes[robot]])
+                   for robot, found in waits]  # fmt: skip
         return Finding(kind, f"{title}: {'; '.join(parts)}{after_all}", tuple(dict.fromkeys(places)), processes,
-                       tuple(steps), doomed, robots=tuple(names[robot] for robot, _ in waits))  # fmt: skip
+                       tuple(steps), doomed, self.product.options.delivery,
+                       "; ".join(dict.fromkeys(reasons)) if all(reasons) else "",
+                       tuple(names[robot] for robot, _ in waits))  # fmt: skip
 
     def _wait(self, element: str, topic: str) -> str:
         return self.runs.place(element).display_name + (f" for {topic}" if topic else "")
 
-    def _endless(self, good: bytearray) -> Iterator[Finding]:
-        """Missions that go on and can never complete: states from which neither an end nor a deadlock is reached."""
+    def _circling(self, good: bytearray) -> dict[Cause, int]:
+        """Why a mission goes on and can never complete -> a state in which it does, and in which the fewest robots run.
+
+        Neither an end nor a deadlock can be reached from there, nor a certain error.
+        """
         explored = self.explored
         count = len(explored.offsets) - 1
         doomed = [at for at in range(count) if not good[at] and not self.product.fault_of(explored.states[at])]
         if not doomed:
-            return
-        leads = explored.leading_to(explored.stuck)
-        left = [at for at in doomed if not leads[at]]
-        while left:
-            at = left[0]
-            inside = explored.reached_from(at)
-            yield self._waiting("never", self._bottom(inside, at), good)
-            around = explored.leading_to(inside)
-            left = [other for other in left if not around[other]]
-
-    def _bottom(self, inside: list[int], at: int) -> int:
-        """A state of what is reached forever: the first one."""
-        return at if at in inside else inside[0]
+            return {}
+        certain = self.product.certain
+        failing = {at for at, errors, _ in explored.failures if certain.intersection(errors)}
+        leads = explored.leading_to([*explored.stuck, *(failing | explored.fatal) - {-1}])
+        found: dict[Cause, int] = {}
+        for bottom in explored.bottoms(at for at in doomed if not leads[at]):
+            at = min(bottom, key=lambda one: (len(waiting(self.product, explored.states[one])), one))
+            there = self.product.locals_of(explored.states[at])
+            others = [self.product.locals_of(explored.states[one]) for one in bottom]
+            moving = {robot for robot, old in enumerate(there) if any(other[robot] != old for other in others)}
+            cause = self._cause(at, moving)
+            found[cause] = min(at, found.get(cause, at))
+        return found
 
     # ---- signals, errors, elements -------------------------------------------------------------------
 
@@ -301,14 +321,19 @@ class Report:
         ids = dict.fromkeys(node.id for node in nodes if node.catch is not None and node.catch.topic == topic)
         return tuple(self.runs.place(element) for element in ids)
 
-    def _errors(self) -> Iterator[Finding]:
-        """Errors that are not caught: one finding per element."""
+    def _errors(self, circling: Mapping[Cause, int], good: bytearray) -> Iterator[Finding]:
+        """Errors that are not caught: one finding per element, with what waits forever after them."""
         errors: dict[tuple[str, str], list[tuple[int, str]]] = defaultdict(list)
         for kind, robot, what in self.product.flags:
             if kind == "error":
                 element, _, why = what.partition("\n")
                 errors[self.pools[robot], element].append((robot, why))
-        for (_, element), found in errors.items():
+        fatal = {(self.pools[robot], element) for robot, element in self.product.certain} | {
+            (self.pools[robot], element) for at, failed, _ in self.explored.failures if at in self.explored.fatal
+            for robot, element in failed
+        }  # fmt: skip
+        consequence = self._consequences(circling, good)
+        for (pool, element), found in errors.items():
             first = min(
                 (self.product.flags["error", robot, f"{element}\n{why}"] for robot, why in found),
                 key=lambda one: one.at,
@@ -319,7 +344,57 @@ class Report:
             if any(SECOND_TOKEN in why for _, why in found):
                 place, kind = self.runs.place(counted(element)), _UNSAFE
                 text = f"{who}: a second token comes to the end event {place.display_name}"
-            yield Finding(kind, text, (place,), (self.processes[found[0][0]],), tuple(self.runs.seen(first)))
+            made = Finding(kind, text, (place,), (self.processes[found[0][0]],),
+                           certain=kind == _ERROR and (pool, element) in fatal)  # fmt: skip
+            after = consequence((pool, element))
+            if after is None:
+                yield replace(made, run=tuple(self.runs.seen(first)))
+            else:
+                yield replace(made, text=f"{text}; then {_after_title(after)}", run=after.run, doomed=after.doomed,
+                              robots=after.robots)  # fmt: skip
+
+    def _consequences(
+        self, circling: Mapping[Cause, int], good: bytearray
+    ) -> Callable[[tuple[str, str]], Finding | None]:
+        """A function of (pool, element) of an error, which gives what waits forever after it, None if nothing does.
+
+        That is what does not wait forever without it, and after as few other errors as possible.
+        """
+        explored = self.explored
+        hits = {at: self._cause(at) for at in explored.stuck}
+        hits |= {at: cause for cause, at in circling.items()}
+        layers: dict[int, set[Cause]] = defaultdict(set)
+        for at, cause in hits.items():
+            layers[explored.layer(at)].add(cause)
+
+        def is_new(layer: int, cause: Cause) -> bool:
+            """Whether that is not so with fewer errors, too."""
+            between = [other for below in range(1, layer) for other in layers.get(below, ())]
+            return layer > 0 and not any(other <= cause for other in layers.get(0, ())) and not any(
+                other <= cause or cause <= other for other in between
+            )  # fmt: skip
+
+        causes = {(layer, cause) for layer, some in layers.items() for cause in some if is_new(layer, cause)}
+        new = {at for at, cause in hits.items() if (explored.layer(at), cause) in causes}
+        leads = explored.leading_to(new)
+        sources: dict[tuple[str, str], dict[int, int]] = defaultdict(dict)  # error -> state after it -> state before it
+        for source, errors, numbers in explored.failures:
+            for robot, element in errors:
+                for number in numbers:
+                    if leads[number] and explored.layer(number) > explored.layer(source):  # not so without it
+                        sources[self.pools[robot], element].setdefault(number, source)
+
+        def consequence(error: tuple[str, str]) -> Finding | None:
+            after = sources[error]
+            lowest = min(map(explored.layer, after), default=0)
+            way = explored.shortest([at for at in after if explored.layer(at) == lowest], new)
+            if not way:
+                return None
+            run = self.runs.along([*self.runs.chain(after[way[0]]), *way], error[1])
+            at = way[-1]
+            return self._waiting("deadlock" if at in explored.stuck else "never", at, good, run)
+
+        return consequence
 
     def _circles(self) -> Iterator[Finding]:
         """A mission that may go round forever, though it could leave."""
@@ -331,7 +406,7 @@ class Report:
             who = _names(self.pools[robot] for robot in moving) or "the mission"
             text = f"{who} can loop forever, though it could leave the loop"
             processes = tuple(dict.fromkeys(self.processes[robot] for robot in moving or everybody))
-            yield Finding("endless", text, (), processes, tuple(self.runs.to(found[0])[0]))
+            yield Finding("endless", text, (), processes, tuple(self.runs.to(found[0]).steps))
 
     def _growth(self) -> Iterator[Finding]:
         locals_ = {id(local): local for local in self.product.locals}.values()
@@ -362,6 +437,12 @@ class Report:
                     f"{pool}: {names} can never be entered" if len(missing) == 1 else f"{pool}: never entered: {names}"
                 )
                 yield Finding("unreachable", text, places, (self.processes[robot],))
+
+
+def _after_title(finding: Finding) -> str:
+    """What the robots do forever, without what it is called and why."""
+    text = finding.text.partition(": ")[2].removesuffix(", and nothing will come")
+    return text.partition(", and /")[0] + (", forever" if finding.kind != "never" else ", and never complete")
 
 
 def _names(names: Iterable[str]) -> str:

@@ -3,23 +3,40 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable
+from bisect import bisect_right
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, field
+
+Errors = tuple[tuple[int, str], ...]
+"""What fails in a step, and nothing catches it: (robot, element)."""
 
 
 @dataclass(slots=True)
 class Explored:
-    """The states that were found, by number in breadth-first order; `parents` lead back to the first one."""
+    """The states that were found, by number in breadth-first order; `parents` lead back to the first one.
+
+    States that need fewer uncaught errors come first.
+    """
 
     states: list[int] = field(default_factory=list)
     parents: array[int] = field(default_factory=lambda: array("l"))
     offsets: array[int] = field(default_factory=lambda: array("l", [0]))
     targets: array[int] = field(default_factory=lambda: array("l"))
     _before: tuple[list[int], list[int]] | None = None
+    begun: int = 0
+    """How many of the first states follow from the start."""
     final: list[int] = field(default_factory=list)
     stuck: list[int] = field(default_factory=list)
     loops: list[int] = field(default_factory=list)
     """States in which a robot did something by itself that changed nothing."""
+    failures: list[tuple[int, Errors, tuple[int, ...]]] = field(default_factory=list)
+    """(state, errors that nothing catches, states after them): not among the targets."""
+    layers: list[int] = field(default_factory=list)
+    """The number of the first state that is only reached after one error, after two, ..., and of all states."""
+    fatal: set[int] = field(default_factory=set)
+    """States from which every way on is such an error; -1 is the beginning."""
+    open: list[int] = field(default_factory=list)
+    """States of which some successors are not explored."""
     transitions: int = 0
     cut: str = ""
 
@@ -55,13 +72,82 @@ class Explored:
         seen, pending = {at}, [at]
         while pending:
             one = pending.pop()
-            if one + 1 < len(self.offsets):
-                for target in self.targets[self.offsets[one] : self.offsets[one + 1]]:
-                    if target not in seen:
-                        seen.add(target)
-                        pending.append(target)
+            for target in self._after(one):
+                if target not in seen:
+                    seen.add(target)
+                    pending.append(target)
         return sorted(seen)
 
     def completable(self) -> bytearray:
-        """For each state, whether a final one can be reached from it; those not explored count as if it could."""
-        return self.leading_to([*self.final, *range(len(self.offsets) - 1, len(self.states))])
+        """For each state, whether a final one can be reached from it, without a further error that nothing catches.
+
+        Those not explored count as if it could.
+        """
+        return self.leading_to([*self.final, *self.unexplored()])
+
+    def unexplored(self) -> list[int]:
+        """The states of which not all successors are known."""
+        return [*self.open, *range(len(self.offsets) - 1, len(self.states))]
+
+    def layer(self, at: int) -> int:
+        """How many uncaught errors a state needs."""
+        return bisect_right(self.layers, at)
+
+    def shortest(self, starts: Iterable[int], goals: Container[int]) -> list[int]:
+        """A shortest way from one of some states to one of the goals, both included; empty if there is none."""
+        before = dict.fromkeys(starts, -1)
+        pending = list(before)
+        for at in pending:
+            if at in goals:
+                way = [at]
+                while before[way[-1]] >= 0:
+                    way.append(before[way[-1]])
+                return way[::-1]
+            for target in self._after(at):
+                if target not in before:
+                    before[target] = at
+                    pending.append(target)
+        return []
+
+    def bottoms(self, inside: Iterable[int]) -> list[list[int]]:
+        """The sets of states that are never left again and in which each reaches all (path-based, Gabow 2000).
+
+        All edges of the states `inside` lead to such.
+        """
+        found, order, done = list[list[int]](), dict[int, int](), set[int]()
+        for start in inside:
+            if start in order:
+                continue
+            order[start] = len(order)
+            stack, roots, work = [start], [start], [(start, iter(self._after(start)))]
+            left = set[int]()  # states whose edges leave their component
+            while work:
+                at, targets = work[-1]
+                for target in targets:
+                    if target not in order:
+                        order[target] = len(order)
+                        stack.append(target)
+                        roots.append(target)
+                        work.append((target, iter(self._after(target))))
+                        break
+                    if target in done:
+                        left.add(at)
+                    else:
+                        while order[roots[-1]] > order[target]:
+                            roots.pop()
+                else:
+                    work.pop()
+                    if roots[-1] == at:
+                        roots.pop()
+                        component = [stack.pop()]
+                        while component[-1] != at:
+                            component.append(stack.pop())
+                        done.update(component)
+                        if not left.intersection(component):
+                            found.append(component)
+                        if work:
+                            left.add(work[-1][0])
+        return found
+
+    def _after(self, at: int) -> array[int] | tuple[()]:
+        return self.targets[self.offsets[at] : self.offsets[at + 1]] if at + 1 < len(self.offsets) else ()

@@ -61,6 +61,8 @@ class Outcome:
     begun: list[Instance] = field(default_factory=list)
     quiet: bool = True
     choices: list[tuple[str, int, int]] = field(default_factory=list)  # element, chosen, ways
+    unsure: set[str] = field(default_factory=set)
+    """Elements of which something failed that used something unknown."""
 
 
 class ExplorationHost:
@@ -162,9 +164,11 @@ class ExplorationHost:
                 return run(variables)
             except UndecidableError:
                 return unknown
-            except (TypeError, AttributeError):
+            except Exception as error:
                 if any(not self.values.number(variables.get(name)) for name in reads):
-                    return unknown
+                    if isinstance(error, TypeError | AttributeError):
+                        return unknown
+                    self.outcome.unsure.add(element)
                 raise
 
         return evaluate
@@ -214,7 +218,10 @@ class ExplorationHost:
             raise
         except Exception as error:
             reads = [variables.get(name) for name in tuple(variables) if not name.startswith("__")]
-            if not _is_about_unknown(error) or all(map(self.values.number, reads)):
+            if all(map(self.values.number, reads)):
+                raise
+            if not _is_about_unknown(error):
+                self.outcome.unsure.add(element)
                 raise
         else:
             return
@@ -353,6 +360,8 @@ class ExplorationHost:
         self.outcome.over.append(instance)
         if instance.error is not None:
             self.outcome.flags.append(("error", f"{instance.error.element}\n{instance.error.text}"))
+            if instance.error.element in self.outcome.unsure:
+                self.outcome.flags.append(("unsure", instance.error.element))
 
 
 def _is_about_unknown(error: Exception) -> bool:

@@ -16,7 +16,7 @@ from fame.check.explore.footprints import Effect, Footprints, Watched
 from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, Send
 from fame.check.explore.liveness import Liveness
 from fame.check.explore.running_states import go_on, resumed
-from fame.check.explore.states import States
+from fame.check.explore.states import CUT, States
 from fame.check.explore.stimuli import Stimulus, apply
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import Values
@@ -121,6 +121,8 @@ class Local:
         reads, effects, before = set[str](), list[Effect](), self.steps
 
         def note(way: Way, outcome: Outcome) -> None:
+            if way.state == CUT:
+                return
             watched, ((after, left), rest) = self._watched, self.states.all[way.state]
             if watched is not None and not watched.whole and not outcome.begun and len(left) < 2:
                 reads.update(watched.reads)
@@ -128,7 +130,7 @@ class Local:
                 effects.append(Effect(after, rest, changes, way.sent, way.flags, way.quiet))
 
         found = self.computed(state, stimulus, note)
-        if len(effects) == self.steps - before and len(found) <= MOST_WAYS:  # all was noted
+        if len(effects) == self.steps - before and found[-1].state != CUT:  # all was noted
             self._footprints.add(step, content, reads, effects)
         return found
 
@@ -200,7 +202,7 @@ class Local:
         keep: Callable[[Way, Outcome], object] | None = None,
     ) -> tuple[Way, ...]:
         """All ways of a step: run it with each list of decisions."""
-        host, found = self.host, dict[Way, None]()
+        host, found, cut = self.host, dict[Way, None](), False
         pending: list[tuple[int, ...]] = [()]
         while pending:
             host.decisions = pending.pop()
@@ -210,8 +212,7 @@ class Local:
             outcome = host.outcome
             choices = outcome.choices
             if choices:
-                if len(choices) > MOST_DECISIONS:
-                    self.cut = True
+                cut |= len(choices) > MOST_DECISIONS
                 for place in range(len(host.decisions), min(len(choices), MOST_DECISIONS)):
                     _, chosen, ways = choices[place]
                     prefix = tuple(one[1] for one in choices[:place])
@@ -219,15 +220,13 @@ class Local:
             if outcome.begun:
                 self.states.note_begun(outcome.begun)
             number = self.states.number(engine)
-            if number is None:
-                continue
-            way = Way(
-                number, tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags)), bool(outcome.begun), outcome.quiet
-            )
+            sent, flags = tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags))
+            way = Way(CUT if number is None else number, sent, flags, bool(outcome.begun), outcome.quiet)
             found[way] = None
             if keep is not None:
                 keep(way, outcome)
             if len(found) > MOST_WAYS:
-                self.cut = True
+                cut = True
                 break
-        return tuple(found)
+        self.cut |= cut
+        return (*found, Way(CUT, (), (), False)) if cut else tuple(found)

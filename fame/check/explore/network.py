@@ -11,6 +11,8 @@ from typing import Literal
 
 MOST_MESSAGES = 6
 """Messages in a channel beyond which it counts as growing without bound."""
+BEYOND = 1
+"""The number of all contents with more messages than that."""
 
 Kind = Literal["fifo", "bag"]
 Channel = tuple[int, str, int]
@@ -33,7 +35,7 @@ class Network:
     def __init__(self, kind: Kind, receivers: Receivers) -> None:
         self.kind, self.piles = kind, set()
         self._receivers = receivers
-        self._contents: list[Content] = [()]
+        self._contents: list[Content] = [(), ()]
         self._numbers: dict[Content, int] = {(): 0}
         self._pushed: dict[tuple[int, int], int] = {}
         self._heads: dict[int, list[tuple[int, str, int, int]]] = {}
@@ -66,6 +68,8 @@ class Network:
 
     def push(self, number: int, sending: int) -> int:
         """The difference when a robot has sent something."""
+        if number == BEYOND:
+            return 0
         found = self._pushed.get((number, sending))
         if found is None:
             sender, sent = self.sent[sending]
@@ -77,10 +81,10 @@ class Network:
                     if self.kind == "bag":
                         waiting = tuple(sorted(waiting))
                     if len(waiting) > MOST_MESSAGES:
-                        waiting = waiting[:MOST_MESSAGES]
                         self.piles.add(channel)
                     content[channel] = waiting
-            found = self._pushed[number, sending] = self.number(content) - number
+            beyond = any(len(waiting) > MOST_MESSAGES for waiting in content.values())
+            found = self._pushed[number, sending] = (BEYOND if beyond else self.number(content)) - number
         return found
 
     def heads(self, number: int) -> list[tuple[int, str, int, int]]:

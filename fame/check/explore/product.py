@@ -20,10 +20,10 @@ from typing import Literal
 
 from fame.check.explore.broadcast import Broadcast
 from fame.check.explore.local import Local, Way
-from fame.check.explore.network import Kind, Network
+from fame.check.explore.network import BEYOND, Kind, Network
 from fame.check.explore.stimuli import Stimulus
 from fame.check.explore.symmetry import Symmetry
-from fame.check.explore.transitions import BITS, DEAD, FAULT_BITS, FAULTS, MASK, Move, Reactions, Seen, Transition
+from fame.check.explore.transitions import BITS, CUT, DEAD, FAULT_BITS, FAULTS, MASK, Move, Reactions, Seen, Transition
 from fame.engine.snapshot import Data
 
 Delivery = Literal["run", "fast", "any"]
@@ -60,6 +60,8 @@ class Product:
     first_arrivals  those of its arrivals that are enough
     settled         the states to which a transition leads once robots have gone on as far as nobody notices
     between         the transitions on the way to one of them
+    cut             whether a step was met that leads to states which are not explored
+    certain         (robot, element) of errors that nothing catches and no unknown value decides
     """
 
     options: Options
@@ -81,13 +83,15 @@ class Product:
         self.symmetry: Symmetry = Symmetry(options.groups, self.network, self.top)
         self.index: dict[int, int] = {}
         self.flags: dict[tuple[str, int, str], Seen] = {}
-        self._own: list[dict[int, tuple[Move, ...]]] = [{DEAD: ()} for _ in self.robots]
+        self._own: list[dict[int, tuple[Move, ...]]] = [{DEAD: (), CUT: ()} for _ in self.robots]
         self._hears: list[dict[tuple[int, str, int], tuple[Move, ...]]] = [{} for _ in self.robots]
         self.add_faults: Callable[[int, list[Transition]], None] = lambda state, found: None
         self.alone: Callable[[int], list[Transition] | None] | None = None
         self.first_arrivals: Callable[[int, list[Transition]], list[Transition]] | None = None
         self.settled: Callable[[Transition], Sequence[int]] | None = None
         self.between: Callable[[int, int], Iterator[Transition]] | None = None
+        self.cut = False
+        self.certain: set[tuple[int, str]] = set()
 
     def own(self, robot: int, state: int) -> tuple[Move, ...]:
         """What a robot may do by itself in a local state."""
@@ -107,16 +111,23 @@ class Product:
         found = self._hears[robot].get(key)
         if found is None:
             stimulus = ("hear", topic, message)
-            ways = self.locals[robot].step(state, stimulus) if state != DEAD else (Way(DEAD, (), (), False),)
+            ways = self.locals[robot].step(state, stimulus) if state < CUT else (Way(state, (), (), False),)
             found = self._hears[robot][key] = self.moves(robot, state, stimulus, ways)
         return found
 
     def moves(self, robot: int, state: int, stimulus: Stimulus, ways: Sequence[Way]) -> tuple[Move, ...]:
         mark = self.marks.get(robot, 0)
-        return tuple(
+        found = tuple(
             Move(robot, state, way, self.network.sending(robot, way.sent), stimulus, mark if way.begins else 0)
             for way in ways
         )
+        self.cut |= any(way.state == CUT for way in ways)
+        chosen = stimulus[0] == "end" and stimulus[2] is not None  # a behaviour may raise it, or may not
+        unsure = any(kind == "unsure" for way in ways for kind, _ in way.flags)
+        if not chosen and not unsure and all(move.failed for move in found):
+            for move in found:
+                move.certain = True
+        return found
 
     def receivers(self, sender: int, topic: str, only: str = "") -> tuple[int, ...]:
         """The robots that take messages on a topic at some time."""
@@ -207,6 +218,10 @@ class Product:
             if old != DEAD and self.locals[robot].views[old].instances:
                 return False
         return True
+
+    def is_cut(self, state: int) -> bool:
+        """Whether a state is one of those that are not explored."""
+        return state >> self.top == BEYOND or CUT in self.locals_of(state)
 
     def locals_of(self, state: int) -> list[int]:
         """The local state of each robot."""

@@ -21,7 +21,7 @@ from collections.abc import Iterator, Sequence
 
 from fame.check.explore.independence import Structure
 from fame.check.explore.product import Product
-from fame.check.explore.transitions import BITS, DEAD, MASK, Move, Transition
+from fame.check.explore.transitions import BITS, CUT, DEAD, MASK, Move, Transition
 
 MOST_BETWEEN = 1_000
 """Local states of one robot that are gone through at once."""
@@ -39,8 +39,8 @@ class Reduction:
         self._structures = [structures[id(local)] for local in product.locals]
         self._index, self._canonical = product.index, product.symmetry.canonical
         self._fast: bool = product.options.delivery == "fast"
-        self._alone: list[dict[int, tuple[Move, ...] | None]] = [{DEAD: None} for _ in product.locals]
-        self._ends: list[dict[int, tuple[int, ...]]] = [{DEAD: ()} for _ in product.locals]
+        self._alone: list[dict[int, tuple[Move, ...] | None]] = [{DEAD: None, CUT: None} for _ in product.locals]
+        self._ends: list[dict[int, tuple[int, ...]]] = [{DEAD: (), CUT: ()} for _ in product.locals]
         self._answering: dict[tuple[int, int, _Pending], bool] = {}
 
     # ---- fewer transitions ---------------------------------------------------------------------------
@@ -198,7 +198,7 @@ class Reduction:
 
     def _is_silent(self, robot: int, state: int, move: Move) -> bool:
         """Whether nobody notices the move."""
-        if move.sending or move.way.flags or move.way.begins or move.state == DEAD:
+        if move.sending or move.way.flags or move.way.begins or move.state >= CUT:
             return False
         before, after = (self.product.locals[robot].views[at] for at in (state, move.state))
         return before.instances == after.instances

@@ -1,27 +1,44 @@
-"""The search: all states of a team, breadth first, within a limit."""
+"""The search: all states of a team, breadth first, within a limit; those that need an uncaught error after the others.
+
+An error that nothing catches ends its instance, and the others go on. What follows is explored once all is known that
+happens without it, so that the one can be told from the other.
+"""
 
 from __future__ import annotations
 
-from fame.check.explore.graph import Explored
+from fame.check.explore.graph import Errors, Explored
 from fame.check.explore.product import Product
 from fame.check.explore.transitions import FAULTS, Seen, Transition
 
 
 def explore(product: Product) -> Explored:
     """Find all states; number them in `Product.index`."""
-    options, explored, index = product.options, Explored(), product.index
-    states, parents, targets, offsets = explored.states, explored.parents, explored.targets, explored.offsets
-    sorts, settled = product.symmetry.canonical if options.groups else None, product.settled
-    for transition in product.initial():
-        if _report(product, -1, transition):
-            continue
-        for state in settled(transition) if settled else (transition[0],):
-            state = sorts(state) if sorts else state
-            if state not in index:
-                index[state] = len(states)
-                states.append(state)
-                parents.append(-1)
-    at = 0
+    explored, at = Explored(), 0
+    failing: list[_Failing] = []
+    initial = product.initial()
+    for transition in initial:
+        _follow(product, explored, -1, transition, failing)
+    explored.begun = len(explored.states)
+    if len(failing) == len(initial):
+        explored.fatal.add(-1)
+    while True:
+        at = _expand(product, explored, at, failing)
+        explored.layers.append(len(explored.states))
+        if explored.cut or not failing:
+            return explored
+        following, failing = failing, []
+        for source, errors, states in following:
+            numbers = tuple([_number(product, explored, source, state) for state in states])
+            explored.failures.append((source, errors, numbers))
+
+
+_Failing = tuple[int, Errors, tuple[int, ...]]
+"""(number of a state, errors that nothing catches in a transition from it, states of the team to which that leads)"""
+
+
+def _expand(product: Product, explored: Explored, at: int, failing: list[_Failing]) -> int:
+    """Find all states that follow from those with number `at` and higher, without what fails; gives the next number."""
+    options, states, offsets = product.options, explored.states, explored.offsets
     while at < len(states):
         if len(states) > options.limit or (not at & 255 and options.stop()):
             explored.cut = "states" if len(states) > options.limit else "seconds"
@@ -32,45 +49,73 @@ def explore(product: Product) -> Explored:
                 found = [transition for transition in found if not _is_failure(transition)]
             else:
                 product.add_faults(states[at], found)
+        before = len(failing)
         for transition in found:
-            _, _, move, reactions = transition
-            if (move.flags is not None or reactions or move.failed) and _report(product, at, transition):
-                continue
-            for new in settled(transition) if settled else (transition[0],):
-                state = sorts(new) if sorts else new
-                number = index.get(state)
-                if number is None:
-                    number = index[state] = len(states)
-                    states.append(state)
-                    parents.append(at)
-                elif number == at and move.stimulus[0] not in ("outside", "hear"):
-                    explored.loops.append(at)
-                targets.append(number)
-        offsets.append(len(targets))
+            _follow(product, explored, at, transition, failing)
+        offsets.append(len(explored.targets))
         explored.transitions += len(found)
         if product.is_final(states[at]):
             explored.final.append(at)
         elif not found:
             explored.stuck.append(at)
+        elif len(failing) - before == len(found):
+            explored.fatal.add(at)
         at += 1
-    return explored
+    return at
 
 
-def _report(product: Product, at: int, transition: Transition) -> bool:
-    """Note what a transition reports for the first time. Whether it ends in an error that nobody catches."""
-    _, robot, move, reactions = transition
-    failed = False
+def _follow(product: Product, explored: Explored, at: int, transition: Transition, failing: list[_Failing]) -> None:
+    """Note where a transition leads and what it reports."""
+    state, _, move, reactions = transition
+    if (product.cut or product.network.piles) and product.is_cut(state):
+        if at >= 0 and explored.open[-1:] != [at]:
+            explored.open.append(at)
+        if move.flags is not None or reactions:
+            _report(product, at, transition)
+        return
+    settled = product.settled
+    after = settled(transition) if settled else (state,)
+    if (move.flags is not None or reactions or move.failed) and (errors := _report(product, at, transition)):
+        failing.append((at, errors, tuple(after)))
+        return
+    for new in after:
+        number = _number(product, explored, at, new)
+        if at >= 0:
+            explored.targets.append(number)
+        if number == at and move.stimulus[0] not in ("outside", "hear"):
+            explored.loops.append(at)
+
+
+def _number(product: Product, explored: Explored, at: int, state: int) -> int:
+    """The number of a state that follows on the one with number `at`."""
+    if product.options.groups:
+        state = product.symmetry.canonical(state)
+    number = product.index.get(state)
+    if number is None:
+        number = product.index[state] = len(explored.states)
+        explored.states.append(state)
+        explored.parents.append(at)
+    return number
+
+
+def _report(product: Product, at: int, transition: Transition) -> Errors:
+    """Note what a transition reports for the first time. The errors that nothing catches, which are no single fault."""
+    state, robot, move, reactions = transition
+    errors: list[tuple[int, str]] = []
     for one, done in ((robot, move), *reactions):
         if done.flags is not None:
             for kind, what in done.flags:
                 product.flags.setdefault((kind, one, what), Seen(at, transition))
             done.flags = None
-        failed |= done.failed
-    return failed and not transition[0] >> product.fault_shift & FAULTS
+        for element in done.failed:
+            errors.append((one, element))
+            if done.certain:
+                product.certain.add((one, element))
+    return () if state >> product.fault_shift & FAULTS else tuple(errors)
 
 
 def _is_failure(transition: Transition) -> bool:
     """Whether a step fails by itself, and nothing catches that: a second fault."""
     _, _, move, _ = transition
     kind, _, code = move.stimulus
-    return move.failed and kind == "end" and code is not None
+    return bool(move.failed) and kind == "end" and code is not None

@@ -23,6 +23,11 @@ from fame.engine.state import Wait, scopes_of
 MOST_VALUES = 64
 """Values of one variable, after which further ones are unknown."""
 
+BITS = 20
+MASK = (1 << BITS) - 1
+CUT = MASK - 1
+"""The number of all states that are not explored: too many instances, tokens or ways."""
+
 State = tuple[Form, Timers]
 
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from fame.check.explore.graph import Explored
 from fame.check.explore.product import Product
-from fame.check.explore.transitions import BITS, DEAD, MASK, Move, Seen, Transition
+from fame.check.explore.transitions import BITS, CUT, MASK, Move, Seen, Transition
 from fame.check.explore.views import element_of
 from fame.errors import display_name
 
@@ -62,6 +63,14 @@ class Step:
         return self.text
 
 
+class Run(NamedTuple):
+    """A run: its steps, the numbers of the states after each, and the robot at each place in the end."""
+
+    steps: list[Step]
+    after: list[tuple[int, ...]]
+    names: list[str]
+
+
 @dataclass(slots=True)
 class Runs:
     """Makes runs of what a search has found. `places` are the elements by id."""
@@ -77,17 +86,23 @@ class Runs:
         """Where an element is."""
         return self.places.get(element) or Place(element)
 
-    def to(self, at: int, last: Transition | None = None) -> tuple[list[Step], list[tuple[int, ...]]]:
-        """The shortest run to a state, with the numbers of the states after each step; `last` follows it.
+    def to(self, at: int, last: Transition | None = None) -> Run:
+        """The shortest run to a state; `last` follows it."""
+        return self.along(self.chain(at), last=last)
 
-        They are several after a step behind which the search went on at once, see `Reduction.settled`.
+    def along(self, chain: Sequence[int], error: str = "", last: Transition | None = None) -> Run:
+        """The run through some states; where one needs an uncaught error more, that of the element `error` if it can.
+
+        States are several after a step behind which the search went on at once, see `Reduction.settled`.
         """
         names = list(self.product.robots)
         steps: list[Step] = []
         after: list[tuple[int, ...]] = []
         before: int | None = None
-        for number in self._chain(at):
-            transitions = self._leading(before, self.explored.states[number])
+        layer, layers = 0, map(self.explored.layer, chain)
+        for number, needed in zip(chain, layers, strict=True):
+            transitions = self._leading(before, self.explored.states[number], error if needed > layer else None)
+            layer = needed
             for transition in transitions:
                 numbers = (number,) if transition is transitions[-1] else self._numbers(transition)
                 self._add(steps, after, transition, names, numbers, before)
@@ -96,21 +111,13 @@ class Runs:
             before = self.explored.states[number]
         if last is not None:
             self._add(steps, after, last, names, (), before)
-        return steps, after
+        return Run(steps, after, names)
 
     def seen(self, seen: Seen) -> list[Step]:
         """The run to the first occurrence of something."""
-        return self.to(seen.at, seen.transition)[0]
+        return self.to(seen.at, seen.transition).steps
 
-    def names(self, at: int) -> list[str]:
-        """The robot at each place of a state, as it is called in the run to it."""
-        names, before = list(self.product.robots), None
-        for number in self._chain(at):
-            names = self._renamed(self._leading(before, self.explored.states[number])[-1][0], names)
-            before = self.explored.states[number]
-        return names
-
-    def _chain(self, at: int) -> list[int]:
+    def chain(self, at: int) -> list[int]:
         """The numbers of the states on the shortest way to one."""
         chain = []
         while at >= 0:
@@ -124,8 +131,11 @@ class Runs:
         found = [product.number(state) for state in self._settled(transition)]
         return tuple(one for one in found if one is not None) if None not in found else ()
 
-    def _leading(self, before: int | None, state: int) -> list[Transition]:
-        """The transitions from one state to the next: one, and those that followed at once."""
+    def _leading(self, before: int | None, state: int, error: str | None) -> list[Transition]:
+        """The transitions from one state to the next: one, and those that followed at once.
+
+        One without an uncaught error, or, unless `error` is None, one with an error, best with that of an element.
+        """
         product = self.product
         if before is None:
             found = product.initial()
@@ -133,11 +143,18 @@ class Runs:
             found = product.transitions(before)
             if product.options.faults and not product.fault_of(before):
                 product.add_faults(before, found)
-        for transition in found:
-            for end in self._settled(transition):
-                if product.symmetry.canonical(end) == state:
-                    return [transition, *(product.between(transition[0], end) if product.between else ())]
-        raise LookupError("no transition leads to the next state")
+        ways = [(transition, end) for transition in found for end in self._settled(transition)
+                if product.symmetry.canonical(end) == state]  # fmt: skip
+        if not ways:
+            raise LookupError("no transition leads to the next state")
+
+        def unlike(way: tuple[Transition, int]) -> int:
+            _, robot, move, reactions = way[0]
+            failed = [element for _, done in ((robot, move), *reactions) for element in done.failed]
+            return len(failed) if error is None else 0 if error in failed else 1 if failed else 2
+
+        transition, end = min(ways, key=unlike)
+        return [transition, *(product.between(transition[0], end) if product.between else ())]
 
     def _settled(self, transition: Transition) -> Sequence[int]:
         """The states to which the search went at once after a transition."""
@@ -172,7 +189,7 @@ class Runs:
                 yield step
 
     def _step(self, place: int, robot: str, old: int, move: Move) -> Step | None:
-        if old == DEAD:
+        if old >= CUT:
             return None
         local, given = self.product.locals[place], self.product.options.given.get(place)
         kind, what, detail = move.stimulus

@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fame.check.explore.local import Way
+from fame.check.explore.states import BITS as BITS, CUT as CUT, MASK as MASK
 from fame.check.explore.stimuli import Stimulus
 
-BITS = 20
-MASK = (1 << BITS) - 1
 DEAD = MASK
 """The local state of a robot whose engine has died."""
 FAULT_BITS = 10
@@ -27,7 +26,8 @@ class Move:
     sending     number of what is sent, 0 for nothing
     mark        the bit of its pool, if it starts an instance of one that has to start
     flags       what to report, once; None if that is done
-    failed      whether an error was not caught in it
+    failed      elements whose errors were not caught in it
+    certain     whether that does not depend on anything unknown: all ways of the step fail
     ends        differences to where the robot is after further steps of its own, see `Reduction.ends`; None if unknown
     """
 
@@ -36,15 +36,17 @@ class Move:
     state: int
     stimulus: Stimulus
     way: Way
+    certain: bool
 
-    __slots__ = ("difference", "ends", "failed", "flags", "mark", "sending", "state", "stimulus", "way")
+    __slots__ = ("certain", "difference", "ends", "failed", "flags", "mark", "sending", "state", "stimulus", "way")
 
     def __init__(self, robot: int, old: int, way: Way, sending: int, stimulus: Stimulus, mark: int = 0) -> None:
         self.mark = mark
         self.difference: int = (way.state - old) << (robot * BITS)
         self.sending, self.state, self.stimulus, self.way = sending, way.state, stimulus, way
         self.flags = way.flags or None
-        self.failed: bool = any(kind == "error" for kind, _ in way.flags)
+        self.failed: tuple[str, ...] = tuple(what.partition("\n")[0] for kind, what in way.flags if kind == "error")
+        self.certain = False
         self.ends: tuple[int, ...] | None = None
 
 
