@@ -249,6 +249,13 @@ def progress(process: RobotNode | None) -> dict[str, Any]:
     """The fields of a `Report` on a process."""
     if process is None:
         return {}
+    try:
+        return _described(process)
+    except Exception as error:  # what cannot be described still runs
+        return {"error": f"its state cannot be described: {type(error).__name__}: {error}"}
+
+
+def _described(process: RobotNode) -> dict[str, Any]:
     last = process.instances[-1].error if process.instances else None
     return {
         "instances": len(process.engine.instances),

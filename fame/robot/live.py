@@ -229,7 +229,11 @@ class ProcessFeed:
     def _flush(self) -> None:
         self._dirty = False
         if self.node is not None and self._tracker is not None and self._feed.is_current(self):
-            self._tracker.flush(self.node.scheduler.now)
+            try:
+                self._tracker.flush(self.node.scheduler.now)
+            except Exception as error:  # what cannot be shown still runs
+                self._tracker.active = False  # until the feed looks again for subscribers
+                self.node.host.report("", f"changes cannot be published: {type(error).__name__}: {error}")
 
 
 class ElementFeed:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from fame.bpmn import model
 from fame.clock import SECOND, Scheduler, date_at, date_text
 from fame.engine import Engine, waiting
-from fame.engine.program import USER, Node as ProgramNode
+from fame.engine.program import USER, Catch, Node as ProgramNode
 from fame.engine.repair import INCIDENT
 from fame.engine.state import Wait, joins_reached
 from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, TopicInfo, resolve
@@ -27,6 +27,7 @@ from fame.scripting.requests import Act, Call
 
 A_PERSON = "a person to complete it"
 """The reason of user and manual tasks."""
+_REPAIR = "a person to repair it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,26 +253,27 @@ class _Describer:
     def wait(self, wait: Wait) -> str:
         """What a token waits for."""
         catch, variables = wait.catch, wait.scope.variables
+        if catch.trigger is INCIDENT:
+            return _REPAIR
         if catch.timer:
             return f"{catch.timer} timer"
         if catch.trigger is USER:
             return A_PERSON
         if catch.parts:
-            return " or ".join(self._trigger(item, variables) for item in catch.parts)
+            return " or ".join(self._trigger(item, item.catch or catch, variables) for item in catch.parts)
         awaited = self.runner.awaited_topic(wait.key)
         if awaited is not None:
             return f"receive on {_topic_text(resolve(awaited, self.namespace), self.publishers)}"
-        return self.runner.waits(wait.key) or self._trigger(wait.node, variables)
+        return self.runner.waits(wait.key) or self._trigger(wait.node, catch, variables)
 
-    def _trigger(self, node: ProgramNode, variables: Mapping[str, Any]) -> str:
+    def _trigger(self, node: ProgramNode, catch: Catch, variables: Mapping[str, Any]) -> str:
         """What an event waits for."""
-        assert node.catch is not None
-        if node.catch.topic:
-            text = _topic_text(resolve(node.catch.topic, self.namespace), self.publishers)
-            return text + self.missed_hint(node.catch.topic)
-        if node.catch.trigger is waiting.CONDITION:
+        if catch.topic:
+            text = _topic_text(resolve(catch.topic, self.namespace), self.publishers)
+            return text + self.missed_hint(catch.topic)
+        if catch.trigger is waiting.CONDITION:
             return self._condition(node, variables)
-        return node.catch.trigger.name
+        return catch.trigger.name
 
     def _condition(self, node: ProgramNode, variables: Mapping[str, Any]) -> str:
         """The condition, and the values that it reads."""

@@ -6,23 +6,38 @@ import json
 from collections.abc import Callable
 
 import pytest
+from deployment_field import Field
 from engine_models import (
     Run,
     boundary,
+    call,
+    catch,
     dump,
+    element,
     end,
     error,
+    escalation,
+    flow,
     gateway,
     load,
+    message,
+    model,
     path,
+    process,
+    properties,
     script,
+    signal,
     start,
     sub,
+    throw,
+    timer,
     user,
 )
 
+from fame.deploy import EngineNode
 from fame.engine import restore, snapshot
 from fame.errors import MissionError
+from fame.robot.waiting_tokens import WaitingTokens
 
 Play = Callable[..., Run]
 FAILING = start() + script("a", "y = 10 / x") + user("u") + end() + path("s a u e")
@@ -136,3 +151,93 @@ def test_an_incident_survives_a_snapshot_and_a_hold() -> None:
     assert run.visits == {"s": 1}
     again.release()
     assert run.waiting == ["u"]
+
+
+# ---- at every kind of node that can hold one -------------------------------------------------------------------------
+
+TYPED = properties(type="std_msgs/msg/Float64", payload="${1 / 0}")
+LOOP = "<multiInstanceLoopCharacteristics><loopCardinality>1 / 0</loopCardinality></multiInstanceLoopCharacteristics>"
+
+INSIDE = start("is") + end("ie") + path("is ie")
+TO = properties(type="std_msgs/msg/Float64", payload="1.0", to="nobody")
+DUE = timer("${1 / 0}")
+NODES = {
+    "script task": script("x", "1 / 0"),
+    "script task that waits": script("x", "await sleep(0.1)\n1 / 0"),
+    "multi-instance task": script("x", "pass", LOOP),
+    "multi-instance sub-process": sub("x", INSIDE, LOOP),
+    "call of a process that fails": call("x", "Q"),
+    "user task of many": element("userTask", "x", LOOP),
+    "manual task": element("manualTask", "x", LOOP),
+    "receive task": element("receiveTask", "x", properties(type="std_msgs/msg/Float64"), LOOP, messageRef="message_m"),
+    "send task": element("sendTask", "x", TYPED, messageRef="message_m"),
+    "send task to nobody": element("sendTask", "x", TO, messageRef="message_m"),
+    "throw signal": throw("x", TYPED, signal("g")),
+    "throw message": throw("x", TYPED, message("m")),
+    "throw message to nobody": throw("x", TO, message("m")),
+    "end signal": end("x", TYPED, signal("g")),
+    "end message": end("x", TYPED, message("m")),
+    "end error": end("x", error("lost")),
+    "end error in a sub-process": sub("p", start("ps") + end("x", error("lost")) + path("ps x")),
+    "catch timer": catch("x", DUE),
+    "exclusive gateway": gateway("exclusive", "x") + user("y") + flow("x", "y", "1 / 0"),
+    "exclusive gateway without a way": gateway("exclusive", "x") + user("y") + flow("x", "y", "False"),
+    "inclusive gateway": gateway("inclusive", "x") + user("y") + flow("x", "y", "1 / 0"),
+    "complex gateway": gateway("complex", "x") + user("y") + flow("x", "y", "1 / 0"),
+    "task with conditional flows": user("u") + script("x") + user("y") + flow("x", "y", "1 / 0"),
+    "multiple throw": throw("x", TYPED, signal("g"), escalation("c")),
+}
+
+
+@pytest.mark.parametrize("kind", NODES)
+def test_no_engine_ends_when_it_describes_or_reports_an_incident(kind: str) -> None:
+    field, told = Field(), list[str]()
+    field.engines["A"] = engine = EngineNode(
+        "A",
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        hold_errors=True,
+        on_report=lambda event: told.append(str(event.detail)),
+    )
+    field.listen("A")
+    batches = list[str]()
+    field.person.subscription("/A/bpmn_events", "std_msgs/msg/String", lambda message: batches.append(message.data))
+    content = process(start(), NODES[kind], path("s p" if 'id="p"' in NODES[kind] else "s x"))
+    called = process(start("qs"), end("qe", error("lost")), path("qs qe"), id="Q")
+    text = model(content, called).source.decode()
+    field.send("A", text)
+    field.pass_time(3)
+    assert engine.state == "incident", (told, field.said[-1])
+    (wait,) = field.said[-1].waits
+    assert wait["for"] == "a person to repair it"
+    assert "incident" in batches[-1]
+    assert not [line for line in told if "could not" in line]
+    at = field.said[-1].incidents[0]["element"]
+    engine.running.retry(at)
+    field.pass_time(1)
+    assert engine.state == "incident"
+    field.send("A", text)  # what runs is described once more, and replaced
+    field.pass_time(1)
+    assert field.answers()[-1] == "started"
+    engine.close()
+
+
+def test_an_error_in_a_description_is_reported_and_the_mission_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    field, told = Field(), list[str]()
+    field.engines["A"] = EngineNode(
+        "A",
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        on_report=lambda event: told.append(str(event.detail)),
+    )
+    field.listen("A")
+    field.person.subscription("/A/bpmn_events", "std_msgs/msg/String", lambda message: None)
+    monkeypatch.setattr(WaitingTokens, "list", lambda self, engine: 1 / 0)
+    monkeypatch.setattr(WaitingTokens, "details", lambda self, wait: 1 / 0)
+    field.send("A", model(start() + user("x") + end() + path("s x e")).source.decode())
+    field.pass_time(2)
+    assert field.said[-1].error == "its state cannot be described: ZeroDivisionError: division by zero"
+    assert "changes cannot be published: ZeroDivisionError: division by zero" in told
+    field.engines["A"].running.complete("x")
+    field.pass_time(2)
+    assert field.said[-1].state == "idle"
