@@ -41,6 +41,7 @@ INT32 = "an integer from -2147483648 to 2147483647 (int32)"
 @pytest.fixture(autouse=True)
 def _no_type_outlives_its_test(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(typesystem, "_definitions", dict(typesystem._table()))
+    monkeypatch.setattr(typesystem, "_broken", {})
 
 
 # ---- types -----------------------------------------------------------------------------------------------------------
@@ -455,15 +456,37 @@ def test_a_place_without_definitions_is_refused(tmp_path: Path) -> None:
             register_files(place)
     (tmp_path / "Lost.msg").write_text("nowhere_msgs/Thing thing\n")
     with pytest.raises(MessageError, match="thing: its type nowhere_msgs/msg/Thing is not known"):
-        register_files(tmp_path, package="lost_msgs")
+        register_files(tmp_path / "Lost.msg", package="lost_msgs")
 
 
-def test_a_directory_with_one_bad_definition_adds_none_of_its_types(tmp_path: Path) -> None:
+def test_a_bad_definition_is_left_out_of_its_directory_and_named_where_it_is_needed(tmp_path: Path) -> None:
     (tmp_path / "Good.msg").write_text("float64 length\n")
     (tmp_path / "Lost.msg").write_text("nowhere_msgs/Thing thing\n")
-    with pytest.raises(MessageError, match="is not known"):
-        register_files(tmp_path, package="half_msgs")
-    assert not [name for name in types() if name.startswith("half_msgs")]
+    (tmp_path / "Loses.srv").write_text("Lost lost\n---\n")
+    (tmp_path / "Half.action").write_text("float64 x\n---\n")
+    (tmp_path / "Latin.msg").write_bytes(b"# \xe9\nfloat64 x\n")
+    assert register_files(tmp_path, package="half_msgs") == ["half_msgs/msg/Good"]
+    assert [name for name in types() if name.startswith("half_msgs")] == ["half_msgs/msg/Good"]
+    needs = {
+        "Lost.msg: .* nowhere_msgs/msg/Thing is not known": lambda: create("half_msgs/Lost"),
+        "Loses.srv: .* nowhere_msgs/msg/Thing is not known": lambda: service("half_msgs/Loses"),
+        "Half.action: .* an action is a goal, a result and a feedback": lambda: typesystem.action("half_msgs/Half"),
+        "Latin.msg: .*utf-8": lambda: create("half_msgs/msg/Latin"),
+    }
+    for text, need in needs.items():
+        with pytest.raises(MessageError, match=f"no such .* type; its file cannot be used: .*{text}"):
+            need()
+    (tmp_path / "Half.action").write_text("float64 x\n---\n---\n")
+    register_files(tmp_path, package="half_msgs")
+    assert typesystem.action("half_msgs/Half") == "half_msgs/action/Half"
+
+
+def test_a_type_that_is_there_with_other_content_is_refused_and_nothing_added(tmp_path: Path) -> None:
+    (tmp_path / "Bool.msg").write_text("int8 data\n")
+    (tmp_path / "Abacus.msg").write_text("int8 data\n")
+    with pytest.raises(MessageError, match="with other content"):
+        register_files(tmp_path, package="std_msgs")
+    assert "std_msgs/msg/Abacus" not in types()
 
 
 # ---- the wire --------------------------------------------------------------------------------------------------------

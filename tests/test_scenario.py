@@ -3,11 +3,14 @@
 from pathlib import Path
 
 import pytest
-from bpmn_text import document, process
+from bpmn_text import document, process, properties
 
 import fame
+from fame.cli import main
+from fame.log import Recording
 from fame.robot import Event
 from fame.scenario import Progress, Result, Scenario
+from fame.testing import MissionLoader
 
 EXAMPLE = Path("examples/ground_vehicles.yaml")
 MODEL = Path("models/ground_vehicles.bpmn")
@@ -259,3 +262,70 @@ def test_a_topic_that_nobody_hears_is_told_with_the_one_that_was_meant(tmp_path)
     path = changed(tmp_path, model=(('robot.publish("led"', 'robot.publish("Led"'),))
     told = [(event.robot, event.detail) for event in run(path).reports]
     assert told == [("DINGO", "publishes on /DINGO/Led, which has no subscriber; did you mean /DINGO/led?")]
+
+
+# ---- message types of the mission ------------------------------------------------------------------------------------
+
+
+def own_types(folder: Path, package: str) -> Path:
+    """A scenario whose model throws and catches a signal of a type of its own, beside a file that is no type."""
+    types = folder / "msgs" / package / "msg"
+    types.mkdir(parents=True)
+    (types / "Apple.msg").write_text("float64 weight\nbool ripe\n")
+    (types / "Broken.msg").write_text("float65 weight;\n")
+    said = properties(type=f"{package}/msg/Apple", payload="{weight: 0.2, ripe: true}")
+    event = '<signalEventDefinition signalRef="S"/>'
+    (folder / "m.bpmn").write_text(
+        process(
+            f'<startEvent id="s"/><intermediateThrowEvent id="t">{said}{event}</intermediateThrowEvent>'
+            f'<intermediateCatchEvent id="c"><signalEventDefinition signalRef="R"/></intermediateCatchEvent>'
+            '<scriptTask id="k"><script>w = picked_again.weight</script></scriptTask>'
+            '<sequenceFlow id="f" sourceRef="s" targetRef="t"/><sequenceFlow id="g" sourceRef="t" targetRef="c"/>'
+            '<sequenceFlow id="h" sourceRef="c" targetRef="k"/>',
+            '<signal id="S" name="picked"/><signal id="R" name="picked_again"/>',
+            'name="P"',
+        ).replace(
+            '<intermediateCatchEvent id="c">',
+            f'<intermediateCatchEvent id="c">{properties(type=f"{package}/msg/Apple")}',
+        )
+    )
+    path = folder / "s.yaml"
+    path.write_text(
+        "model: m.bpmn\ncomputers: [P]\ntypes: [msgs]\nsignal: {at: 3, name: picked_again, payload: {weight: 2}}\n"
+    )
+    return path
+
+
+def test_types_of_ones_own_are_known_wherever_the_scenario_is_read(tmp_path: Path, capsys) -> None:
+    def fresh(package: str) -> str:
+        (tmp_path / package).mkdir()
+        return str(own_types(tmp_path / package, package))
+
+    without = Path(fresh("pears_msgs"))
+    without.write_text("model: m.bpmn\ncomputers: [P]\n")
+    assert main(["run", str(without)]) == 2
+    assert "no such message type" in capsys.readouterr().err
+    log = tmp_path / "run.mcap"
+    assert main(["run", fresh("run_msgs"), "--log", str(log), "--json"]) == 0
+    with Recording(log) as recording:
+        assert recording.topics["/picked"].type == "run_msgs/msg/Apple"
+    assert main(["check", fresh("check_msgs")]) == 0
+    assert main(["check", "--explore", fresh("explore_msgs")]) in (0, 1)
+    assert "no such message type" not in capsys.readouterr().err
+    folder = tmp_path / "campaign"
+    assert main(["campaign", fresh("many_msgs"), "--runs", "4", "--jobs", "2", "-o", str(folder)]) == 0
+    loader = MissionLoader(lambda: tmp_path)
+    loader.load(fresh("test_msgs")).advance(4).expect().completed().has(w=2.0)
+    loader.close()
+
+
+def test_a_broken_file_of_a_type_is_named_where_the_type_is_needed(tmp_path: Path, capsys) -> None:
+    path = own_types(tmp_path, "plum_msgs")
+    model = tmp_path / "m.bpmn"
+    model.write_text(model.read_text().replace("plum_msgs/msg/Apple", "plum_msgs/msg/Broken"))
+    assert main(["run", str(path)]) == 2
+    assert "its file cannot be used: " in (shown := capsys.readouterr().err)
+    assert "Broken.msg: " in shown
+    path.write_text("model: m.bpmn\ncomputers: [P]\ntypes: [nowhere]\n")
+    assert main(["run", str(path)]) == 2
+    assert "s.yaml:3: types[0]: there is no .msg, .srv or .action file at" in capsys.readouterr().err

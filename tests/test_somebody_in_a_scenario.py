@@ -6,10 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
-from bpmn_text import process
+from bpmn_text import process, properties
 
 import fame
 from fame.cli import main
+from fame.errors import ConfigError
 from fame.scenario import Completion, Scenario
 
 MODEL = process(
@@ -110,3 +111,44 @@ def test_in_many_processes_it_is_fame_complete(model: Path, capsys) -> None:
 def test_an_argument_that_is_none_is_named(model: Path) -> None:
     with pytest.raises(fame.ConfigError, match="completions: expected a Completion"):
         Scenario.load(model, completions=["PORTER@7:load"])  # type: ignore[list-item]
+
+
+# ---- signals from outside --------------------------------------------------------------------------------------------
+
+LISTENER = process(
+    """<startEvent id="s"><signalEventDefinition signalRef="G"/></startEvent>
+    <scriptTask id="t"><script>log(f"{go} at {robot.now}")</script></scriptTask>
+    <sequenceFlow id="f" sourceRef="s" targetRef="t"/>""",
+    '<signal id="G" name="go"/>',
+    'name="PORTER"',
+).replace('<startEvent id="s">', f'<startEvent id="s">{properties(type="std_msgs/msg/Int32")}')
+
+
+def test_somebody_outside_publishes_signals_and_the_run_does_not_end_before_the_last(tmp_path: Path) -> None:
+    (tmp_path / "m.bpmn").write_text(LISTENER)
+    path = tmp_path / "s.yaml"
+    path.write_text("model: m.bpmn\nsignal:\n  - {at: 9, name: /go, payload: 8}\n  - {at: 2, name: go, payload: 7}\n")
+    result = Scenario.load(path).run()
+    assert (result.status, result.simulated, result.robots[0].instances) == ("completed", 9.0, 2)
+    assert [(event.time / 1e9, event.detail) for event in result.reports] == [
+        (2.0, "/go is published from outside"),
+        (2.0, "7 at 2.0"),
+        (9.0, "/go is published from outside"),
+        (9.0, "8 at 9.0"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("item", "error"),
+    {
+        "{at: 2, name: og}": "s.yaml:2: signal.name: no robot uses the topic /og; did you mean '/go'?",
+        "{at: 2, name: go, payload: x}": "s.yaml:2: signal.payload: std_msgs/msg/Int32",
+        "{name: go}": "s.yaml:2: signal: expected the key at, as in {at: 12, name: go, payload: {x: 1.0}}",
+    }.items(),
+)
+def test_a_signal_that_nobody_uses_or_that_does_not_fit_is_refused(tmp_path: Path, item: str, error: str) -> None:
+    (tmp_path / "m.bpmn").write_text(LISTENER)
+    (tmp_path / "s.yaml").write_text(f"model: m.bpmn\nsignal: {item}\n")
+    with pytest.raises(ConfigError) as raised:
+        Scenario.load(tmp_path / "s.yaml")
+    assert error in str(raised.value)

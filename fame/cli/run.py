@@ -191,6 +191,8 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     if scenario.completions:
         text = "complete needs --middleware local: fame complete reaches robots in processes of their own"
         raise ConfigError(text, file=scenario.file)
+    if scenario.signals:
+        raise ConfigError("signal needs --middleware local", file=scenario.file)
     _check_drawings(arguments, scenario)
     if arguments.state is not None:
         from fame.robot.journal import StateDirectory

@@ -17,7 +17,7 @@ import difflib
 import os
 import re
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -76,6 +76,8 @@ _ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
 _SUFFIXES = (".msg", ".srv", ".action")
 _SHIPPED = Path(__file__).with_name("interfaces")
 _definitions: dict[str, Definition] = {}
+_broken: dict[str, str] = {}
+"""Types whose files were left out, with the file and the reason."""
 _lock = threading.RLock()
 
 
@@ -91,7 +93,7 @@ def definition(name: str) -> Definition:
         return known[full]
     if f"{full}_Request" in known:
         raise MessageError(f"this is a service; its messages are {full}_Request and {full}_Response", type=name)
-    raise MessageError(f"there is no such message type{_suggestion(name, known)}", type=name)
+    raise MessageError(f"there is no such message type{_broken_file(full) or _suggestion(name, known)}", type=name)
 
 
 def names() -> list[str]:
@@ -110,7 +112,8 @@ def service(name: str) -> tuple[str, str]:
     request, response = f"{full}_Request", f"{full}_Response"
     if request not in _table() and not _sourced(request):
         services = [entry.removesuffix("_Request") for entry in names() if entry.endswith("_Request")]
-        raise MessageError(f"there is no such service type{_suggestion(name, services)}", type=name)
+        suggestion = _broken_file(full) or _suggestion(name, services)
+        raise MessageError(f"there is no such service type{suggestion}", type=name)
     for full in (request, response):
         check_references(definition(full))
     return request, response
@@ -123,8 +126,8 @@ def action(name: str) -> str:
         full = full.replace("/", "/action/")
     if f"{full}_Goal" not in _table() and not _sourced(f"{full}_Goal"):
         actions = [entry.removesuffix("_Goal") for entry in names() if "/action/" in entry and entry.endswith("_Goal")]
-        text = f"there is no such action type{_suggestion(name, actions)}"
-        raise MessageError(f"{text}; register its .action file, or source its package", type=name)
+        advice = f"{_suggestion(name, actions)}; register its .action file, or source its package"
+        raise MessageError(f"there is no such action type{_broken_file(full) or advice}", type=name)
     return full
 
 
@@ -150,13 +153,21 @@ def register(text: str, name: str) -> list[str]:
     Returns their full names. The same text again does nothing. Types that it refers to may follow later. Raises
     MessageError for a text that cannot be read, and for a type that is there already but different.
     """
-    described = {content.name: content for content in from_text(text, name)}
+    return _add(from_text(text, name))
+
+
+class _Conflict(MessageError):
+    """There is a type of this name already, with other content."""
+
+
+def _add(contents: Iterable[Definition]) -> list[str]:
+    described = {content.name: content for content in contents}
     with _lock:
         known = _table()
         for full, content in described.items():
             if known.get(full, content) != content:
                 text = "there is a type of this name already, with other content: give it another name"
-                raise MessageError(text, type=full)
+                raise _Conflict(text, type=full)
         known.update(described)
     return list(described)
 
@@ -165,26 +176,57 @@ def register_files(path: str | Path, package: str = "") -> list[str]:
     """Add the types of a `.msg`, `.srv` or `.action` file, or of all such files in a directory and below.
 
     The package of a file is `package`, else the name of its directory, or of the one above if that is ``msg``, ``srv``
-    or ``action``. Returns full names. Raises MessageError as `register`, for a path without such files, and for a field
-    whose type is not known in the end; then none of them is added.
+    or ``action``. Returns full names. Of a directory, a file that cannot be read, or has a field of an unknown type, is
+    left out: an error that its type is unknown names the file. Raises MessageError for such a `path` itself, for one
+    without such files, and for a type that is there already but different; then none is added.
     """
     root = Path(path).resolve()
     files = sorted(file for file in root.rglob("*") if file.suffix in _SUFFIXES) if root.is_dir() else [root]
     if not files or not all(file.is_file() and file.suffix in _SUFFIXES for file in files):
         raise MessageError(f"there is no .msg, .srv or .action file at {path}")
-    before, described = dict(_table()), []
+    before, described, broken = dict(_table()), dict[str, list[str]](), dict[str, str]()
+    places: dict[str, Path] = {}
     try:
         for file in files:
             home = file.parent.parent if f".{file.parent.name}" in _SUFFIXES else file.parent
-            described += register(file.read_text("utf-8"), f"{package or home.name}/{file.suffix[1:]}/{file.stem}")
-        for full in described:
-            check_references(definition(full))
+            name = f"{package or home.name}/{file.suffix[1:]}/{file.stem}"
+            places[name] = file
+            try:
+                described[name] = _add(from_text(file.read_text("utf-8"), name))
+            except _Conflict:
+                raise
+            except (MessageError, OSError, ValueError) as problem:
+                broken[name] = str(problem)
+        while wrong := {name: text for name, full in described.items() if (text := _missing_reference(full))}:
+            for name in wrong:  # what refers to it is the next to go
+                _forget(described.pop(name), before)
+            broken |= wrong
+        if broken and not root.is_dir():
+            raise MessageError(f"{root}: {broken.popitem()[1]}")
     except MessageError:
-        with _lock:
-            for full in _definitions.keys() - before.keys():
-                del _definitions[full]
+        _forget(_definitions.keys(), before)
         raise
-    return described
+    _broken.update((name, f"{places[name]}: {text}") for name, text in broken.items())
+    for name in described:
+        _broken.pop(name, None)
+    return [full for names in described.values() for full in names]
+
+
+def _missing_reference(names: Iterable[str]) -> str:
+    """Why one of some types refers to none, or to itself; empty if all is well."""
+    try:
+        for full in names:
+            check_references(definition(full))
+    except MessageError as error:
+        return str(error)
+    return ""
+
+
+def _forget(names: Iterable[str], before: Mapping[str, Definition]) -> None:
+    """Remove types again that were not there `before`."""
+    with _lock:
+        for full in [full for full in names if full not in before]:
+            del _definitions[full]
 
 
 def check_references(content: Definition, inside: tuple[str, ...] = ()) -> None:
@@ -211,6 +253,12 @@ def _sourced(full: str) -> bool:
         if file.is_file():
             return full in register(file.read_text("utf-8"), f"{package}/{kind}/{name}")
     return False
+
+
+def _broken_file(full: str) -> str:
+    """``; its file cannot be used: ...`` if a file of this type, or of what it is a part of, was left out."""
+    found = next((text for name, text in _broken.items() if full == name or full.startswith(f"{name}_")), "")
+    return f"; its file cannot be used: {found}" if found else ""
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:

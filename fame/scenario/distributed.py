@@ -188,7 +188,7 @@ class Team:
             self.backend,
             speed=self._speed,
             lockstep=self._lockstep,
-            types=self._types,
+            types=[*self._types, *self.scenario.types],
             trust=trust,
             state=self._state,
         )

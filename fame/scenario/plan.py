@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date, datetime
 from pathlib import Path
@@ -16,7 +16,7 @@ from fame.bpmn.pools import Pool
 from fame.clock import EPOCH, parse_epoch
 from fame.config.values import Source
 from fame.engine.data import is_variable
-from fame.errors import ConfigError
+from fame.errors import ConfigError, MessageError
 
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue
@@ -49,12 +49,32 @@ class Completion:
     values: Mapping[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True)
+class OutsideSignal:
+    """A message that somebody outside of the team publishes at simulated second `time`.
+
+    `type` and `qos` are those of the topic in the model, empty in a file that is not checked yet.
+    """
+
+    topic: str
+    time: float
+    payload: Any = None
+    type: str = ""
+    qos: Mapping[str, str] = field(default_factory=dict)
+
+
+def published_from_outside(signal: OutsideSignal) -> str:
+    """What is reported of a signal."""
+    return f"{signal.topic} is published from outside"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """A checked scenario. `cast` has the pool of each robot; `faults` are injected, `completions` done by people.
+    """A checked scenario. `cast` has the pool of each robot; `faults` are injected, `completions` done by people,
+    `signals` published from outside.
 
     `duration` is in simulated s; `epoch` is the date of simulated second 0; `variables` has what the process of a robot
-    starts with; `network` is between the robots.
+    starts with; `network` is between the robots; `types` are folders of message types, which are registered.
     """
 
     file: str
@@ -66,9 +86,11 @@ class Plan:
     duration: float
     faults: tuple[Fault, ...] = ()
     completions: tuple[Completion, ...] = ()
+    signals: tuple[OutsideSignal, ...] = ()
     epoch: datetime = EPOCH
     variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     network: NetworkConfig | None = None
+    types: tuple[Path, ...] = ()
 
     def processes(self) -> list[Process]:
         """Return the processes that the robots run, each once."""
@@ -85,16 +107,30 @@ class Plan:
 DURATION = 600.0
 """Default duration of a run, simulated s."""
 
-_KEYS = ("model", "world", "seed", "duration", "epoch", "library", "computers", "complete", "network", "variables")
+_KEYS = (
+    "model",
+    "world",
+    "seed",
+    "duration",
+    "epoch",
+    "library",
+    "types",
+    "computers",
+    "complete",
+    "signal",
+    "network",
+    "variables",
+)
 
 _COMPLETE = "{at: 12, robot: REX, element: Task_Sign, values: {approved: true}}"
+_SIGNAL = "{at: 12, name: go, payload: {x: 1.0}}"
 
 
 @dataclass(frozen=True, slots=True)
 class ScenarioFile:
     """The content of a scenario file. `computers` run pools too, but have no body in the world.
 
-    `completions` have their key path each; `source` has the line of each key.
+    `completions` and `signals` have their key path each; `source` has the line of each key.
     """
 
     model: Path
@@ -104,7 +140,9 @@ class ScenarioFile:
     duration: float = DURATION
     epoch: datetime = EPOCH
     library: tuple[Path, ...] = ()
+    types: tuple[Path, ...] = ()
     completions: tuple[tuple[Completion, str], ...] = ()
+    signals: tuple[tuple[OutsideSignal, str], ...] = ()
     network: NetworkConfig | None = None
     variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     source: Source = field(default_factory=Source)
@@ -120,7 +158,10 @@ def _beside(path: Path, name: ConfigValue) -> Path:
 
 
 def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({})) -> ScenarioFile:
-    """Read a scenario file, with other values at the paths of `changes`. Raises ConfigError with file, line and key."""
+    """Read a scenario file, with other values at the paths of `changes`, and register its message types.
+
+    Raises ConfigError with file, line and key.
+    """
     from fame.config.loader import read_document
     from fame.scenario.settings import read_network, read_variables
     from fame.scenario.variation import changed
@@ -131,6 +172,7 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
         document = replace(document, data=changed(document.data, changes, str(path)))
     keys = document.mapping(_KEYS)
     model = document.required("model", "FILE.bpmn")
+    types = tuple(_registered(path, item) for item in keys["types"].items()) if "types" in keys else ()
     world = None
     if "world" in keys and isinstance(keys["world"].data, str):
         world = read_world(_beside(path, keys["world"]))
@@ -145,11 +187,25 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
         duration=keys["duration"].number(above=0) if "duration" in keys else DURATION,
         epoch=_epoch(keys["epoch"]) if "epoch" in keys else EPOCH,
         library=tuple(path.parent / folder.text() for folder in folders),
-        completions=tuple(map(_completion, keys["complete"].items())) if "complete" in keys else (),
+        types=types,
+        completions=tuple(map(_completion, _all(keys["complete"]))) if "complete" in keys else (),
+        signals=tuple(map(_signal, _all(keys["signal"]))) if "signal" in keys else (),
         network=read_network(keys["network"]) if "network" in keys else None,
         variables=read_variables(keys["variables"]) if "variables" in keys else {},
         source=document.source,
     )
+
+
+def _registered(path: Path, folder: ConfigValue) -> Path:
+    """A folder of message types, or a file of one, which is registered now."""
+    from fame.middleware.messages import register_files
+
+    whole = path.parent / folder.text()
+    try:
+        register_files(whole)
+    except MessageError as error:
+        raise folder.error(str(error)) from None
+    return whole
 
 
 def _epoch(value: ConfigValue) -> datetime:
@@ -167,6 +223,23 @@ def _computers(value: ConfigValue, world: WorldConfig | None) -> tuple[str, ...]
             raise item.error(f"expected a name of its own, got {item.text()!r}, which is taken")
         taken.add(item.text())
     return tuple(item.text() for item in value.items())
+
+
+def _all(value: ConfigValue) -> Sequence[ConfigValue]:
+    """The items of a list; a mapping is the only one."""
+    return [value] if isinstance(value.data, Mapping) else value.items()
+
+
+def _signal(value: ConfigValue) -> tuple[OutsideSignal, str]:
+    keys = value.mapping(("at", "name", "payload"))
+    for key in ("at", "name"):
+        if key not in keys:
+            raise value.error(f"expected the key {key}, as in {_SIGNAL}")
+    name = keys["name"].text()
+    payload = keys["payload"].data if "payload" in keys else None
+    return OutsideSignal(
+        name if name.startswith("/") else f"/{name}", keys["at"].number(minimum=0), payload
+    ), value.path
 
 
 def _completion(value: ConfigValue) -> tuple[Completion, str]:

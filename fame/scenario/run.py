@@ -17,6 +17,8 @@ from fame.check.gate import refuse_literals
 from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError
 from fame.gc_tuning import rarely_collected
+from fame.middleware import messages, qos
+from fame.middleware.interface import Publisher
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.network import Network
 from fame.monitor.services import SERVICES
@@ -24,7 +26,7 @@ from fame.randomness import ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, Service, make_mission
 from fame.robot.events import Observer, combine_observers
 from fame.scenario.film_captions import Captions
-from fame.scenario.plan import Completion, Fault
+from fame.scenario.plan import Completion, Fault, OutsideSignal, published_from_outside
 from fame.scenario.process import signals_call
 from fame.scenario.result import Progress, Result, at_rest, mistyped_topics, never_started, robot_result, status_of
 from fame.scripting import heartbeat
@@ -91,6 +93,7 @@ class Run:
         self._logs = observer
         self.observer: Observer | None = combine_observers([each for each in (captions, observer) if each is not None])
         self.dead: set[str] = set()
+        self._outside, self._published = self.middleware.node("outside"), 0
         self.world: World | None
         self.recorder: Recorder | None
         self.world, self.recorder = self._build_world(record)
@@ -162,9 +165,11 @@ class Run:
 
     @property
     def over(self) -> bool:
-        """Whether a process has run, none is running, and no timer will start one."""
-        return any(node.started for node in self.nodes) and not any(
-            node.engine.instances or node.pending_starts for node in self.nodes
+        """Whether a process has run, none is running, and no timer or signal from outside is still to come."""
+        return (
+            any(node.started for node in self.nodes)
+            and self._published == len(self.scenario.signals)
+            and not any(node.engine.instances or node.pending_starts for node in self.nodes)
         )
 
     def result(self) -> Result:
@@ -249,6 +254,15 @@ class Run:
             self.scheduler.after(round(fault.time * SECOND), partial(self.inject, fault))
         for done in self.scenario.completions:
             self.scheduler.after(round(done.time * SECOND), partial(self._complete, done))
+        for sent in self.scenario.signals:
+            publisher = self._outside.publisher(sent.topic, sent.type, qos.parse(sent.qos))
+            self.scheduler.after(round(sent.time * SECOND), partial(self._publish, publisher, sent))
+
+    def _publish(self, publisher: Publisher, sent: OutsideSignal) -> None:
+        """Publish a signal in the place of somebody outside."""
+        self._published += 1
+        self.reports.append(Event(self.scheduler.now, "", 0, 0, "", "report", published_from_outside(sent)))
+        publisher.publish(messages.create(sent.type, sent.payload))
 
     def _work(self, begun: float) -> None:
         """Run until the mission is over or its time is up."""

@@ -13,15 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Task
-from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of
+from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, shared_topics
 from fame.check.scope import Finding, of_error
 from fame.config.values import Source
-from fame.errors import ConfigError, FameError, ModelError, UnavailableError, expect
-from fame.robot import Event
-from fame.scenario.plan import Completion, Fault, Plan, ScenarioFile, read_scenario
+from fame.errors import ConfigError, FameError, MessageError, ModelError, UnavailableError, expect
+from fame.middleware.interface import resolve
+from fame.robot import Event, make_mission
+from fame.scenario.plan import Completion, Fault, OutsideSignal, Plan, ScenarioFile, read_scenario
 from fame.scenario.result import Progress, Result
 from fame.scenario.run import Pace, Run
 from fame.scenario.settings import check_network, with_parameters
+from fame.scripting import script_topics
+from fame.text import suggestion
 
 if TYPE_CHECKING:
     from fame.middleware.network import NetworkConfig
@@ -100,9 +103,11 @@ class Scenario(Plan):
             duration=content.duration if duration is None else duration,
             faults=tuple(faults),
             completions=tuple(done for done, _ in wanted),
+            signals=_signals(content, definitions, folders, cast),
             epoch=content.epoch if epoch is None else epoch,
             network=joined,
             variables=chosen,
+            types=content.types,
         )
 
     def run(
@@ -273,6 +278,47 @@ def _check_completions(
             known = f"it has {', '.join(tasks[done.robot])}" if tasks[done.robot] else "it has none"
             text = f"expected a user, manual or receive task of {done.robot}, got {done.element!r}; {known}"
             raise content.source.error(f"{place}.element" if place else "", text)
+
+
+def _signals(
+    content: ScenarioFile, definitions: Definitions, library: Library, cast: Mapping[str, Pool]
+) -> tuple[OutsideSignal, ...]:
+    """The signals of a scenario with types. Raises ConfigError for a topic that no robot uses, and a wrong payload."""
+    if not content.signals:
+        return ()
+    from fame.middleware import messages
+
+    known = _topics(definitions, library, cast)
+    found = []
+    for signal, place in content.signals:
+        if signal.topic not in known:
+            text = f"no robot uses the topic {signal.topic}; {suggestion(signal.topic, sorted(known))}"
+            raise content.source.error(f"{place}.name", text)
+        type, qos = known[signal.topic]
+        try:
+            messages.create(type, signal.payload)
+        except MessageError as error:
+            raise content.source.error(
+                f"{place}.payload" if signal.payload is not None else place, str(error)
+            ) from None
+        found.append(replace(signal, type=type, qos=qos))
+    return tuple(found)
+
+
+def _topics(
+    definitions: Definitions, library: Library, cast: Mapping[str, Pool]
+) -> dict[str, tuple[str, Mapping[str, str]]]:
+    """The topics of events and scripts of all robots: full name -> type and policies of QoS."""
+    shared = shared_topics(definitions, pools_of(definitions), library.declared)
+    found: dict[str, tuple[str, Mapping[str, str]]] = {}
+    for robot, pool in cast.items():
+        mission = make_mission(definitions, pool.process, library=library, shared=shared)
+        for script in mission.scripts():
+            for topic in script_topics(script):
+                if topic.type is not None and topic.direction in ("publish", "subscribe"):
+                    found[resolve(topic.name, robot)] = topic.type, {}
+        found |= {resolve(name, robot): (use.type, use.qos) for name, use in mission.types.items()}
+    return found
 
 
 def with_semantics(definitions: Definitions, semantics: str) -> Definitions:

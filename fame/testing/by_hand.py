@@ -72,7 +72,7 @@ class MissionByHand(MissionUnderTest):
 
     def make_run(self, observer: Observer) -> Run:
         """Make the run: without world, parameters, faults and completions."""
-        plan = replace(self.scenario, world=None, network=None, faults=(), completions=(), variables={})
+        plan = replace(self.scenario, world=None, network=None, faults=(), completions=(), signals=(), variables={})
         run = _RunByHand(plan, False, observer, None)
         for (robot, element), ways in self._decisions.items():
             run.hosts[robot].decided[element].extend(ways)
