@@ -11,7 +11,7 @@ from deployment_field import Field, definitions, patrol, process
 
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND
-from fame.deploy import STRING, EngineNode
+from fame.deploy import STRING, EngineNode, Envelope, model_hash
 from fame.deploy.late_joiners import LateJoiners
 from fame.deploy.requests import TaskRequest
 from fame.errors import ConfigError
@@ -461,3 +461,33 @@ def test_after_a_migration_the_instances_that_are_over_are_kept(field: Durable) 
     (instance,) = field.engine.running.instances
     assert (instance.status, instance.variables["count"]) == ("completed", 1)
     assert (instance.visits["t"], instance.visits["u"], instance.visits["new"]) == (1, 1, 0)
+
+
+def told(field: Durable, id: str, sequence: int, model: str, *phases: str, **options: Any) -> None:
+    """Send a robot the envelopes of a deployment, as a sender does."""
+    loaded = {"model": model, "hash": model_hash(model.encode()), "team": ["A"], **options}
+    for phase in phases:
+        more = loaded if phase == "load" else {}
+        field.send("A", Envelope(deployment=id, sequence=sequence, robot="A", phase=phase, **more).to_json())
+
+
+def test_a_deployment_that_arrives_while_an_engine_resumes_starts(field: Durable) -> None:
+    other = field.middleware.node("other")
+    end = other.subscription("/x", STRING, lambda message: None)
+    told(field, "d1", 1, MISSION, "load", promises={"/x": "subscriber"})
+    field.pass_time(0.1)
+    told(field, "d1", 1, MISSION, "start")
+    field.pass_time(1)
+    assert field.engine.deployed == "d1"
+    end.close()
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    told(field, "d2", 2, patrol(7), "load", promises={"/x": "subscriber"})
+    field.pass_time(4.5)  # what ran before goes on without the other end
+    assert (field.engine.deployed, field.engine.state) == ("d1", "loading")
+    other.subscription("/x", STRING, lambda message: None)
+    field.pass_time(0.1)
+    told(field, "d2", 2, patrol(7), "start")
+    field.pass_time(1)
+    assert (field.engine.deployed, field.engine.state, field.variables("A")) == ("d2", "running", {"mark": 7})

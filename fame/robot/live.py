@@ -12,6 +12,7 @@ import json
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Protocol
+from weakref import WeakSet
 
 from fame.clock import EPOCH, SECOND, Entry, Kind, Scheduler, date_text
 from fame.engine.state import Trail
@@ -68,7 +69,7 @@ class LiveFeed:
         self._scheduler, self._session, self._epoch = scheduler, session, date_text(epoch)
         self._seed = seed
         self._current: ProcessFeed | None = None
-        self._loaded: list[ProcessFeed] = []
+        self._loaded: WeakSet[ProcessFeed] = WeakSet()  # until their process is gone: one may wait while another begins
         self._subscribers = self._batch = 0
         self._changes: list[str] = []
         self._begins = False  # whether the next batch is the first one of a process, from its first step on
@@ -85,7 +86,7 @@ class LiveFeed:
     def observer(self) -> ProcessFeed:
         """The observer of a process that is being loaded."""
         feed = ProcessFeed(self)
-        self._loaded.append(feed)
+        self._loaded.add(feed)
         return feed
 
     def begin(self, node: RobotNode, *, resumed: bool = False) -> None:
@@ -94,7 +95,6 @@ class LiveFeed:
         One that is not `resumed` begins with its first step.
         """
         self._current = next(feed for feed in self._loaded if feed.node is node)
-        self._loaded.clear()
         self._changes.clear()
         self._subscribers = self._publisher.subscriber_count()
         self._begins = self.watched and not resumed
