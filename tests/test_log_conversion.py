@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import json
 from datetime import datetime
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
+from fame.bpmn import read
 from fame.cli import main
+from fame.clock import SECOND
 from fame.log import logging_to
-from fame.robot.events import combine_observers
+from fame.log.elements import element_info
+from fame.log.xes import xes
+from fame.robot.events import Event, combine_observers
 from fame.scenario import Scenario
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -155,3 +161,16 @@ def test_a_recording_is_not_merged_into_itself(run: Path, capsys: pytest.Capture
     assert main(["log", "merge", str(path), "-o", str(path)]) == 2
     assert "expected a new file, got one of those that are merged" in capsys.readouterr().err
     assert path.read_bytes() == before
+
+
+def test_an_instance_whose_beginning_was_not_recorded_is_a_trace_that_says_so(tmp_path: Path) -> None:
+    stream = BytesIO()
+    with xes(stream, element_info([read("models/ground_vehicles.bpmn")])) as log:
+        for what, element in (("leave", "Activity_14nkpvd"), ("end", "Process_REX")):
+            log(Event(SECOND, "REX", 3, 4, element, what, "completed"))
+        log(Event(SECOND, "DINGO", 1, 2, "Process_DINGO", "end", "completed"))
+    root = ElementTree.fromstring(stream.getvalue())
+    traces = [{item.get("key"): item.get("value") for item in one} for one in root if one.tag.endswith("trace")]
+    assert [(one["robot"], one["process"], one["incomplete"]) for one in traces] == [
+        (robot, "unknown", "the log does not have its beginning") for robot in ("REX", "DINGO")
+    ]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from action_server import DRIVE
-from bpmn_text import process, properties
+from bpmn_text import document, process, properties
 
 from fame.errors import ConfigError, MessageError
 from fame.middleware import codec, messages
@@ -405,3 +405,26 @@ def test_a_series_has_times_from_the_start_on(vehicles: MissionUnderTest, given:
 def test_a_network_that_is_none_is_refused(mission: MissionLoader) -> None:
     with pytest.raises(ConfigError, match=r"network: expected a .*NetworkConfig, got 0"):
         mission.load(VEHICLES, network=0.1)
+
+
+def test_expectations_of_a_passage_and_of_its_robot_follow_each_other(vehicles: MissionUnderTest) -> None:
+    vehicles.run_until("DINGO", at="Go To")
+    vehicles.expect("DINGO").entered("Go To").never_entered("Fire").has(x_target=1.0).entered("Go To").within(2)
+
+
+def test_a_person_without_a_robot_does_the_tasks_of_whoever_has_them(mission: MissionLoader, tmp_path: Path) -> None:
+    task = '<startEvent id="s{0}"/><userTask id="{1}"/><sequenceFlow id="f{0}" sourceRef="s{0}" targetRef="{1}"/>'
+    pools = "".join(f'<participant id="N{n}" name="R{n}" processRef="Q{n}"/>' for n in (1, 2))
+    processes = "".join(
+        f'<process id="Q{n}" isExecutable="true">{task.format(n, name)}</process>'
+        for n, name in ((1, "sign"), (2, "load"))
+    )
+    path = tmp_path / "two.bpmn"
+    path.write_text(document(f'<collaboration id="C">{pools}</collaboration>{processes}'))
+    m = mission.load(path)
+    m.person({"sign": {"by": "Ada"}, "load": None}, after=2)
+    m.advance(3)
+    m.expect("R1").completed().has(by="Ada")
+    m.expect("R2").completed()
+    with pytest.raises(ConfigError, match="no robot has an element 'sing'; robots are R1, R2"):
+        m.person({"sing": {}})

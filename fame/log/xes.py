@@ -55,7 +55,10 @@ _HEAD = """\
 
 @dataclass(slots=True)
 class _Trace:
-    """A process instance: its events as XML, and the running executions of each element."""
+    """A process instance: its events as XML, and the running executions of each element.
+
+    `process` is empty if the log does not have its beginning: the recorder joined later.
+    """
 
     process: str
     events: list[str] = field(default_factory=list)
@@ -110,11 +113,11 @@ class _Traces:
             name = self._elements.get(element)
             self._open[robot, instance] = _Trace((name.name if name is not None else "") or element)
         elif what == "end":
-            self._write((robot, instance), self._open.pop((robot, instance)), str(detail))
+            self._write((robot, instance), self._open.pop((robot, instance), _Trace("")), str(detail))
         elif what in _LIFECYCLE:
             words = self._words(robot, mark)
             if words is not None:
-                trace = self._open[robot, instance]
+                trace = self._open.setdefault((robot, instance), _Trace(""))
                 trace.events.append(f"{words[0]}{trace.execution(scope, element, what)}{words[1]}{date}")
 
     def _words(self, robot: str, mark: Mark) -> tuple[str, str] | None:
@@ -136,6 +139,8 @@ class _Traces:
 
 def _trace(robot: str, instance: int, trace: _Trace, status: str) -> str:
     values = {"concept:name": f"{robot}/{instance}", "process": trace.process, "robot": robot, "status": status}
+    if not trace.process:
+        values |= {"process": "unknown", "incomplete": "the log does not have its beginning"}
     attributes = "".join(_attribute(4, key, value) for key, value in values.items())
     return f"  <trace>\n{attributes}{''.join(trace.events)}  </trace>\n"
 

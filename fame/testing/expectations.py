@@ -114,13 +114,14 @@ class Expectation:
         return failure(self._mission, f"{self._robot}: {text}")
 
 
-class Passage:
-    """An element that was passed or entered: expectations of when."""
+class Passage(Expectation):
+    """An element that was passed or entered: expectations of when, and further ones of the robot."""
 
     steps: list[Step]
 
     def __init__(self, expectation: Expectation, shown: str, steps: list[Step]) -> None:
-        self._expectation, self._shown, self.steps = expectation, shown, steps
+        super().__init__(expectation._mission, expectation._robot)
+        self._shown, self.steps = shown, steps
 
     @property
     def times(self) -> list[float]:
@@ -142,18 +143,18 @@ class Passage:
         __tracebackhide__ = True
         if self.steps[0].time > seconds * SECOND:
             text = f"expected {self._shown} within {seconds:g} s, but it was at {_moment(self.steps[0])}"
-            raise self._expectation._error(text)
+            raise self._error(text)
         return self
 
     def _compare(self, element: str, word: str, holds: Callable[[Step, Step], bool]) -> Passage:
         __tracebackhide__ = True
-        ids, shown = self._expectation._find(element)
-        others = self._expectation._mission.trace.arrivals(self._expectation._robot, ids)
+        ids, shown = self._find(element)
+        others = self._mission.trace.arrivals(self._robot, ids)
         if not others:
-            raise self._expectation._error(f"expected {self._shown} {word} {shown}, but {shown} was never entered")
+            raise self._error(f"expected {self._shown} {word} {shown}, but {shown} was never entered")
         if not holds(self.steps[0], others[0]):
             text = f"{self._shown} was at {_moment(self.steps[0])}, and {shown} was entered at {_moment(others[0])}"
-            raise self._expectation._error(f"expected {self._shown} {word} {shown}, but {text}")
+            raise self._error(f"expected {self._shown} {word} {shown}, but {text}")
         return self
 
 

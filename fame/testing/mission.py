@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -328,9 +328,31 @@ class MissionUnderTest:
         return self.fakes.action(name, type, **given)
 
     def person(self, tasks: Mapping[str, Mapping[str, Any] | None], *, robot: str = "", after: float = 0.0) -> None:
-        """Complete tasks `after` simulated s, like a person, whenever a token waits there: task -> results."""
+        """Complete tasks `after` simulated s, like a person, whenever a token waits there: task -> results.
+
+        Without a robot those of every robot that has such a task. Raises ConfigError for a task that none has.
+        """
         self.is_played = True
-        self.fakes.person(self.robot(robot), tasks, after)
+        for name, its in self._owners(tasks, robot).items():
+            self.fakes.person(name, its, after)
+
+    def _owners(self, tasks: Mapping[str, Any], robot: str) -> dict[str, dict[str, Any]]:
+        """The tasks of each robot, by its name."""
+        names = [self.robot(robot)] if robot or len(self.robots) == 1 else self.robots
+        found: dict[str, dict[str, Any]] = {}
+        for task, values in tasks.items():
+            owners = []
+            for name in names:
+                with suppress(ConfigError):
+                    self.elements.find(name, task)
+                    owners.append(name)
+            for name in owners:
+                found.setdefault(name, {})[task] = values
+            if not owners and len(names) == 1:
+                self.elements.find(names[0], task)  # raises, with similar ones
+            if not owners:
+                raise ConfigError(f"person: no robot has an element {task!r}; robots are {', '.join(names)}")
+        return found
 
     # ---- what is expected ------------------------------------------------------------------------------------------
 
