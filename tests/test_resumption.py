@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from errno import EIO, ENOSPC
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import pytest
 from deployment_field import Field, definitions, patrol, process
@@ -17,6 +19,7 @@ from fame.deploy.requests import TaskRequest
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.simulated_time import ClockFollower
+from fame.robot.disk import File, SystemDisk
 from fame.robot.journal import StateDirectory
 
 POOL = '<collaboration id="C"><participant id="A" name="A" processRef="p"/></collaboration>'
@@ -41,6 +44,23 @@ MISSION = definitions(
 )
 
 
+class FaultyDisk(SystemDisk):
+    """A disk that may be full, and of which files may be unreadable."""
+
+    full = False
+    unreadable = ""
+
+    def write(self, path: Path, *, new: bool) -> File:
+        if self.full:
+            raise OSError(ENOSPC, "No space left on device")
+        return super().write(path, new=new)
+
+    def read(self, path: Path) -> BinaryIO:
+        if self.unreadable and path.name == self.unreadable:
+            raise OSError(EIO, "Input/output error")
+        return super().read(path)
+
+
 class Durable(Field):
     """A field of one robot with a state directory."""
 
@@ -48,12 +68,13 @@ class Durable(Field):
         super().__init__()
         self.folder, self.options = folder, options
         self.notes: list[str] = []
+        self.disk = FaultyDisk()
         self.start()
         self.listen("A")
 
     def start(self) -> None:
         """Start an engine on the directory."""
-        self.state = StateDirectory(self.folder)
+        self.state = StateDirectory(self.folder, self.disk)
         self.engines["A"] = EngineNode(
             "A",
             scheduler=self.scheduler,
@@ -491,3 +512,24 @@ def test_a_deployment_that_arrives_while_an_engine_resumes_starts(field: Durable
     told(field, "d2", 2, patrol(7), "start")
     field.pass_time(1)
     assert (field.engine.deployed, field.engine.state, field.variables("A")) == ("d2", "running", {"mark": 7})
+
+
+def test_a_promise_that_the_disk_refuses_is_answered_refused(field: Durable) -> None:
+    field.deploy(MISSION)
+    field.disk.full = True
+    told(field, "d2", 2, patrol(7), "load")
+    field.pass_time(1)
+    answer = next(report for report in field.said if report.deployment == "d2" and report.answer)
+    assert (answer.answer, "its promise cannot be written" in answer.reason) == ("refused", True)
+    assert (field.engine.deployed, field.engine.state) == ("d1", "running")
+
+
+def test_what_began_before_an_engine_was_born_is_unknown_to_it() -> None:
+    field = Field("A", "B")
+    ask = Envelope(deployment="d1", sequence=1, robot="B", phase="ask", born=field.engines["B"].born - 1)
+    field.send("B", ask.to_json())
+    field.pass_time(0.1)
+    assert field.answers() == ["unknown"]
+    field.send("B", replace(ask, born=field.engines["B"].born).to_json())
+    field.pass_time(0.1)
+    assert field.answers() == ["unknown", "aborted"]

@@ -24,6 +24,8 @@ from fame.deploy.robot_state import (
     Match,
     Matched,
     Note,
+    Promise,
+    Promised,
     Received,
     Replace,
     Replaced,
@@ -53,11 +55,13 @@ def told(phase: str, envelope: Envelope = FIRST, **options) -> Received:
 
 
 LOADED = (Received(FIRST), LoadDue(), Loaded())
-READY = (*LOADED, Matched())
+READY = (*LOADED, Matched(), Promised())
 RUNS = (*READY, told("start"), Replaced())
 MIGRATES = (Received(replace(SECOND, migrate=True)), LoadDue(), Loaded(), Matched())
 PREVIEWS = (Received(replace(SECOND, migrate=True, preview=True)), LoadDue(), Loaded(), Matched())
 UNDER_WAY = "another deployment is under way; ask again when it is over"
+REBORN = "the engine was started after that deployment began; what the one before promised is not known"
+NOT_READY = "the sender fell silent; it was not ready here"
 HOLDS = (*READY, Silence(), Silence())
 
 
@@ -71,7 +75,18 @@ HOLDS = (*READY, Silence(), Silence())
         (READY, [AwaitSender(5.0), Reply("ready", "d1")]),
         ((*READY, told("hold")), [AwaitSender(5.0)]),
         ((*RUNS, *MIGRATES), [Hold(), MapState()]),
-        ((*RUNS, *MIGRATES, Mapped()), [AwaitSender(5.0), Reply("ready", "d2")]),
+        ((*RUNS, *MIGRATES, Mapped()), [Promise()]),
+        ((*LOADED, Matched()), [Promise()]),
+        ((*LOADED, Matched(), Promised("full")), [Drop(), Reply("refused", "d1", "full")]),
+        ((*LOADED, Matched(), told("abort")), [Drop(), Reply("aborted", "d1")]),
+        ((*LOADED, Matched(), Stopped()), [Drop(), Reply("aborted", "d1", "the engine ends")]),
+        ((told("ask", born=7),), [Reply("unknown", "d1", REBORN)]),
+        (
+            (Received(FIRST), told("ask", born=7)),
+            [Reply("aborted", "d1", NOT_READY), Reply("aborted", "d1", NOT_READY)],
+        ),
+        ((*HOLDS, Answered("B", "unknown")), []),
+        ((*RUNS, *MIGRATES, Mapped(), Promised()), [AwaitSender(5.0), Reply("ready", "d2")]),
         ((*RUNS, *MIGRATES, Mapped("no")), [Drop(), Reply("refused", "d2", "no")]),
         ((*RUNS, *PREVIEWS), [MapState()]),
         ((*RUNS, *PREVIEWS, Mapped("no")), [Drop(), Reply("previewed", "d2", "no")]),
@@ -134,6 +149,7 @@ def test_an_answer_is_remembered_for_a_hundred_deployments():
 
 ANY_TIME = (
     *(told(phase) for phase in ("load", "hold", "start", "abort", "ask")),
+    told("ask", born=7),
     told("start", begun=True),
     *(told(phase, SECOND) for phase in ("load", "start", "abort")),
     Received(BARE),
@@ -150,8 +166,10 @@ def possible(state: RobotState) -> Iterator[Event]:
     stage = state.candidate.stage if state.candidate is not None else ""
     if stage == "matching":
         yield from (Matched(), Matched(("/go (subscriber)",)))
+    if stage == "promising":
+        yield from (Promised(), Promised("the disk is full"))
     if stage == "ready":
-        yield from (Silence(), *(Answered("B", answer) for answer in ("started", "aborted", "asking", "ready")))
+        yield from (Silence(), *(Answered("B", each) for each in ("started", "aborted", "asking", "ready", "unknown")))
     if stage == "replacing":
         yield Replaced()
 
@@ -189,7 +207,12 @@ def test_every_transition_keeps_what_the_protocol_promises():
             assert Run() in actions, about
             assert state.candidate is not None, about
             assert state.candidate.stage == "replacing", about
-        promised = state.candidate is not None and state.candidate.stage != "matching"
+        promised = state.candidate is not None and state.candidate.has_promised
+        said = {answer.answer for answer in answers}
+        if "ready" in said:
+            assert event == Promised() or event.envelope.phase == "ask", about  # only what is on the disk is promised
+        if isinstance(event, Received) and event.envelope.born and "aborted" in said:
+            assert state.waiting or state.candidate or state.loading or state.answer_to("d1"), about
         if promised and following.candidate is None and isinstance(event, Received):
             assert event.envelope.phase == "abort", about  # a newer model never breaks a promise
         if isinstance(event, Stopped) and promised:
@@ -223,6 +246,8 @@ def next_result(state: RobotState) -> Event | None:
         return LoadDue() if state.waiting is not None else None
     if state.candidate.stage == "matching":
         return Matched()
+    if state.candidate.stage == "promising":
+        return Promised()
     if state.candidate.stage == "replacing":
         return Replaced()
     return None if state.candidate.holds else Silence()

@@ -201,6 +201,7 @@ def robot_events(team: Team, robot: RobotState) -> Iterator[robot_state.Event]:
     stage = robot.candidate.stage if robot.candidate is not None else ""
     results = {
         "matching": robot_state.Matched(),
+        "promising": robot_state.Promised(),
         "ready": termination.Silence(),
         "replacing": robot_state.Replaced(),
     }

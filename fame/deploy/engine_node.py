@@ -49,6 +49,8 @@ from fame.deploy.robot_state import (
     Match,
     Matched,
     Note,
+    Promise,
+    Promised,
     Received,
     Replace,
     Replaced,
@@ -150,7 +152,9 @@ class EngineNode:
             StateKeeper(state, robot, scheduler, self._on_disk_trouble, wall_time) if state is not None else None
         )
         self._resumed: ResumedMission | None = None
-        self._protocol: Machine[RobotState, Event, Action] = Machine(RobotState(robot), step, self._perform)
+        self._protocol: Machine[RobotState, Event, Action] = Machine(
+            RobotState(robot, born=self.born), step, self._perform
+        )
         self._absences = Absences()
         self._stopped = False
         self._observers = () if observer is None else (observer,)
@@ -275,8 +279,6 @@ class EngineNode:
         """Carry out an action of the protocol. Those on the candidate come only while there is one."""
         match action:
             case Reply():
-                if action.answer == "ready" and not action.repeated and self._keeper is not None:
-                    self._keeper.promise(self.candidate)
                 deployment, foreseen = self._foreseen
                 asked = action.answer in ("ready", "previewed") and action.deployment == deployment
                 self.status.publish(
@@ -308,6 +310,8 @@ class EngineNode:
 
     def _perform_on(self, candidate: Candidate, action: Action) -> None:
         match action:
+            case Promise():
+                self._protocol.handle(Promised(self._keeper.promise(candidate) if self._keeper is not None else ""))
             case AwaitSender(seconds):
                 candidate.await_sender(seconds, partial(self._protocol.handle, Silence()))
             case AskOthers():
@@ -447,7 +451,7 @@ class EngineNode:
             self._keep_promise()
         else:
             self._options["random"] = self._random(new_seed())  # not again what was drawn before
-            self._protocol.state, self._before = resumed(self.robot, envelope), envelope.hash
+            self._protocol.state, self._before = resumed(self.robot, envelope, self.born), envelope.hash
             self._resumed.resume()
 
     def _begin_again(self, process: RobotNode, missing: Sequence[str]) -> None:

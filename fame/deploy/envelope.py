@@ -116,7 +116,8 @@ class Report:
     candidate  the deployment that is to replace it, while it is loading, ready or holding
     sequence   of the newest that it has loaded: the next one has to be above it, older ones are ``stale``
     answer     ``ready``, ``previewed``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, ``left`` (the
-               engine ended), ``asking`` (the other robots what became of it), to `deployment`; or empty.
+               engine ended), ``asking`` (the other robots what became of it),
+               ``unknown`` (to one that asks), to `deployment`; or empty.
                On ``bpmn_task`` (`fame.deploy.requests`): what was done (``completed`` ...) or ``refused``
     problem    of a model that was refused: a `Problem`, which `reason` has in one sentence
     migration  with ``ready`` and ``previewed``: what becomes of its state (`fame.deploy.migration.Foreseen`)

@@ -333,6 +333,7 @@ class Peers:
                 sequence=self._envelope.sequence,
                 robot=robot,
                 phase="ask",
+                born=_born(self._envelope.engines.get(robot, "")),
                 proof=proof,
             )
             out.publish(messages.create(STRING, question.to_json()))
@@ -357,6 +358,12 @@ class Peers:
             self._answered(Answered(reader.robot, "started"))
         elif report.deployment == self._envelope.deployment:
             self._answered(Answered(reader.robot, report.answer))
+
+
+def _born(engine: str) -> int:
+    """The birth in a `Report.engine`; 0 if it is not known."""
+    text = engine.partition(" ")[0]
+    return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 and int(text) < 2**63 else 0
 
 
 def _missing(promises: Mapping[str, str], robot: str, middleware: Middleware) -> Sequence[str]:

@@ -105,11 +105,16 @@ class StateKeeper:
 
     # ---- writing -----------------------------------------------------------------------------------------------------
 
-    def promise(self, candidate: Candidate | None) -> None:
-        """Keep what the robot is ready to start: should it crash now, its team may start all the same."""
-        if candidate is not None:
-            with suppress(OSError):  # of a full disk the recorder of what runs tells
-                self.directory.write_file(_PROMISE, _text(candidate.envelope))
+    def promise(self, candidate: Candidate) -> str:
+        """Keep what the robot is ready to start: should it crash now, its team may start all the same.
+
+        Returns why that is not possible, or nothing.
+        """
+        try:
+            self.directory.write_file(_PROMISE, _text(candidate.envelope))
+        except OSError as error:
+            return f"its promise cannot be written to {self.directory.path}: {error.strerror}"
+        return ""
 
     def forget_promise(self) -> None:
         """The sender, or the team, has decided."""

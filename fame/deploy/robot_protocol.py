@@ -16,6 +16,8 @@ Invariants, checked for every reachable state in ``tests/test_robot_protocol.py`
 - A robot that answered ``ready`` has given its promise: only ``abort`` of its sender or the decision with the other
   robots (`fame.deploy.termination`) drops the candidate. A newer one waits meanwhile.
 - Of the envelopes that wait only the newest is loaded; the others are answered ``superseded``.
+- A promise that the disk refuses is not made: the answer is ``refused``.
+- What began before this engine was born, and was never received by it, is ``unknown``, never ``aborted``.
 - The same deployment is never loaded twice: the last answer to it is repeated.
 - Every model is answered in the end.
 - A preview of a migration neither holds nor replaces anything, and is refused while a deployment is under way.
@@ -47,6 +49,8 @@ from fame.deploy.robot_state import (
     Match,
     Matched,
     Note,
+    Promise,
+    Promised,
     Received,
     Replace,
     Replaced,
@@ -65,6 +69,7 @@ _NOT_LOADED = "no such deployment is loaded here"
 _NOT_READY = "it is not ready: the other ends of its topics are not there yet"
 _NEWER = "a newer one waits; its sender decides, since others may have been started"
 _NOT_READY_FOR_PEER = "the sender fell silent; it was not ready here"
+_REBORN = "the engine was started after that deployment began; what the one before promised is not known"
 _ENDS = "the engine ends"
 _UNDER_WAY = "another deployment is under way; ask again when it is over"
 
@@ -86,6 +91,8 @@ def step(state: RobotState, event: Event) -> tuple[RobotState, tuple[Action, ...
             move.matched(missing)
         case Mapped(error):
             move.mapped(error)
+        case Promised(error):
+            move.promised(error)
         case Silence() | Answered():
             move.decide(event)
         case Replaced():
@@ -141,14 +148,19 @@ class _Transition:
         under_way = (waiting is not None and waiting.deployment == deployment) or self.state.candidate_of(deployment)
         return bool(under_way) or self.state.answer_to(deployment) is not None
 
+    def _knows(self, deployment: str) -> bool:
+        """Whether this engine, and not one before, has ever had to do with a deployment."""
+        loading = self.state.loading
+        return self._is_known(deployment) or (loading is not None and loading.deployment == deployment)
+
     def _receive_decision(self, candidate: Candidate, instruction: Instruction) -> None:
         """Follow the sender's word on the candidate; one that is being started already needs none."""
         if candidate.stage == "ready":
             self.decide(instruction)
             self._ask_sender_for_room()
-        elif candidate.stage == "matching" and instruction.phase == "abort":
+        elif not candidate.has_promised and instruction.phase == "abort":
             self._drop("aborted")
-        elif candidate.stage == "matching" and instruction.phase == "start":
+        elif not candidate.has_promised and instruction.phase == "start":
             self._do(Reply("refused", candidate.envelope.deployment, _NOT_READY))
 
     def _answer_peer(self, envelope: Envelope) -> None:
@@ -161,6 +173,9 @@ class _Transition:
         running = self.state.running is not None and self.state.running.deployment == deployment
         started = running or (answered is not None and answered.answer == "started")
         answer = termination.reply(candidate.commit if candidate is not None else None, started=started)
+        if answer == "aborted" and envelope.born != self.state.born and not self._knows(deployment):
+            self._do(Reply("unknown", deployment, _REBORN))
+            return
         reason = _NOT_READY_FOR_PEER if answer == "aborted" else ""
         if answer == "aborted":
             self._renounce(envelope, reason)
@@ -181,7 +196,7 @@ class _Transition:
         envelope, candidate = self.state.waiting, self.state.candidate
         if envelope is None or self.state.loading is not None:
             return
-        if candidate is not None and candidate.stage != "matching":
+        if candidate is not None and candidate.has_promised:
             self._ask_sender_for_room()
             return
         self._drop("superseded")
@@ -230,7 +245,17 @@ class _Transition:
             self._promise(candidate)
 
     def _promise(self, candidate: Candidate) -> None:
-        """From now on only the sender, or the others of its team, decide."""
+        self.state = replace(self.state, candidate=replace(candidate, stage="promising"))
+        self._do(Promise())
+
+    def promised(self, error: str) -> None:
+        """From now on only the sender, or the others of its team, decide: unless the promise cannot be kept."""
+        candidate = self.state.candidate
+        if candidate is None or candidate.stage != "promising":
+            return
+        if error:
+            self._drop("refused", error)
+            return
         commit = Ready(frozenset(candidate.envelope.team) - {self.state.robot})
         self.state = replace(self.state, candidate=replace(candidate, stage="ready", commit=commit))
         self._do(AwaitSender(SILENCE))
@@ -313,7 +338,7 @@ class _Transition:
         if waiting is not None:
             self._answer("aborted", waiting.deployment, _ENDS)
         if candidate is not None:  # after a promise not even a robot that ends may say that it aborted
-            self._drop("aborted" if candidate.stage == "matching" else "left", _ENDS)
+            self._drop("left" if candidate.has_promised else "aborted", _ENDS)
 
     # ---- actions ----
 

@@ -28,10 +28,15 @@ class Candidate:
     """
 
     envelope: Envelope
-    stage: Literal["matching", "ready", "replacing"] = "matching"
+    stage: Literal["matching", "promising", "ready", "replacing"] = "matching"
     commit: Ready | None = None
     asked: bool = False
     holds: bool = False
+
+    @property
+    def has_promised(self) -> bool:
+        """Whether it was answered `ready`."""
+        return self.stage in ("ready", "replacing")
 
     @property
     def asks(self) -> bool:
@@ -41,8 +46,9 @@ class Candidate:
     @property
     def why_it_holds(self) -> str:
         """The reason, for people."""
-        missing = sorted(self.commit.unheard) if self.commit is not None else ()
-        return f"the sender fell silent, and what became of it at {', '.join(missing)} is not known"
+        missing, reborn = (self.commit.unheard, self.commit.reborn) if self.commit is not None else ((), frozenset())
+        text = f"the sender fell silent, and what became of it at {', '.join(sorted(missing))} is not known"
+        return f"{text}: {', '.join(sorted(reborn))} was started anew" if reborn else text
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +60,7 @@ class RobotState:
     loading  the envelope whose model is being loaded, even if it has been aborted meanwhile
     newest   `Envelope.order` of the newest that was loaded: older ones are ``stale``
     answers  the last final answer to each of the last 100 deployments, oldest first
+    born     as of `Report`: what an engine before may have promised is not known
     """
 
     robot: str
@@ -63,6 +70,7 @@ class RobotState:
     candidate: Candidate | None = None
     newest: tuple[int, str] = (-1, "")
     answers: tuple[Reply, ...] = ()
+    born: int = 0
 
     @property
     def deployed(self) -> str:
@@ -79,10 +87,10 @@ class RobotState:
         return self.candidate if same else None
 
 
-def resumed(robot: str, envelope: Envelope) -> RobotState:
+def resumed(robot: str, envelope: Envelope, born: int = 0) -> RobotState:
     """The state of a robot whose engine goes on with what it had been running."""
     answers = (Reply("started", envelope.deployment),)
-    return RobotState(robot, running=replace(envelope, model=""), newest=envelope.order, answers=answers)
+    return RobotState(robot, running=replace(envelope, model=""), newest=envelope.order, answers=answers, born=born)
 
 
 # ---- events ----------------------------------------------------------------------------------------------------------
@@ -123,6 +131,13 @@ class Mapped:
 
 
 @dataclass(frozen=True, slots=True)
+class Promised:
+    """The result of `Promise`: an error if the disk refuses it."""
+
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Replaced:
     """What ran has ended, its scripts included (after `Replace`)."""
 
@@ -132,7 +147,7 @@ class Stopped:
     """The engine ends."""
 
 
-Event = Received | LoadDue | Loaded | Matched | Mapped | Silence | Answered | Replaced | Stopped
+Event = Received | LoadDue | Loaded | Matched | Mapped | Promised | Silence | Answered | Replaced | Stopped
 
 
 # ---- actions ---------------------------------------------------------------------------------------------------------
@@ -186,6 +201,11 @@ class MapState:
 
 
 @dataclass(frozen=True, slots=True)
+class Promise:
+    """Keep on disk what the robot is about to promise, if it has a state directory; give `Promised`."""
+
+
+@dataclass(frozen=True, slots=True)
 class AwaitSender:
     """Give `Silence` after this many seconds, unless this action or the end of the candidate comes before."""
 
@@ -218,6 +238,6 @@ class Run:
 
 
 Action = (
-    Reply | Note | ScheduleLoad | Load | Discard | Match | MapState | AwaitSender | AskOthers
+    Reply | Note | ScheduleLoad | Load | Discard | Match | MapState | Promise | AwaitSender | AskOthers
     | Hold | Drop | Replace | Run
 )  # fmt: skip

@@ -14,6 +14,9 @@ What robots answer each other is irrevocable, so it does not matter how late it 
 ``aborted``  it has made no promise (or was released from it), and never will for this deployment.
 ``asking``   it takes no plain ``start`` from its sender any more. If all ask, no robot has started and none will.
 
+``unknown`` decides nothing: an engine that was started after the deployment began does not know what the one before
+promised. Those who ask hold until their sender or a person decides.
+
 However long messages take, and whichever process dies or is stopped, no robot starts while another one aborts. The
 price: a robot that receives neither an instruction of its sender nor enough answers holds until a person aborts.
 
@@ -27,11 +30,15 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """A robot that answered ready: the `others` of its deployment, and those of them that are known to ask as well."""
+    """A robot that answered ready: the `others` of its deployment, and those of them that are known to ask as well.
+
+    `reborn` are those whose engine was started anew: what the one before promised is not known.
+    """
 
     others: frozenset[str]
     asking: bool = False
     asked: frozenset[str] = frozenset()
+    reborn: frozenset[str] = frozenset()
 
     @property
     def unheard(self) -> frozenset[str]:
@@ -115,6 +122,8 @@ def step(state: Ready, event: Event) -> tuple[Ready, Action | None]:
             return state, Abort(f"the sender fell silent, and {robot} does not start it")
         case Answered(robot, "asking"):
             return _alone_or(replace(state, asked=state.asked | {robot}), None)
+        case Answered(robot, "unknown"):
+            return replace(state, reborn=state.reborn | {robot}), None
         case Silence():
             return _alone_or(replace(state, asking=True), Ask())
     return state, None
