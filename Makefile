@@ -1,11 +1,13 @@
 # make demo    run the ground-vehicle mission, with a picture, a film and logs under out/
-# make test    run the tests
+# make test    run the tests; what needs a browser, npm or ROS is skipped where that is missing
 # make test-processes   the tests of teams in real processes: whole missions, killed, repaired, migrated, in lockstep
+# make test-browser     the tests of the page of `fame view`; needs chromium
+# make test-node        the README's tutorial in Camunda Modeler, and what its parts read; needs npm and chromium
 # make attack  attacks on live engines: each has to be held
 # make lint    style, format and types
-# make test-modeler   walk the README's tutorial in a real browser; needs npm and chromium
 # make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
 #
+# The last four end with an error if a test is skipped. What fails in processes is repeated once, alone (.ci/stage.py).
 # PYTEST has further options for pytest, such as PYTEST=--last-failed.
 # Everything is installed into a virtual environment of its own on first use. PYTHON names another interpreter.
 
@@ -19,10 +21,11 @@ ROS_PYTHON := .venv-ros/bin/python
 ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test_service_tasks.py test_engine_processes.py \
 	test_ros.py test_ros_parameters.py test_ros_package.py test_ros_view.py test_gazebo.py test_node_parameters.py test_lockstep.py)
 
-# What Camunda Modeler is made of, as a file for browsers.
+# What Camunda Modeler is made of, as a file for browsers, and parts of it for node.
 MODELER := camunda-bpmn-js@5.35.0
+MODELER_PARTS := @bpmn-io/element-templates-validator bpmn-moddle camunda-bpmn-moddle
 
-.PHONY: demo test test-processes attack test-modeler test-ros lint clean
+.PHONY: demo test test-processes test-browser test-node test-ros attack lint clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/ground_vehicles.yaml --picture $(DEMO).png --animate $(DEMO).gif \
@@ -30,27 +33,32 @@ demo: $(VENV)/sim.installed
 	@ls $(DEMO).*
 
 test: $(VENV)/dev.installed
-	$(BIN)/python -m pytest -n 3 --dist worksteal -m "not processes" $(PYTEST)
+	$(BIN)/python .ci/stage.py $@ -- -n 3 --dist worksteal -m "not processes" $(PYTEST)
 
 test-processes: $(VENV)/dev.installed
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m processes $(PYTEST)
+	$(BIN)/python .ci/stage.py $@ --no-skips -- -n 2 --dist worksteal -m "processes and not browser and not ros" $(PYTEST)
+
+test-browser: $(VENV)/dev.installed
+	$(BIN)/python .ci/stage.py $@ --no-skips -- -n 2 --dist worksteal -m "browser and not node" $(PYTEST)
+
+test-node: $(VENV)/dev.installed out/node/installed
+	$(BIN)/python .ci/stage.py $@ --no-skips -- -m node $(PYTEST)
+
+out/node/installed:
+	mkdir -p out/node
+	npm install --silent --no-audit --no-fund --prefix out/node $(MODELER_PARTS)
+	cd out/node && npm pack --silent $(MODELER) && mkdir -p node_modules/camunda-bpmn-js && \
+		tar xzf camunda-bpmn-js-*.tgz --strip-components 1 -C node_modules/camunda-bpmn-js
+	touch $@
 
 attack: $(VENV)/dev.installed
 	$(BIN)/python benchmarks/attack.py --again
-
-test-modeler: $(VENV)/dev.installed out/modeler/package
-	$(PIP) install playwright
-	$(BIN)/python -m pytest -rs -W default tests/test_tutorial.py
-
-out/modeler/package:
-	mkdir -p out/modeler
-	cd out/modeler && npm pack --silent $(MODELER) && tar xzf camunda-bpmn-js-*.tgz
 
 test-ros: $(ROS_PYTHON)
 	cmake -S tests/ros_workspace/farm_msgs -B out/ros/build -DCMAKE_INSTALL_PREFIX=$(CURDIR)/out/ros/install
 	cmake --build out/ros/build --target install
 	. out/ros/install/share/farm_msgs/local_setup.sh && ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 \
-		$(ROS_PYTHON) -m pytest -m ros -rs -W default $(PYTEST) $(ROS_TESTS)
+		$(ROS_PYTHON) .ci/stage.py $@ --no-skips -W default -- -m ros $(ROS_TESTS) $(PYTEST)
 
 lint: $(VENV)/dev.installed
 	$(BIN)/ruff check

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from domains import DOMAIN
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+ROOT = Path(__file__).parent.parent
 
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):  # hundreds of processes would compile FAME, each for itself
     sys.dont_write_bytecode = False
@@ -16,6 +24,33 @@ for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # each worker has a
     os.environ.setdefault(threads, "1")
 os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)  # of this worker alone: a test that names no domain meets no other test
 signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever starts the tests may have it ignored: nohup, a shell
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what needs a browser, or packages of npm: `make test-browser`, `make test-node`."""
+    for item in items:
+        for fixture, marker in (("chromium", "browser"), ("node_modules", "node")):
+            if fixture in getattr(item, "fixturenames", ()):
+                item.add_marker(marker)
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    """A browser. Skips where there is none: before a test, which then has nothing open."""
+    api = pytest.importorskip("playwright.sync_api", reason="needs the package playwright: make test-browser")
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if program is None:
+        pytest.skip("needs the program chromium (apt-get install chromium): make test-browser")
+    with api.sync_playwright() as play, play.chromium.launch(executable_path=program, args=["--no-sandbox"]) as found:
+        yield found
+
+
+@pytest.fixture(scope="session")
+def node_modules() -> Path:
+    """The packages of npm that tests use. Skips where they are not."""
+    if shutil.which("node") is None or not (ROOT / "out" / "node" / "installed").exists():
+        pytest.skip("needs the program node, and packages of npm: make test-node")
+    return ROOT / "out" / "node" / "node_modules"
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -1,40 +1,33 @@
-"""The tutorial of the README, walked in a real browser as somebody would who reads it: `make test-modeler`."""
+"""The tutorial of the README, walked in a real browser as somebody would who reads it: `make test-node`."""
 
 from __future__ import annotations
 
 import json
 import re
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from modeler import Modeler
 
 from fame.cli import main
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 TUTORIAL = README.split("## Draw a mission of your own")[1].split("\n## ")[0]
-DIST = ROOT / "out" / "modeler" / "package" / "dist"
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-
-playwright = pytest.importorskip("playwright.sync_api", reason="without playwright: make test-modeler")
-pytestmark = [
-    pytest.mark.skipif(BROWSER is None, reason="without a browser: apt install chromium"),
-    pytest.mark.skipif(not DIST.is_dir(), reason="without camunda-bpmn-js: make test-modeler"),
-]
 
 
 @pytest.fixture
-def modeler(tmp_path: Path) -> Iterator[Modeler]:
+def modeler(chromium: Browser, node_modules: Path, tmp_path: Path) -> Iterator[Modeler]:
     """A new diagram, with the templates that `fame templates` writes."""
     assert main(["templates", "-o", str(tmp_path / "templates")]) == 0
     templates = [one for file in sorted((tmp_path / "templates").iterdir()) for one in json.loads(file.read_text())]
-    with playwright.sync_playwright() as running:
-        browser = running.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield Modeler(browser.new_page(viewport={"width": 1600, "height": 1000}), DIST, templates)
-        browser.close()
+    with chromium.new_page(viewport={"width": 1600, "height": 1000}) as page:
+        yield Modeler(page, node_modules / "camunda-bpmn-js" / "dist", templates)
 
 
 def test_the_mission_that_somebody_draws_who_follows_the_readme_runs(modeler: Modeler, tmp_path: Path) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import gc
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from view_page import browser, opened, until
+from view_page import opened, until
 
 from fame.bpmn.reader import read
 from fame.cli import main
@@ -17,6 +17,9 @@ from fame.log import logging_to
 from fame.log.recording_file import RecordingFile
 from fame.scenario import Scenario
 from fame.view import Replay
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -43,7 +46,9 @@ def written(path: Path, metadata: dict[str, str], *messages: tuple[str, int, str
     return path
 
 
-def test_a_recording_that_was_cut_short_is_shown_up_to_where_it_is_whole(recording: Path, tmp_path: Path) -> None:
+def test_a_recording_that_was_cut_short_is_shown_up_to_where_it_is_whole(
+    chromium: Browser, recording: Path, tmp_path: Path
+) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(recording.read_bytes()[: recording.stat().st_size * 2 // 3])
     with Replay(cut) as replay:
@@ -52,7 +57,7 @@ def test_a_recording_that_was_cut_short_is_shown_up_to_where_it_is_whole(recordi
         assert 10e9 < mission["end"] < 60e9
         assert mission["blocks"][-1][2] <= mission["end"]
         assert len(mission["notices"]) == 1
-        with browser() as chromium, opened(chromium, replay) as page:
+        with opened(chromium, replay) as page:
             assert page.locator(".notice").inner_text() == mission["notices"][0]
 
 
@@ -70,12 +75,12 @@ def test_a_newer_format_is_refused(tmp_path: Path) -> None:
         Replay(path)
 
 
-def test_a_recording_without_models_says_what_is_missing(tmp_path: Path) -> None:
+def test_a_recording_without_models_says_what_is_missing(chromium: Browser, tmp_path: Path) -> None:
     events = '{"robot":"REX","events":[{"instance":1,"scope":2,"marks":[["P","start"],["T","enter"]]}]}'
     path = written(tmp_path / "run.mcap", {}, ("/fame/events", 5, events))
     with Replay(path) as replay:
         replay.wait()
-        with browser() as chromium, opened(chromium, replay) as page:
+        with opened(chromium, replay) as page:
             assert "The recording has no models" in page.locator("#diagram").inner_text()
             page.evaluate("fame.player.seek(5)")
             assert page.evaluate(
@@ -83,14 +88,14 @@ def test_a_recording_without_models_says_what_is_missing(tmp_path: Path) -> None
             ) == ["T"]
 
 
-def test_a_world_of_another_form_does_not_stop_the_page(tmp_path: Path) -> None:
+def test_a_world_of_another_form_does_not_stop_the_page(chromium: Browser, tmp_path: Path) -> None:
     pair = '{"key": "ground", "value": "{\\"obstacles\\": [7]}"}'
     ground = ("/fame/ground", 0, f'{{"deletions": [], "entities": [{{"id": "ground", "metadata": [{pair}]}}]}}')
     change = '{"robot":"REX","changes":[{"instance":1,"scope":2,"path":[],"set":{"x":5}}]}'
     path = written(tmp_path / "run.mcap", {}, ground, ("/fame/key", 0, '{"robots":{}}'), ("/fame/variables", 5, change))
     with Replay(path) as replay:
         replay.wait()
-        with browser() as chromium, opened(chromium, replay) as page:
+        with opened(chromium, replay) as page:
             page.evaluate("fame.player.seek(5)")
             until(page, "document.querySelector('#inspector').textContent.includes('x5')")
             assert page.locator("#toast").inner_text().startswith("The world cannot be drawn")
@@ -161,7 +166,7 @@ def test_a_run_that_was_not_recorded_by_the_command_is_not_run_again(
     assert "cannot be run again: it is not a recording of fame run" in capsys.readouterr().err
 
 
-def test_a_model_without_a_diagram_has_its_elements(tmp_path: Path) -> None:
+def test_a_model_without_a_diagram_has_its_elements(chromium: Browser, tmp_path: Path) -> None:
     bare = Path(__file__).parent.parent / "models" / "ground_vehicles.bpmn"
     text = bare.read_text(encoding="utf-8")
     start, end = text.index("<bpmndi:BPMNDiagram"), text.index("</bpmndi:BPMNDiagram>") + len("</bpmndi:BPMNDiagram>")
@@ -173,5 +178,5 @@ def test_a_model_without_a_diagram_has_its_elements(tmp_path: Path) -> None:
         scenario.run(observer=log)
     with Replay(path) as replay:
         replay.wait()
-        with browser() as chromium, opened(chromium, replay) as page:
+        with opened(chromium, replay) as page:
             assert "This model has no diagram" in page.locator("#diagram").inner_text()

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from view_page import browser, opened, until
+from view_page import beyond, opened, until
 
 from fame.log import Recording, logging_to
 from fame.scenario import Scenario
@@ -38,12 +38,6 @@ def recorded(name: str, folder: Path, **options: Any) -> Path:
     with logging_to(path, scenario.closures()) as log:
         scenario.run(observer=log)
     return path
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    with browser() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")
@@ -200,6 +194,33 @@ def test_the_page_fits_its_window_in_both_themes_and_on_a_tablet(chromium: Brows
                     assert box["height"] > 120
                     assert box["x"] + box["width"] <= width
                     assert box["y"] + box["height"] <= height
+
+
+@pytest.mark.parametrize("width", [1440, 1024, 390])
+def test_nothing_reaches_beyond_the_window(page: Page, width: int) -> None:
+    page.set_viewport_size({"width": width, "height": 844})
+    page.evaluate("fame.player.seek(40e9)")
+    page.wait_for_timeout(100)
+    assert beyond(page) == []
+    page.keyboard.press("?")
+    assert beyond(page) == []
+
+
+def test_the_help_is_text(page: Page) -> None:
+    page.keyboard.press("?")
+    said = page.locator("#help").inner_text()
+    assert "play, pause" in said
+    assert "a robot, all robots" in said
+    assert "[object" not in page.locator("body").inner_text()
+
+
+def test_a_link_made_while_it_plays_has_a_time_in_ns(page: Page) -> None:
+    page.evaluate("fame.player.speed = 0.1")
+    page.keyboard.press(" ")
+    until(page, "fame.player.time > 1e7")
+    page.keyboard.press(" ")
+    assert page.evaluate("Number.isInteger(fame.player.time)")
+    until(page, r"/^#t=[\d]+\.[\d]{1,9}$/.test(location.hash)")
 
 
 def test_a_variable_and_a_field_of_a_message_are_plotted_with_their_value_at_the_cursor(

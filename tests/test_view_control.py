@@ -14,11 +14,11 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.request import urlopen
 
 import pytest
-from view_page import browser, eventually, opened, until
+from view_page import beyond, eventually, opened, until
 
 from fame.cli import main
 from fame.clock import SECOND
@@ -27,6 +27,9 @@ from fame.log import About, Recording, logging_to
 from fame.scenario import Fault, Result, Scenario
 from fame.view import LiveRun, RunControl, SameRun
 from fame.view.state import WHATS
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 PORTER = """<?xml version="1.0" encoding="UTF-8"?>
@@ -235,8 +238,8 @@ def test_a_branch_at_the_end_is_refused(
 # ---- in the browser --------------------------------------------------------------------------------------------------
 
 
-def test_the_page_follows_a_run_and_controls_it(porter: Scenario) -> None:
-    with browser() as chromium, running(porter, RunControl()) as (live, result), opened(chromium, live) as page:
+def test_the_page_follows_a_run_and_controls_it(chromium: Browser, porter: Scenario) -> None:
+    with running(porter, RunControl()) as (live, result), opened(chromium, live) as page:
         until(page, "fame.player.following && fame.store.end > 0")
         page.get_by_role("button", name="Complete").click()
         page.get_by_role("textbox").fill('{"by": "Ada"}')
@@ -251,9 +254,19 @@ def test_the_page_follows_a_run_and_controls_it(porter: Scenario) -> None:
         assert page.get_by_role("button", name="Pause run").count() == 0
 
 
-def test_a_button_stays_under_the_finger_while_the_page_follows_the_run(porter: Scenario) -> None:
+def test_the_page_shows_the_speed_of_the_command_line_and_fits_a_phone(porter: Scenario, chromium: Browser) -> None:
+    speed = "document.querySelector('select[title=\"Speed of the run\"]').selectedOptions[0].text"
+    with running(porter, RunControl(speed=4.0)) as (live, _), opened(chromium, live) as page:
+        until(page, f"{speed} === 'run 4\N{MULTIPLICATION SIGN}'")
+        for width in (1440, 1024, 390):
+            page.set_viewport_size({"width": width, "height": 844})
+            page.wait_for_timeout(100)
+            assert beyond(page) == []
+
+
+def test_a_button_stays_under_the_finger_while_the_page_follows_the_run(chromium: Browser, porter: Scenario) -> None:
     since = "document.querySelector('#inspector .waits .quiet').textContent"
-    with browser() as chromium, running(porter, RunControl(speed=1.0)) as (live, _), opened(chromium, live) as page:
+    with running(porter, RunControl(speed=1.0)) as (live, _), opened(chromium, live) as page:
         page.get_by_role("button", name="Complete").hover()
         page.mouse.down()
         before = page.evaluate(since)

@@ -8,12 +8,16 @@ import json
 import socket
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from view_page import browser, opened, until
+from view_page import opened, until
 
 from fame.log.recording_file import RecordingFile
 from fame.view import Replay, Server
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 ROBOTS, SECOND = 12, 1_000_000_000
 NAMES = [f"R_{number + 1:02}" for number in range(ROBOTS)]
@@ -89,9 +93,11 @@ def test_an_answer_does_not_wait_for_the_acknowledgement_of_its_beginning(replay
         assert server.socket.proto == socket.IPPROTO_TCP  # asyncio then sets TCP_NODELAY on each connection
 
 
-def test_a_jump_shows_the_instant_everywhere_and_then_also_what_is_out_of_sight(replay: Replay) -> None:
+def test_a_jump_shows_the_instant_everywhere_and_then_also_what_is_out_of_sight(
+    chromium: Browser, replay: Replay
+) -> None:
     values = "[...document.querySelectorAll('#inspector section')].map((one) => one.querySelector('td code')?.textContent ?? '')"
-    with browser() as chromium, opened(chromium, replay) as page:
+    with opened(chromium, replay) as page:
         for step in (71, 12, 40):
             page.evaluate(f"fame.player.seek({step} * 1e8 + 50)")
             until(page, f"fame.shows({step} * 1e8 + 50)")
@@ -108,13 +114,13 @@ def test_a_jump_shows_the_instant_everywhere_and_then_also_what_is_out_of_sight(
         until(page, f"{values}.length === {ROBOTS}")
 
 
-def test_a_trail_breaks_where_the_simulation_began_again(replay: Replay) -> None:
+def test_a_trail_breaks_where_the_simulation_began_again(chromium: Browser, replay: Replay) -> None:
     way = """(time) => {
       const lines = [];
       fame.world.collect();
       fame.world.along(0, time, (x) => lines.push([x]), (x) => lines.at(-1).push(x));
       return lines.map((line) => [line[0], line.at(-1)]);
     }"""
-    with browser() as chromium, opened(chromium, replay) as page:
+    with opened(chromium, replay) as page:
         assert page.evaluate(way, 4.05e9) == [[0, 4]]
         assert page.evaluate(way, 7.95e9) == [[0, 4.9], [0, 2.9]]

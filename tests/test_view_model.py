@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from view_page import browser, eventually, opened, until
+from view_page import eventually, opened, until
 
 from fame.errors import ConfigError
 from fame.view import ModelWatch
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 MODELS = Path(__file__).parent.parent / "models"
 
@@ -71,8 +75,8 @@ def test_no_file_is_an_error(tmp_path: Path) -> None:
         ModelWatch(tmp_path / "none.bpmn")
 
 
-def test_the_page_marks_the_element_and_follows_the_file(watch: ModelWatch, model: Path) -> None:
-    with browser() as chromium, opened(chromium, watch) as page:
+def test_the_page_marks_the_element_and_follows_the_file(chromium: Browser, watch: ModelWatch, model: Path) -> None:
+    with opened(chromium, watch) as page:
         until(page, "document.querySelector('.chip.completed') !== null")
         break_it(model)
         until(page, "document.querySelector('.badge.error title') !== null")

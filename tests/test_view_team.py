@@ -7,10 +7,10 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from view_page import browser, opened, until
+from view_page import opened, until
 
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.deploy import EngineNode
@@ -28,6 +28,9 @@ from tests.bpmn_text import document, process
 from tests.deployment_field import Field as DeploymentField, definitions, process as process_of
 from tests.test_live_team import COUNTING
 from tests.test_view_blocks import replayed
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 ROOT = Path(__file__).parent.parent
 SIGNING = process("""
@@ -207,10 +210,10 @@ def redeployed(field: Field, tmp_path: Path) -> Path:
     return tmp_path / "run.mcap"
 
 
-def test_the_page_draws_the_model_that_a_robot_ran_then(redeployed: Path) -> None:
+def test_the_page_draws_the_model_that_a_robot_ran_then(chromium: Browser, redeployed: Path) -> None:
     with Replay(redeployed) as replay:
         replay.wait()
-        with browser() as program, opened(program, replay) as page:
+        with opened(chromium, replay) as page:
             rex = "fame.mission.robots.findIndex((one) => one.name === 'REX')"
             page.evaluate(f"fame.select({{robot: {rex}}})")
             for second, name in ((2, "first"), (6, "second"), (8, "first"), (6, "second")):
@@ -369,34 +372,33 @@ def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> No
     field.close()
 
 
-def test_people_retry_set_and_move_with_the_buttons_of_the_page() -> None:
+def test_people_retry_set_and_move_with_the_buttons_of_the_page(chromium: Browser) -> None:
     field = Field(WallScheduler(), control=True)
     field.engines.append(EngineNode("REX", scheduler=field.scheduler, middleware=field.middleware, hold_errors=True))
     field.run(1)
     field.deploy("REX", REPAIRED)
     thread = threading.Thread(target=field.run, args=(600,))
-    with browser() as chromium:
-        thread.start()
-        try:
-            with opened(chromium, field.view) as page:
-                waits = "[...fame.state.waits.get(0).values()].map((one) => one.element).join()"
-                page.get_by_role("button", name="Retry").click()
-                page.get_by_label("Variables").fill('{"speed": 4}')
-                page.get_by_label("Variables").press("Enter")
-                until(page, f"{waits} === 'Sign'")
-                page.get_by_role("button", name="Set", exact=True).click()
-                page.get_by_label("Name").fill("load")
-                page.get_by_label("Value").fill("2.5")
-                page.get_by_label("Value").press("Enter")
-                until(page, "[...fame.state.variables.values()].some((one) => one.values.get('load')?.[0] === 2.5)")
-                page.get_by_role("button", name="Move").click()
-                page.locator("dialog select").select_option("Rest")
-                page.get_by_role("button", name="Move", exact=True).click()
-                until(page, f"{waits} === 'Rest'")
-        finally:
-            field.scheduler.stop()
-            thread.join(60)
-            field.close()
+    thread.start()
+    try:
+        with opened(chromium, field.view) as page:
+            waits = "[...fame.state.waits.get(0).values()].map((one) => one.element).join()"
+            page.get_by_role("button", name="Retry").click()
+            page.get_by_label("Variables").fill('{"speed": 4}')
+            page.get_by_label("Variables").press("Enter")
+            until(page, f"{waits} === 'Sign'")
+            page.get_by_role("button", name="Set", exact=True).click()
+            page.get_by_label("Name").fill("load")
+            page.get_by_label("Value").fill("2.5")
+            page.get_by_label("Value").press("Enter")
+            until(page, "[...fame.state.variables.values()].some((one) => one.values.get('load')?.[0] === 2.5)")
+            page.get_by_role("button", name="Move").click()
+            page.locator("dialog select").select_option("Rest")
+            page.get_by_role("button", name="Move", exact=True).click()
+            until(page, f"{waits} === 'Rest'")
+    finally:
+        field.scheduler.stop()
+        thread.join(60)
+        field.close()
 
 
 def test_a_recording_with_lost_batches_goes_on_from_the_next_key(field: Field, tmp_path: Path) -> None:
@@ -427,26 +429,23 @@ def test_a_recording_with_lost_batches_goes_on_from_the_next_key(field: Field, t
 
 
 @pytest.mark.processes
-def test_the_page_shows_a_team_in_many_processes() -> None:
-    with browser() as chromium:
-        words = [sys.executable, "-m", "fame"]
-        viewer = subprocess.Popen([*words, "view", "--no-open"], stdout=subprocess.PIPE, text=True, cwd=ROOT)
-        team = subprocess.Popen(
-            [*words, "run", "examples/ground_vehicles.yaml", "--middleware", "dds", "--duration", "60", "--quiet"],
-            cwd=ROOT,
-        )
-        try:
-            assert viewer.stdout is not None
-            page = chromium.new_page()
-            page.goto(viewer.stdout.readline().strip())
-            until(page, "window.fame && fame.mission.robots.length === 2", 60)
-            until(
-                page, "fame.mission.planes.some((one) => one.title.includes('REX') || one.file.includes('ground'))", 30
-            )
-            until(page, "fame.state && [...fame.state.tokens.values()].some((one) => one.r === 0 || one.r === 1)", 30)
-            until(page, "fame.state.poses.size === 2", 30)
-            page.close()
-        finally:
-            for each in (team, viewer):
-                each.terminate()
-                each.communicate(timeout=30)
+def test_the_page_shows_a_team_in_many_processes(chromium: Browser) -> None:
+    words = [sys.executable, "-m", "fame"]
+    viewer = subprocess.Popen([*words, "view", "--no-open"], stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    team = subprocess.Popen(
+        [*words, "run", "examples/ground_vehicles.yaml", "--middleware", "dds", "--duration", "60", "--quiet"],
+        cwd=ROOT,
+    )
+    try:
+        assert viewer.stdout is not None
+        page = chromium.new_page()
+        page.goto(viewer.stdout.readline().strip())
+        until(page, "window.fame && fame.mission.robots.length === 2", 60)
+        until(page, "fame.mission.planes.some((one) => one.title.includes('REX') || one.file.includes('ground'))", 30)
+        until(page, "fame.state && [...fame.state.tokens.values()].some((one) => one.r === 0 || one.r === 1)", 30)
+        until(page, "fame.state.poses.size === 2", 30)
+        page.close()
+    finally:
+        for each in (team, viewer):
+            each.terminate()
+            each.communicate(timeout=30)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
-
-import pytest
 
 from fame.view import Server, Source
 
@@ -16,21 +13,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 READY = "!!(window.fame && fame.mission.kind && fame.mission.reading >= 1 && fame.store.blocks.every(one => one.data))"
-
-
-@contextmanager
-def browser() -> Iterator[Browser]:
-    """A browser. Skips where there is none."""
-    api = pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if program is None:
-        pytest.skip("needs the program chromium: apt-get install chromium")
-    with api.sync_playwright() as play:
-        found = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        try:
-            yield found
-        finally:
-            found.close()
 
 
 @contextmanager
@@ -66,6 +48,18 @@ def until(page: Page, condition: str, seconds: float = 60.0) -> Any:
             return value
         page.wait_for_timeout(20)
     raise AssertionError(f"not within {seconds:g} s: {condition} {wrong}")
+
+
+def beyond(page: Page) -> list[str]:
+    """What can be seen of the page only by moving it to the side."""
+    found: list[str] = page.evaluate(
+        """[...document.querySelectorAll('html, body, body *')].filter((one) => {
+             const { right, width } = one.getBoundingClientRect();
+             const whole = /html|body/.test(one.localName) ? one.scrollWidth : 0;
+             return width && Math.max(right - 0.5, whole) > innerWidth;
+           }).map((one) => `${one.localName}#${one.id}.${one.getAttribute('class')}`)"""
+    )
+    return found
 
 
 _BLOCKED = "Executing inline event handler violates the following Content Security Policy"

@@ -52,7 +52,7 @@ export class Control {
 
   speed(now) {
     const pick = h("select", { title: "Speed of the run", "aria-label": "Speed of the run", onchange: ({ currentTarget }) => this.send({ do: "speed", speed: Number(currentTarget.value) }) },
-      [0.1, 0.5, 1, 2, 5, 10, 50, 0].map((speed) => h("option", { value: speed }, speed ? `run ${speed}×` : "run at once")));
+      [...[...new Set([0.1, 0.5, 1, 2, 5, 10, 50, now || 1])].sort((a, b) => a - b), 0].map((speed) => h("option", { value: speed }, speed ? `run ${speed}×` : "run at once")));
     pick.value = String(now);
     return pick;
   }

@@ -9,6 +9,8 @@ function listen(element, type, action) {
   element.actions.set(type, action);
 }
 
+const present = (children) => children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false);
+
 function fill(element, attributes, children) {
   for (const [name, value] of Object.entries(attributes ?? {})) {
     if (value === undefined || value === null || value === false) continue;
@@ -16,7 +18,7 @@ function fill(element, attributes, children) {
     else if (name === "dataset") Object.assign(element.dataset, value);
     else element.setAttribute(name === "cls" ? "class" : name, value === true ? "" : String(value));
   }
-  element.append(...children.flat().filter((child) => child !== null && child !== undefined && child !== false));
+  element.append(...present(children));
   return element;
 }
 
@@ -69,8 +71,6 @@ function drawnIcon(name) {
     "stroke-width": 2, "stroke-linecap": "round", "stroke-linejoin": "round" });
   return s("svg", { viewBox: "0 0 24 24", cls: "icon", "aria-hidden": "true" }, path);
 }
-
-const present = (children) => children.flat().filter((child) => child !== null && child !== undefined && child !== false);
 
 /** Replace the children of an element. */
 export function show(element, ...children) {

@@ -379,7 +379,7 @@ class App {
   help() {
     const rows = [["Space", "play, pause"], ["← →", "previous, next event (of the chosen robot)"], ["Shift ← →", "one second back, forward"], ["Home End", "start, end"],
       ["[ ]", "slower, faster"], ["+ −", "shorter, longer span of the timeline"], ["0", "the whole run"], ["F", "fit the diagram"],
-      ["1 … 9, A", "choose a robot, all robots"], ["L", "follow a run that is in progress"], ["Esc", "clear the selection, then leave a called process"], ["?", "this help"]];
+      ["1 … 9 A", "choose a robot, all robots"], ["L", "follow a run that is in progress"], ["Esc", "clear the selection, then leave a called process"], ["?", "this help"]];
     const dialog = byId("help");
     show(dialog, h("form", { method: "dialog" }, h("div", { cls: "head" }, h("h2", null, "Keyboard"), h("button", { title: "Close" }, icon("close"))),
       h("dl", { cls: "keys" }, rows.map(([key, text]) => [h("dt", null, key.split(" ").map((one) => h("kbd", null, one))), h("dd", null, text)])),

@@ -62,7 +62,7 @@ export class Player {
     const passed = this.last === null ? 0 : Math.min(now - this.last, 250);
     this.last = now;
     if (!store.blocks[store.numberAt(this.time)]?.data) return true; // wait for it, do not skip it
-    this.time = Math.min(store.end, this.time + passed * 1e6 * this.speed);
+    this.time = Math.min(store.end, Math.round(this.time + passed * 1e6 * this.speed));
     if (this.time >= store.end) {
       if (this.app.isLive()) this.follow();
       else this.play(false);

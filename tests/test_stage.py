@@ -1,0 +1,103 @@
+"""The stages of `.ci/run`: what is skipped is told, what is repeated is told, and programs can be hidden."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+PLAIN = {"PYTEST_ADDOPTS": "", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+STAGE = Path(__file__).parent.parent / ".ci" / "stage.py"
+TESTS = """
+import pathlib, pytest
+here = pathlib.Path(__file__).parent
+
+def fails_first(name):
+    known = (here / name).exists()
+    (here / name).touch()
+    assert known
+
+@pytest.mark.processes
+@pytest.mark.parametrize("number", range({flaky} or 1))
+def test_late(number):
+    if {flaky}: fails_first(f"late {{number}}")
+
+def test_wrong():
+    if {wrong}: fails_first("wrong")
+
+@pytest.mark.skipif({skips}, reason="needs the program nothing")
+@pytest.mark.parametrize("number", range(3))
+def test_needs(number): pass
+"""
+
+
+def stage(folder: Path, *words: str, flaky: int = 0, wrong: bool = False, skips: bool = False) -> tuple[int, list[str]]:
+    """Exit code and closing lines of a stage with these tests."""
+    (folder / "pytest.ini").write_text("[pytest]\nmarkers = processes\n")
+    (folder / "test_it.py").write_text(TESTS.format(flaky=flaky, wrong=wrong, skips=skips))
+    closing = folder / "closing"
+    command = [sys.executable, str(STAGE), "it", *words, "-p", "no:cacheprovider", "--", "test_it.py"]
+    environment = {**os.environ, "STAGES": str(closing), **PLAIN}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    lines = closing.read_text().splitlines()
+    assert done.stdout.endswith("\n".join(lines[-3:]) + "\n"), done.stdout
+    return done.returncode, [line.partition(" in ")[0] for line in lines]
+
+
+def test_a_stage_tells_its_skips_with_their_reasons(tmp_path: Path) -> None:
+    code, lines = stage(tmp_path, skips=True)
+    assert (code, lines) == (0, ["it: 2 passed, 3 skipped", "  skipped 3: needs the program nothing"])
+
+
+def test_a_stage_that_has_its_programs_may_skip_nothing(tmp_path: Path) -> None:
+    assert stage(tmp_path, "--no-skips")[0] == 0
+    code, lines = stage(tmp_path, "--no-skips", skips=True)
+    assert code == 1
+    assert lines[-1] == "ERROR this stage has what its tests need: none may be skipped"
+
+
+def test_a_module_that_is_skipped_is_a_skip(tmp_path: Path) -> None:
+    (tmp_path / "test_other.py").write_text("import pytest\npytest.importorskip('no_such', reason='no such package')")
+    command = [sys.executable, str(STAGE), "it", "--no-skips", "-p", "no:cacheprovider", "--", "test_other.py"]
+    done = subprocess.run(
+        command, cwd=tmp_path, env={**os.environ, **PLAIN}, capture_output=True, text=True, check=False
+    )
+    assert "  skipped 1: no such package" in done.stdout.splitlines()
+    assert done.returncode != 0
+
+
+def test_a_test_of_processes_that_passes_alone_is_flaky(tmp_path: Path) -> None:
+    code, lines = stage(tmp_path, flaky=2)
+    assert (code, lines[1:]) == (0, ["FLAKY test_it.py::test_late[0]", "FLAKY test_it.py::test_late[1]"])
+
+
+def test_too_much_that_is_flaky_is_an_error_in_all_stages_together(tmp_path: Path) -> None:
+    assert stage(tmp_path, flaky=2)[0] == 0
+    for name in ("late 0", "late 1"):
+        (tmp_path / name).unlink()
+    code, lines = stage(tmp_path, flaky=1)
+    assert (code, lines[-1]) == (1, "ERROR 3 tests are flaky: expected 2 at most")
+
+
+def test_no_other_test_is_repeated(tmp_path: Path) -> None:
+    code, lines = stage(tmp_path, wrong=True)
+    assert (code, lines[-1]) == (1, "FAILED test_it.py::test_wrong")
+
+
+def test_a_stage_without_tests_fails(tmp_path: Path) -> None:
+    code, lines = stage(tmp_path, "-k", "none")
+    assert code == 5
+    assert "no tests" in lines[0]
+
+
+def test_programs_can_be_hidden(tmp_path: Path) -> None:
+    hidden = ("node", "npm", "cmake", "ros2", "chromium", "chromium-browser", "google-chrome-stable")
+    for name in (*hidden, "shown"):
+        (tmp_path / name).write_text("#!/bin/sh\n")
+        (tmp_path / name).chmod(0o755)
+    shell = f"for name in shown sh {' '.join(hidden)}; do command -v $name; done"
+    environment = {**os.environ, "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
+    command = [sys.executable, str(STAGE), "--bare", "sh", "-c", shell]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert [Path(line).name for line in done.stdout.splitlines()] == ["shown", "sh"]
