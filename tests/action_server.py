@@ -27,6 +27,7 @@ class Server:
     def __init__(self, node: Node, name: str = "drive") -> None:
         self.refuse: Callable[[float], bool] = lambda distance: distance < 0
         self.goals: dict[bytes, list[float]] = {}  # id -> wanted, driven
+        self.on_goal: Callable[[], object] = lambda: None
         self.cancelled: list[bytes] = []
         self._accepted: dict[bytes, ServerGoal] = {}
         self.server = ActionServer(
@@ -47,6 +48,7 @@ class Server:
     def _begin(self, goal: ServerGoal) -> None:
         self._accepted[goal.id] = goal
         self.goals[goal.id] = [goal.message.distance, 0.0]
+        self.on_goal()
 
     def _cancel(self, goal: ServerGoal) -> None:
         self.cancelled.append(goal.id)

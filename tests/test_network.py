@@ -152,7 +152,7 @@ def test_the_goal_feedback_and_result_of_an_action_pass_the_network() -> None:
     pair.scheduler.run(12 * SECOND)
     assert not client.available
     pair.scheduler.run(20 * SECOND)
-    assert (heard, client.available) == ([(0.75, 1.0)], True)
+    assert (heard, client.available) == ([(0.75, 1.0), (11.0, "gone")], True)
     lost = "\n".join(pair.network.losses())
     assert "lost 1 message on /drive/_action/feedback from B to A" in lost
     assert "on /drive/_action/get_result from B to A" in lost

@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies as st
 
-from fame.errors import MessageError
+from fame.errors import ConfigError, MessageError
 from fame.middleware.interface import LATCHED, SENSOR_DATA, SIGNAL, QoS
 from fame.middleware.qos import compatible, parse
+from fame.middleware.wire_base import lease
 
 
 def test_no_policies_give_the_defaults_of_a_signal() -> None:
@@ -116,3 +117,11 @@ def test_every_profile_is_compatible_with_itself(profile: QoS) -> None:
 def test_who_offers_at_least_what_another_offers_satisfies_whom_the_other_satisfies(a: QoS, b: QoS, c: QoS) -> None:
     if compatible(a, b) is None and compatible(b, c) is None:
         assert compatible(a, c) is None
+
+
+@pytest.mark.parametrize("text", ["soon", "0", "nan", "1e9"])
+def test_a_lease_that_is_no_time_is_refused(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert lease(3.0) == 3.0
+    monkeypatch.setenv("FAME_LEASE", text)
+    with pytest.raises(ConfigError, match=r"FAME_LEASE: expected a time from 0.5 to 3600 s"):
+        lease(3.0)

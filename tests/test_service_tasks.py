@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -13,6 +13,8 @@ from middleware_contract import BACKENDS, World, middlewares, world
 import fame
 from fame.bpmn.reader import read_text
 from fame.errors import ModelError
+from fame.middleware.actions import ActionServer
+from fame.middleware.interface import DeferredResponse
 from fame.robot import RobotNode, make_mission
 
 SET_BOOL = "std_srvs/srv/SetBool"
@@ -42,7 +44,7 @@ class Place:
     def __init__(self, here: World) -> None:
         self.here, node = here, here.node("driver", "REX")
         self.server, self.blade = Server(node), list[bool]()
-        node.service("blade", SET_BOOL, self._switch)
+        self.blades = node.service("blade", SET_BOOL, self._switch)
         self.stop = node.publisher("/stop", "std_msgs/msg/Empty")
         self.robots: list[RobotNode] = []
 
@@ -50,7 +52,7 @@ class Place:
         self.blade.append(request.data)
         return {"success": request.data, "message": f"blade {request.data}"}
 
-    def run(self, text: str, **variables: Any) -> Any:
+    def run(self, text: str, hold_errors: bool = False, **variables: Any) -> Any:
         """Start a model; returns its instance."""
         definitions = read_text(text, file="mission.bpmn")
         robot = RobotNode(
@@ -58,6 +60,7 @@ class Place:
             make_mission(definitions, definitions.processes[0]),
             scheduler=self.here.scheduler,
             middleware=next(iter(middlewares(self.here))),
+            hold_errors=hold_errors,
         )
         self.robots.append(robot)
         robot.load()
@@ -233,6 +236,132 @@ def test_scripts_act_too(here: World, place: Place) -> None:
         here.until(lambda r=remaining: not instance.variables["seen"] or r in instance.variables["seen"])
     place.end(instance)
     assert (instance.variables["driven"], instance.variables["code"]) == (2.0, "rejected")
+
+
+# ---- servers that leave ----------------------------------------------------------------------------------------------
+
+
+def soon(here: World) -> None:
+    """A moment, which is long enough for all that is on its way."""
+    here.scheduler.run(here.scheduler.now + 200_000_000)
+
+
+def until(here: World, condition: Callable[[], object]) -> None:
+    """Not longer, in simulated time, too."""
+    for _ in range(150):
+        if not condition():
+            soon(here)
+    assert condition()
+
+
+def restart(here: World, place: Place) -> None:
+    """The driver ends, and another one comes that knows nothing of its goals."""
+    place.server.server.close()
+    soon(here)
+    place.server = Server(here.node("driver", "REX"))
+
+
+def test_a_goal_that_the_next_server_does_not_know_is_sent_again(here: World, place: Place) -> None:
+    instance = place.run(drive("1"))
+    until(here, lambda: place.server.goals)
+    soon(here)
+    restart(here, place)
+    until(here, lambda: place.server.goals)
+    place.server.step()
+    assert place.end(instance).status == "completed"
+
+
+@pytest.mark.parametrize("retry", ["never", "ask"])
+def test_a_goal_may_be_lost_instead(here: World, place: Place, retry: str) -> None:
+    instance = place.run(drive("1", retry=retry))
+    until(here, lambda: place.server.goals)
+    soon(here)
+    restart(here, place)
+    end = place.end(instance)
+    assert (end.status, end.error.code, place.server.goals) == ("failed", "lost", {})
+    assert "act('drive'): its server does not know the goal, and its fate is unknown" in str(end.error)
+
+
+def test_ask_waits_for_a_person_where_errors_are_held(here: World, place: Place) -> None:
+    place.run(drive("1", retry="ask"), hold_errors=True)
+    until(here, lambda: place.server.goals)
+    soon(here)
+    restart(here, place)
+    until(here, lambda: place.robots[-1].incidents)
+    assert place.robots[-1].incidents[0][:2] == ("t", "lost")
+
+
+def test_a_goal_goes_on_when_its_server_is_back(here: World, place: Place) -> None:
+    instance = place.run(drive("2"))
+    until(here, lambda: place.server.goals)
+    place.server.step()
+    soon(here)
+    old = place.server.server
+    old.close()
+    soon(here)
+    place.server.server = new = ActionServer(here.node("driver", "REX"), "drive", DRIVE, print, print)
+    new.goals, new._results = old.goals, old._results
+    for goal in new.goals.values():
+        goal._server = new
+    soon(here)
+    place.server.step()
+    assert place.end(instance).status == "completed"
+
+
+def test_a_server_that_leaves_before_it_accepts_a_goal_is_as_any(here: World, place: Place) -> None:
+    place.server.server.close()
+    soon(here)
+    node, below, asked = here.node("driver", "REX"), "drive/_action", list[Any]()
+    ends = [
+        node.service(
+            f"{below}/send_goal", f"{DRIVE}_SendGoal", lambda request: asked.append(DeferredResponse()) or asked[-1]
+        ),
+        node.service(f"{below}/get_result", f"{DRIVE}_GetResult", lambda request: DeferredResponse()),
+        node.service(f"{below}/cancel_goal", "action_msgs/srv/CancelGoal", lambda request: None),
+    ]
+    instance = place.run(drive("1"))
+    until(here, lambda: asked)
+    for end in ends:
+        end.close()
+    restart(here, place)
+    until(here, lambda: place.server.goals)
+    place.server.step()
+    assert place.end(instance).status == "completed"
+
+
+@pytest.mark.parametrize(("retry", "status"), [("safe", "completed"), ("never", "failed")])
+def test_a_request_whose_server_leaves_is_made_again_or_lost(
+    here: World, place: Place, retry: str, status: str
+) -> None:
+    node, asked = here.node("press", "REX"), list[Any]()
+    silent = node.service("press", SET_BOOL, lambda request: asked.append(DeferredResponse()) or asked[-1])
+    instance = place.run(model(properties(service="press", type=SET_BOOL, retry=retry)))
+    until(here, lambda: asked)
+    silent.close()
+    soon(here)
+    node.service("press", SET_BOOL, lambda request: asked.append(None))
+    end = place.end(instance)
+    assert (end.status, end.error and end.error.code) == (status, "lost" if retry == "never" else None)
+    assert len(asked) == (2 if retry == "safe" else 1)
+
+
+@pytest.mark.parametrize(
+    "said", [{"action": "drive", "type": DRIVE, "payload": "{distance: 1}"}, {"service": "blade", "type": SET_BOOL}]
+)
+def test_without_a_server_for_five_seconds_the_task_fails(here: World, place: Place, said: dict[str, str]) -> None:
+    task, left = model(properties(**said)), list[Any]()
+    node = here.node("driver2", "REX")
+    place.blades.close()
+    soon(here)
+    node.service("blade", SET_BOOL, lambda request: left.append(node.close()) or DeferredResponse())
+    place.server.on_goal = lambda: left.append(place.server.server.close())
+    instance = place.run(task)
+    begun = here.scheduler.now
+    until(here, lambda: "(it has had no server for " in place.robots[-1].waiting_tokens()[0].text)
+    end = place.end(instance)
+    assert (end.status, end.error.code, len(left)) == ("failed", "service", 1)
+    assert here.scheduler.now - begun >= 5_000_000_000
+    assert "no node offers the service" in str(end.error)
 
 
 # ---- what is said before anything moves ------------------------------------------------------------------------------

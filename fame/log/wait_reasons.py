@@ -9,6 +9,7 @@ from typing import Any
 from fame.clock import SECOND
 from fame.errors import DeploymentError, display_name
 from fame.log.team_state import RobotState
+from fame.robot.waiting_tokens import silence_text
 from fame.text import printable, suggestion
 
 
@@ -41,6 +42,11 @@ class WaitReason:
             nodes = self.token.get("publishers", {}).get(topic, ())
             by = f"is published by {', '.join(nodes)}" if nodes else "has no publisher"
             yield printable(f"  {topic} {by}")
+        for kind in ("gone", "silent"):
+            if kind in self.token:
+                yield f"  {silence_text(kind, self.token[kind], self.now)}"
+        for text in self.token.get("mismatches", ()):
+            yield printable(f"  {text}")
         missed = self.token.get("missed")
         if missed is not None:
             ago = max(0.0, (self.now - missed["time"]) / SECOND)

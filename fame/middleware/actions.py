@@ -11,11 +11,15 @@ from collections.abc import Callable, Mapping
 from typing import Any, Literal
 from uuid import uuid4
 
+from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Client, DeferredResponse, Message, Node, QoS, resolve
 
 Outcome = Literal["succeeded", "canceled", "aborted", "rejected"]
-OnEnd = Callable[[Outcome, Message], object]
+End = Outcome | Literal["unknown", "gone"]
+"""How following a goal ends: its outcome; its server does not know it; or its server has left, or another has come, and
+the goal may still run (`ActionClient.attach` finds out)."""
+OnEnd = Callable[[End, Message], object]
 
 CANCEL = "action_msgs/srv/CancelGoal"
 FEEDBACK = QoS(depth=10)
@@ -66,25 +70,23 @@ class ActionClient:
     ) -> Goal:
         """Send a goal (a mapping, or a message of ``pkg/action/Name_Goal``).
 
-        `feedback` gets the feedback; `on_end` is called once, with the outcome and the result, which is None for a
-        rejected goal. `id` are the 16 bytes of its id, by default random. Raises MessageError if the goal does not fit,
-        or if no node offers the action.
+        `feedback` gets the feedback; `on_end` is called once, with the outcome and the result (None without one). `id`
+        are the 16 bytes of its id, by default random. Raises MessageError if the goal does not fit, or if no node
+        offers the action.
         """
         sent = Goal(self, on_end, feedback, id)
-        self._send_goal.call({"goal_id": {"uuid": sent.id}, "goal": goal}, sent.on_accepted)
+        request = {"goal_id": {"uuid": sent.id}, "goal": goal}
+        self._send_goal.call(request, sent.on_accepted, sent.on_gone, or_new=True)
         self.goals[sent.id] = sent
         return sent
 
-    def attach(
-        self, id: bytes, on_end: OnEnd, feedback: Callable[[Message], object], unknown: Callable[[], object]
-    ) -> Goal:
+    def attach(self, id: bytes, on_end: OnEnd, feedback: Callable[[Message], object]) -> Goal:
         """Follow a goal that was sent before, perhaps by a process that has ended. Callbacks as of `send`.
 
-        Calls `unknown` if the server does not (or no longer) know the goal. Raises MessageError if no node offers the
-        action.
+        Raises MessageError if no node offers the action.
         """
-        known = Goal(self, on_end, feedback, id, unknown)
-        self.get_result.call({"goal_id": {"uuid": id}}, known.on_result)
+        known = Goal(self, on_end, feedback, id, accepted=True)
+        known.request_result()
         self.goals[id] = known
         return known
 
@@ -112,15 +114,17 @@ class Goal:
         on_end: OnEnd,
         feedback: Callable[[Message], object],
         id: bytes | None = None,
-        unknown: Callable[[], object] | None = None,
+        *,
+        accepted: bool = False,
     ) -> None:
         self.id, self.feedback = id or uuid4().bytes, feedback
-        self._client, self._on_end, self._unknown = client, on_end, unknown
-        self._accepted, self._cancelled = unknown is not None, False
+        self._client, self._on_end = client, on_end
+        self._accepted, self._cancelled = accepted, False
 
     def cancel(self) -> None:
         """Request cancelling; neither feedback nor outcome follow. Does nothing if the goal has ended."""
-        if self._client.goals.pop(self.id, None) is not None:
+        if self._client.goals.get(self.id) is self:
+            del self._client.goals[self.id]
             self._cancelled = True
             if self._accepted:
                 self._request_cancel()
@@ -133,18 +137,38 @@ class Goal:
             self._request_cancel()
         else:
             self._accepted = True
-            self._client.get_result.call({"goal_id": {"uuid": self.id}}, self.on_result)
+            try:
+                self.request_result()
+            except MessageError:  # the server has left meanwhile
+                self.on_gone()
+
+    def request_result(self) -> None:
+        """Request the result, which comes when the goal has ended. Raises MessageError."""
+        self._client.get_result.call({"goal_id": {"uuid": self.id}}, self.on_result, self.on_gone, or_new=True)
+
+    def ask_again(self) -> None:
+        """Request the result once more, in case the request before was lost. Does nothing if the goal has ended."""
+        if self._client.goals.get(self.id) is self and self._client.available:
+            self.request_result()
 
     def on_result(self, response: Message) -> None:
         """The goal has ended, or is unknown."""
-        if response.status == UNKNOWN and self._unknown is not None:
-            if self._client.goals.pop(self.id, None) is not None:
-                self._unknown()
-            return
-        self._end(OUTCOMES.get(response.status, "aborted"), response.result)
+        if response.status == UNKNOWN:
+            if self._client.goals.get(self.id) is self:
+                self._request_cancel()  # the request to accept it may still wait at the server
+            self._end("unknown", None)
+        else:
+            self._end(OUTCOMES.get(response.status, "aborted"), response.result)
 
-    def _end(self, outcome: Outcome, result: Message) -> None:
-        if self._client.goals.pop(self.id, None) is not None:
+    def on_gone(self) -> None:
+        """The server of a request has left, or another has come. Until it is attached to, it can be cancelled."""
+        if self._client.goals.get(self.id) is self:
+            self._accepted = True
+            self._on_end("gone", None)
+
+    def _end(self, outcome: End, result: Message) -> None:
+        if self._client.goals.get(self.id) is self:
+            del self._client.goals[self.id]
             self._on_end(outcome, result)
 
     def _request_cancel(self) -> None:

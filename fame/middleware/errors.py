@@ -45,6 +45,7 @@ def unavailable_error(name: str, request_type: str, offered: Iterable[str]) -> M
     for other in offered:
         if other != type:
             return MessageError(f"the service {name} is of type {other}", type=type)
+        return MessageError(f"the service {name} cannot be reached: its quality of service differs", type=type)
     return MessageError(f"no node offers the service {name}: wait until it is available", type=type)
 
 

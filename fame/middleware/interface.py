@@ -7,7 +7,7 @@ published itself. Callbacks run as entries of the scheduler (`fame.clock.Kind.ME
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -95,18 +95,17 @@ class DeferredResponse:
 
     def __init__(self) -> None:
         self._responses: list[Any] = []
-        self._send: Callable[[Any], object] | None = None
+        self._sends: list[Callable[[Any], object]] = []
 
     def respond(self, response: Any) -> None:
         """Respond with a message, a mapping, or None for a message of defaults."""
-        if self._send is None:
-            self._responses.append(response)
-        else:
-            self._send(response)
+        self._responses.append(response)
+        for send in self._sends:
+            send(response)
 
     def send_with(self, send: Callable[[Any], object]) -> None:
-        """For backends: send the response with this function."""
-        self._send = send
+        """For backends: send the response with this function too, since several requests may wait for it."""
+        self._sends.append(send)
         for response in self._responses:
             send(response)
 
@@ -117,6 +116,59 @@ def deliver_response(response: Any, send: Callable[[Any], object]) -> None:
         response.send_with(send)
     else:
         send(response)
+
+
+class PendingRequests:
+    """For backends: the requests of a client that wait for a response, each with the servers that were there then."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[Hashable, tuple[Callable[[Message], object], OnLost | None, bool, frozenset[Hashable]]] = {}
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def add(
+        self,
+        key: Hashable,
+        servers: Iterable[Hashable],
+        callback: Callable[[Message], object],
+        lost: OnLost | None,
+        or_new: bool,
+    ) -> None:
+        """Note a request, as of `Client.call`."""
+        self._waiting[key] = callback, lost, or_new, frozenset(servers)
+
+    def respond(self, key: Hashable, response: Message) -> None:
+        """Pass on a response, unless its request was dropped."""
+        if key in self._waiting:
+            self._waiting.pop(key)[0](response)
+
+    def drop(self, key: Hashable) -> bool:
+        """Drop a request that gets no response. Returns whether it waited for one."""
+        if key not in self._waiting:
+            return False
+        _, lost, _, _ = self._waiting.pop(key)
+        if lost is not None:
+            lost()
+        return True
+
+    def servers_changed(self, servers: Set[Hashable]) -> bool:
+        """Drop the requests that these servers do not answer. Returns whether a server has left with a request."""
+        for key, (callback, lost, or_new, there) in self._waiting.items():
+            if not there:  # the backend had not told of its server yet
+                self._waiting[key] = callback, lost, or_new, frozenset(servers)
+        before = {key: (or_new, there) for key, (_, _, or_new, there) in self._waiting.items()}
+        gone = [key for key, (_, there) in before.items() if there.isdisjoint(servers) and there]
+        for key in (*gone, *(key for key, (or_new, there) in before.items() if or_new and not servers <= there)):
+            self.drop(key)
+        return bool(gone)
+
+    def clear(self) -> None:
+        """Drop all requests without a word."""
+        self._waiting.clear()
+
+
+OnLost = Callable[[], object]
 
 
 class Service(Protocol):
@@ -138,8 +190,18 @@ class Client(Protocol):
     def available(self) -> bool:
         """Whether a node offers the service now."""
 
-    def call(self, request: Any, callback: Callable[[Message], object]) -> None:
+    def call(
+        self,
+        request: Any,
+        callback: Callable[[Message], object],
+        lost: Callable[[], object] | None = None,
+        *,
+        or_new: bool = False,
+    ) -> None:
         """Send a request (a message, a mapping, or None for a message of defaults); `callback` gets the response.
+
+        `lost` is called instead if its server has left: nobody knows whether it handled the request. With `or_new` it
+        is called, too, when another server has come, since one that was killed stays in the graph for a while.
 
         Raises MessageError if the request does not fit its type, or no node offers the service.
         """

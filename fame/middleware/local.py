@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import count
 from typing import Any
 
 from fame.clock import SECOND, Scheduler
@@ -35,6 +36,7 @@ from fame.middleware.interface import (
     SIGNAL,
     EndpointWarning,
     Message,
+    PendingRequests,
     QoS,
     TopicInfo,
     deliver_response,
@@ -118,6 +120,13 @@ class LocalMiddleware:
         for topic in self.topics.values():
             for publisher in topic.publishers:
                 publisher.add_tap(tap)
+
+    def on_servers_changed(self, service: str) -> None:
+        """A server of a service (full name) has come or left: tell the clients that wait for a response."""
+        for node in self.nodes:
+            for end in node.endpoints:
+                if isinstance(end, LocalClient) and end.name == service and end.pending:
+                    self.scheduler.soon(end.on_servers_changed)
 
     def warn(self, warning: EndpointWarning) -> None:
         """Record a warning, unless it is recorded already."""
@@ -348,6 +357,7 @@ class LocalService:
         offered = node.middleware.services.setdefault(name, self)
         if offered is not self:
             raise service_conflict(name, offered.node.full_name, type)
+        node.middleware.on_servers_changed(name)
 
     def handle(self, request: Message, send: Callable[[Message], object]) -> None:
         """Call the handler; `send` gets the response. Raises MessageError if it does not fit the type."""
@@ -358,6 +368,7 @@ class LocalService:
         if self.node.middleware.services.get(self.name) is self:
             del self.node.middleware.services[self.name]
             self.node.endpoints.remove(self)
+            self.node.middleware.on_servers_changed(self.name)
 
 
 class LocalClient:
@@ -372,36 +383,56 @@ class LocalClient:
         self.node, self.name, self.type = node, name, type
         self.request_type, _ = messages.service(type)
         self._channels: dict[tuple[str, str], Channel | None] = {}
+        self.pending: PendingRequests = PendingRequests()
+        self._numbers = count(1)
 
     @property
     def available(self) -> bool:
         """Whether a node offers the service now, and can be reached."""
-        service, network = self.node.middleware.services.get(self.name), self.node.middleware.network
-        if service is None or network is None:
-            return service is not None
-        return network.is_matched((self.node.namespace, service.node.namespace))
+        return bool(self._servers())
 
-    def call(self, request: Any, callback: Callable[[Message], object]) -> None:
+    def _servers(self) -> frozenset[LocalService]:
+        service, network = self.node.middleware.services.get(self.name), self.node.middleware.network
+        if service is None:
+            return frozenset()
+        reached = network is None or network.is_matched((self.node.namespace, service.node.namespace))
+        return frozenset((service,)) if reached else frozenset()
+
+    def call(
+        self,
+        request: Any,
+        callback: Callable[[Message], object],
+        lost: Callable[[], object] | None = None,
+        *,
+        or_new: bool = False,
+    ) -> None:
         """Send a request. Raises MessageError if it does not fit, or if no node offers the service with this type."""
         service = self.node.middleware.services.get(self.name)
         if service is None or service.request_type != self.request_type:
             offered = () if service is None else (service.request_type.removesuffix("_Request"),)
             raise unavailable_error(self.name, self.request_type, offered)
-        message = messages.create(self.request_type, request)
-        self._way(self.node, service.node, partial(self._send, service, message, callback))
+        message, key = messages.create(self.request_type, request), next(self._numbers)
+        self.pending.add(key, (service,), callback, lost, or_new)
+        self._way(self.node, service.node, partial(self._send, service, message, key))
+        middleware = self.node.middleware
+        pair = self.node.namespace, service.node.namespace
+        for time in middleware.network.unmatched_from(pair) if middleware.network is not None else ():
+            middleware.scheduler.at(time, self.on_servers_changed)
+
+    def on_servers_changed(self) -> None:
+        """A server of this name has come or left, or can no longer be reached."""
+        if self.pending and self.pending.servers_changed(self._servers()):
+            self.node.middleware.warn(unanswered_warning(self.name, self.node.full_name))
 
     def close(self) -> None:
+        self.pending.clear()
         if self in self.node.endpoints:
             self.node.endpoints.remove(self)
 
-    def _send(self, service: LocalService, request: Message, callback: Callable[[Message], object]) -> None:
-        middleware = self.node.middleware
-        if middleware.services.get(self.name) is service:
-            service.handle(
-                request, lambda response: self._way(service.node, self.node, partial(self._deliver, response, callback))
-            )
-        else:
-            middleware.warn(unanswered_warning(self.name, self.node.full_name))
+    def _send(self, service: LocalService, request: Message, key: int) -> None:
+        if self.node.middleware.services.get(self.name) is service:
+            respond = partial(self.pending.respond, key)
+            service.handle(request, lambda response: self._way(service.node, self.node, partial(respond, response)))
 
     def _way(self, sender: LocalNode, receiver: LocalNode, action: Callable[[], object]) -> None:
         """Send a request or response through the modelled network."""
@@ -414,7 +445,3 @@ class LocalClient:
             self.node.middleware.scheduler.soon(action)
         else:
             channel.send(action)
-
-    def _deliver(self, response: Message, callback: Callable[[Message], object]) -> None:
-        if self in self.node.endpoints:
-            callback(response)

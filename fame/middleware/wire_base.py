@@ -17,7 +17,7 @@ import os
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -41,6 +41,7 @@ NAMING_DELAY = SECOND // 5
 """Time after an endpoint in which the name of its node may arrive (ns)."""
 _LAST_DOMAIN = 232
 """The last one whose ports are below 65536 (DDSI-RTPS 2.5, section 9.6.2)."""
+_SHORTEST_LEASE, _LONGEST_LEASE = 0.5, 3600.0
 _MAX_WARNINGS = 1000
 """Maximum number of stored warnings: a flood of warnings can differ only in numbers."""
 _POLL = 0.002
@@ -122,6 +123,13 @@ class WireMiddleware(ABC):
 
     def on_endpoints_changed(self) -> None:  # noqa: B027 (not every backend needs it)
         """Announce that nodes or their endpoints have changed, if the backend does not do so by itself."""
+
+    def on_servers_changed(self, services: Container[str]) -> None:
+        """Servers of services of these names (full names) have come or left: tell their clients."""
+        for node in list(self.nodes):
+            for end in list(node.services):
+                if isinstance(end, WireClient) and end.name in services:
+                    end.on_servers_changed()
 
     def hold(self, holds: Callable[[WireNode], bool]) -> None:
         """Hold the messages to such nodes, from now on, until they are drained."""
@@ -283,6 +291,19 @@ class WireNode(ABC):
         endpoints.append(endpoint)
         self.middleware.on_endpoints_changed()
         return endpoint
+
+
+def lease(default: float) -> float:
+    """Time after which a process that fell silent is gone (s): FAME_LEASE, else the default. Raises ConfigError."""
+    text = os.environ.get("FAME_LEASE", "").strip()
+    try:
+        seconds = float(text) if text else default
+    except ValueError:
+        seconds = 0.0
+    if not _SHORTEST_LEASE <= seconds <= _LONGEST_LEASE:
+        bounds = f"{_SHORTEST_LEASE:g} to {_LONGEST_LEASE:g} s"
+        raise ConfigError(f"expected a time from {bounds}, got {text!r}", element="FAME_LEASE")
+    return seconds
 
 
 def domain_id(given: int | None = None) -> int:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Set
 from typing import TYPE_CHECKING, Any
 
 from fame.errors import MessageError
@@ -26,7 +26,14 @@ from fame.middleware.errors import (
     unavailable_error,
     unreadable_text,
 )
-from fame.middleware.interface import MAX_MESSAGE_SIZE, EndpointWarning, Message, QoS, deliver_response
+from fame.middleware.interface import (
+    MAX_MESSAGE_SIZE,
+    EndpointWarning,
+    Message,
+    PendingRequests,
+    QoS,
+    deliver_response,
+)
 from fame.middleware.qos import counts_losses
 
 if TYPE_CHECKING:
@@ -210,11 +217,11 @@ class WireService(ServiceEndpoint):
 
 
 class WireClient(ServiceEndpoint):
-    """A client of a service, with the callbacks of its pending requests."""
+    """A client of a service, with its pending requests."""
 
     def __init__(self, node: WireNode, name: str, type: str) -> None:
         super().__init__(node, name, type)
-        self._waiting: dict[Hashable, Callback] = {}
+        self.pending: PendingRequests = PendingRequests()
 
     @property
     @abstractmethod
@@ -222,26 +229,31 @@ class WireClient(ServiceEndpoint):
         """Whether a node offers the service now."""
 
     @abstractmethod
-    def send(self, request: Message) -> Hashable:
-        """Send a request. Returns the key of its response, for `on_response`, which comes in the scheduler."""
+    def servers(self) -> Set[Hashable]:
+        """The servers of this name that are there now, each by an identity of its own."""
 
-    def call(self, request: Any, callback: Callback) -> None:
+    @abstractmethod
+    def send(self, request: Message) -> Hashable:
+        """Send a request. Returns the key of its response in `pending`, which comes in the scheduler."""
+
+    def call(
+        self,
+        request: Any,
+        callback: Callback,
+        lost: Callable[[], object] | None = None,
+        *,
+        or_new: bool = False,
+    ) -> None:
         """Send a request. Raises MessageError if it does not fit, or if no node offers the service with this type."""
         if not self.available:
             offers = self.node.middleware.offers(self.name)
             raise unavailable_error(self.name, self.request_type, (type for type, _ in offers))
-        self._waiting[self.send(messages.create(self.request_type, request))] = callback
+        key = self.send(messages.create(self.request_type, request))
+        self.pending.add(key, self.servers(), callback, lost, or_new)
 
-    def on_response(self, key: Hashable, response: Message) -> None:
-        """Pass on a response, unless its request was dropped."""
-        callback = self._waiting.pop(key, None)
-        if callback is not None:
-            callback(response)
-
-    def give_up(self) -> None:
-        """If the service is gone, warn and drop the pending requests."""
-        if self._waiting and not self.available:
-            self._waiting.clear()
+    def on_servers_changed(self) -> None:
+        """A server of this name has come or left: drop the requests that get no response now, and warn of them."""
+        if self.pending and self.pending.servers_changed(self.servers()):
             self.warn_unanswered()
 
     def warn_unanswered(self) -> None:
@@ -249,7 +261,7 @@ class WireClient(ServiceEndpoint):
         self.node.middleware.warn(unanswered_warning(self.name, self.node.full_name))
 
     def close(self) -> None:
-        self._waiting.clear()
+        self.pending.clear()
         super().close()
 
 

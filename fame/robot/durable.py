@@ -30,7 +30,7 @@ from fame.middleware import messages
 from fame.middleware.interface import Publisher
 from fame.robot.journal import Journal, Record
 from fame.robot.node import RobotNode
-from fame.robot.restoring import epoch_of, go_on, mission_settings, set_timers, tables_of
+from fame.robot.restoring import epoch_of, go_on, set_timers, tables_of
 from fame.robot.state_tables import StateTables, Tables, instance_data
 from fame.robot.stored_values import plain_messages
 from fame.scripting.requests import Act, Call
@@ -77,7 +77,6 @@ class Recorder:
     ) -> None:
         self.node, self.journal, self._on_trouble = node, journal, on_trouble
         journal.failed = self._fail
-        self._settings = mission_settings(node)
         self._epoch = epoch_of(node)
         self._tables = StateTables(node.engine, self._report_unstorable)
         self._outbox: list[_Effect] = []
@@ -242,8 +241,8 @@ class Recorder:
         key: int,
         request: Act | Call,
         begin: Callable[[bytes | None], object],
-        attach: Callable[[bytes, Callable[[], object]], object] | None,
-        fail: Callable[[BaseException], object],
+        attach: Callable[[bytes], object] | None,
+        lost: Callable[[str], object],
     ) -> None:
         """A task is to make a request: later, when its record is on the disk; or go on with the one of before."""
         wait = self.node.engine.waits.get(key)
@@ -256,9 +255,17 @@ class Recorder:
         if number >= len(known):
             self._ask(wait, number, request, begin)
         elif attach is not None:
-            attach(self._goal(known[number]), partial(self._lost, wait, number, request, begin, fail))
+            attach(self._goal(known[number]))
         else:
-            self._lost(wait, number, request, begin, fail)
+            lost("it was made before the engine ended")
+
+    def repeat(self, key: int, request: Act | Call, begin: Callable[[bytes | None], object]) -> None:
+        """A task is to make its last request again."""
+        wait = self.node.engine.waits.get(key)
+        if wait is None:
+            begin(None)
+        else:
+            self._ask(wait, self._made[wait] - 1, request, begin)
 
     def _ask(self, wait: Wait, number: int, request: Act | Call, begin: Callable[[bytes | None], object]) -> None:
         """Make a request under a new id."""
@@ -268,25 +275,6 @@ class Recorder:
         self._outbox.append(_Request([kind, name, wait.node.id], partial(begin, self._goal(id))))
         self._requests[wait] = [*self._requests.get(wait, [])[:number], id]
         self.node.scheduler.soon(self.settled, Kind.RESUMPTION)
-
-    def _lost(
-        self,
-        wait: Wait,
-        number: int,
-        request: Act | Call,
-        begin: Callable[[bytes | None], object],
-        fail: Callable[[BaseException], object],
-    ) -> None:
-        """The fate of a request of before is unknown."""
-        retry = self._settings.retry(wait.node.id)
-        text = f"{request}: it was made before the engine ended, and its fate is unknown"
-        if retry == "safe":
-            self._ask(wait, number, request, begin)
-        elif retry == "ask" and self.node.engine.on_incident is not None:
-            keep = partial(self.node.engine.keep_script, wait.key, text, "lost")
-            self.node.scheduler.soon(keep, Kind.RESUMPTION)
-        else:
-            fail(BpmnError("lost", text))
 
     def _goal(self, id: str) -> bytes:
         """The id of a goal: the same after every resumption."""
@@ -339,7 +327,7 @@ class Recorder:
         self._leaving = {batch: list(self._again(found)) for batch, found in self._recorded.items()}
         self._next = tables["recorder"]["next"]
         node.host.make_safe("suspended")
-        missed = set_timers(node, tables, self._settings)
+        missed = set_timers(node, tables)
         self._quiet = True  # until the new state is written as a whole, a second crash finds the old one
         if (
             RECOVERED in engine.listeners or RECOVERED in engine.program.starts

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Expression, FlowNode, Process, Task
 from fame.bpmn.topics import TopicUse, topic_table
+from fame.robot.timers import Missed
+
+Retry = Literal["safe", "never", "ask"]
+RETRIES: tuple[Retry, ...] = ("safe", "never", "ask")
+"""Policy of a task for a request whose fate is unknown: repeat it, fail with code ``lost``, or wait for a person."""
+MISSED: tuple[Missed, ...] = ("fire", "skip", "fail")
 
 Service = Callable[[dict[str, Any]], Any]
 """The Python function of a service task: takes the variables; gives a result, or a coroutine of awaitable requests."""
@@ -38,6 +44,16 @@ class Mission:
     def flow_nodes(self) -> Iterator[tuple[Definitions, FlowNode]]:
         """The flow nodes of all these processes, each with its file."""
         return ((home, node) for home, process in self.processes() for node in process.body.walk())
+
+    def retries(self) -> Mapping[str, Retry]:
+        """The property ``retry`` of each element that has it: what becomes of a request whose fate is unknown."""
+        found = {node.id: getattr(node, "properties", {}).get("retry") for _, node in self.flow_nodes()}
+        return {element: retry for element, retry in found.items() if retry in RETRIES}
+
+    def missed(self) -> Mapping[str, Missed]:
+        """The property ``missed`` of each element that has it: what becomes of a timer missed by its engine."""
+        found = {node.id: getattr(node, "properties", {}).get("missed") for _, node in self.flow_nodes()}
+        return {element: missed for element, missed in found.items() if missed in MISSED}
 
     def scripts(self) -> Iterator[Expression]:
         """The texts of all its script tasks."""

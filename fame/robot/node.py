@@ -20,7 +20,7 @@ from typing import Any, Literal
 
 from fame.bpmn.model import CallActivity, Process
 from fame.clock import EPOCH, SECOND, Kind, Scheduler
-from fame.engine import Engine, Instance, Program, compile_program
+from fame.engine import BpmnError, Engine, Instance, Program, compile_program
 from fame.engine.state import Wait
 from fame.errors import MessageError
 from fame.middleware import messages
@@ -125,6 +125,7 @@ class RobotNode:
         )
         self.host: EngineHost = EngineHost(name, mission, self.node, middleware, scheduler, self.endpoints, options)
         self.runner: Runner = self.host.runner
+        self.runner.on_lost = self._on_lost_request
         self.waiting: WaitingTokens = WaitingTokens(name, mission, self.node, middleware, scheduler, self.runner)
         self._observed = observer is not None
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # messages between `load` and `start`
@@ -328,6 +329,21 @@ class RobotNode:
 
     def _report(self, element: str, text: str) -> None:
         self.host.emit(Event(self.scheduler.now, self.name, 0, 0, element, "report", text))
+
+    def _on_lost_request(
+        self, key: int, text: str, again: Callable[[], object], fail: Callable[[BaseException], object]
+    ) -> None:
+        """The fate of a goal or service call is unknown: do what the property ``retry`` of its task says."""
+        wait = self.engine.waits.get(key)
+        element = wait.node.id if wait is not None else ""
+        retry = self.mission.retries().get(element, "safe")
+        self.host.report(element, f"{text}; retry: {retry}")
+        if retry == "safe":
+            again()
+        elif retry == "ask" and self.engine.on_incident is not None:
+            self.scheduler.soon(partial(self.engine.keep_script, key, text, "lost"), Kind.RESUMPTION)
+        else:
+            fail(BpmnError("lost", text))
 
     def _on_incident(self, wait: Wait) -> None:
         """An element has failed: hold the robot, as soon as this stimulus is over."""

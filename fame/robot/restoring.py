@@ -9,30 +9,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any
 
-from fame.bpmn.model import Element
 from fame.engine.state import Wait
 from fame.errors import ConfigError, MissionError
 from fame.robot.journal import Contents, write_segment
 from fame.robot.node import INCIDENT, RobotNode
 from fame.robot.state_tables import StateTables, Tables, fold, instance_data, instance_of, restore_engine
 from fame.robot.stored_values import Loader
-from fame.robot.timers import Missed
 
-Retry = Literal["safe", "never", "ask"]
-RETRIES: tuple[Retry, ...] = ("safe", "never", "ask")
-"""Policy of a task for a request whose fate is unknown: repeat it, fail with code ``lost``, or wait for a person."""
-MISSED: tuple[Missed, ...] = ("fire", "skip", "fail")
 _UNIX = datetime(1970, 1, 1, tzinfo=UTC)
-
-
-class Settings(Protocol):
-    """The properties of a mission's elements about resumption."""
-
-    def retry(self, element: str) -> Retry: ...
-
-    def missed(self, element: str) -> Missed: ...
 
 
 def epoch_of(node: RobotNode) -> int:
@@ -50,15 +36,15 @@ def tables_of(node: RobotNode, epoch: int) -> Tables:
     }
 
 
-def set_timers(node: RobotNode, tables: Tables, settings: Settings) -> list[Wait]:
+def set_timers(node: RobotNode, tables: Tables) -> list[Wait]:
     """Set the timers of a restored engine. Returns the waits whose timer was missed and is to fail."""
-    failed, engine = [], node.engine
+    failed, engine, policies = [], node.engine, node.mission.missed()
     for text, (kind, expression, base, fired) in tables.get("timers", {}).items():
         key = int(text)
         if key not in engine.waits and key not in engine.armed_starts:
             continue
         element = engine.timed(key).id
-        missed = settings.missed(element)
+        missed = policies.get(element, "fire")
         late = node.host.timers.resume(key, kind, expression, base - epoch_of(node), fired, missed)
         if late:
             node.host.report(element, f"{kind} timer {expression} came due while the engine was away: {missed}")
@@ -78,29 +64,7 @@ def go_on(node: RobotNode) -> None:
     node.go_on()
 
 
-# ---- missions --------------------------------------------------------------------------------------------------------
-
-
-class _MissionSettings:
-    def __init__(self, elements: Mapping[str, Mapping[str, str]]) -> None:
-        self._elements = elements
-
-    def retry(self, element: str) -> Retry:
-        found = self._elements.get(element, {}).get("retry", "safe")
-        return found if found in RETRIES else "safe"
-
-    def missed(self, element: str) -> Missed:
-        found = self._elements.get(element, {}).get("missed", "fire")
-        return found if found in MISSED else "fire"
-
-
-def mission_settings(node: RobotNode) -> Settings:
-    """The properties ``retry`` and ``missed`` of a mission's elements."""
-    return _MissionSettings({item.id: _properties(item) for _, item in node.mission.flow_nodes()})
-
-
-def _properties(element: Element) -> Mapping[str, str]:
-    return getattr(element, "properties", {})
+# ---- journals --------------------------------------------------------------------------------------------------------
 
 
 def restored(node: RobotNode, contents: Contents) -> Tables:
@@ -151,5 +115,5 @@ def save(node: RobotNode, path: Path, header: Mapping[str, Any]) -> None:
 def load(node: RobotNode, contents: Contents) -> None:
     """Restore a loaded robot from a file, and continue it. Raises ConfigError for the state of another program."""
     tables = restored(node, contents)
-    set_timers(node, tables, mission_settings(node))
+    set_timers(node, tables)
     go_on(node)

@@ -14,7 +14,7 @@ from fame.engine.migration import Plan, Token, arm_new, gone, migrate, preview
 from fame.engine.snapshot import Convert, Data, encode
 from fame.errors import MissionError
 from fame.robot.node import RobotNode
-from fame.robot.restoring import epoch_of, go_on, mission_settings, set_timers, tables_of
+from fame.robot.restoring import epoch_of, go_on, set_timers, tables_of
 from fame.robot.stored_values import dump
 from fame.text import DEPTH, is_deep
 
@@ -122,7 +122,7 @@ def take_over(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:
 
 def go_on_after(new: RobotNode, timers: dict[str, Any]) -> None:
     """Continue a process that has taken over; `timers` are those of the old one, from `timers_of`."""
-    set_timers(new, {"timers": timers}, mission_settings(new))
+    set_timers(new, {"timers": timers})
     if not new.engine.incidents:
         new.engine.release()
     arm_new(new.engine)

@@ -116,7 +116,8 @@ class WaitingTokens:
 
     def state(self, wait: Wait) -> object:
         """A value that is cheap to compare: `details` differ only if it does."""
-        return wait.paused, self._runner.request(wait.key), self.uncorrelated.get(wait.key)
+        key = wait.key
+        return wait.paused, self._runner.request(key), self.uncorrelated.get(key), self._runner.server_silence(key)
 
     def last_miss(self, wait: Wait) -> tuple[int, str] | None:
         """When (ns) the last message came that a token waits for, and why it did not count; None if none came."""
@@ -154,7 +155,8 @@ class WaitingTokens:
         for wait, topics in zip(waits, awaited, strict=True):
             since = self._seen[wait.key]
             gap = self._gaps.since(since, topics)
-            text = describe.wait(wait) + (f" ({gap.text(now)})" if gap is not None else "")
+            hint = gap.text(now) if gap is not None else self._server(wait)
+            text = describe.wait(wait) + (f" ({hint})" if hint else "")
             counts = {topic: len(publishers.get(topic, ())) for topic in topics}
             found.append(WaitingToken(self._robot, wait.node.id, text, since, counts))
         for scope, join, held in joins:
@@ -197,6 +199,8 @@ class WaitingTokens:
             found["action"] = resolve(request.action, self._node.namespace)
         elif isinstance(request, Call):
             found["service"] = resolve(request.service, self._node.namespace)
+        if (silence := self._runner.server_silence(wait.key)) is not None:
+            found |= {silence[0]: silence[1], "mismatches": self._mismatches(wait)}
         parts = [(node.file, node.id) for node in (wait.node, *catch.parts)]
         conditions = [condition for part in parts if (condition := self._conditions.get(part)) is not None]
         if conditions:
@@ -205,6 +209,21 @@ class WaitingTokens:
                 for condition in conditions
             ]
         return found
+
+    def _server(self, wait: Wait) -> str:
+        """What is to be known of the server that a token waits for, in words; empty if it is at work."""
+        silence = self._runner.server_silence(wait.key)
+        if silence is None:
+            return ""
+        return "; ".join((silence_text(*silence, self._scheduler.now), *self._mismatches(wait)))
+
+    def _mismatches(self, wait: Wait) -> Sequence[str]:
+        """What keeps the endpoints of an awaited server apart."""
+        request, warnings = self._runner.request(wait.key), self._middleware.warnings
+        if not warnings or not isinstance(request, Act | Call):
+            return []
+        name = resolve(request.action if isinstance(request, Act) else request.service, self._node.namespace)
+        return [str(each) for each in warnings if each.kind == "mismatch" and f"{each.topic}/".startswith(f"{name}/")]
 
     def _note(self, keys: Iterable[Hashable], now: int) -> None:
         self._seen = {key: self._seen.get(key, now) for key in keys}
@@ -285,6 +304,12 @@ class _Describer:
             f"{name} = {reprlib.repr(variables[name])}" if name in variables else f"{name} is not set" for name in names
         ]
         return f"condition {condition.text}" + (f" ({', '.join(values)})" if values else "")
+
+
+def silence_text(kind: str, since: int, now: int) -> str:
+    """What `Runner.server_silence` says, in words, at `now` (ns)."""
+    seconds = f"{max(0, now - since) / SECOND:.3g} s"
+    return f"it has had no server for {seconds}" if kind == "gone" else f"its server has said nothing for {seconds}"
 
 
 class _AnyTopic(dict[str, Collection[str]]):

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol
+from uuid import uuid4
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.engine.host import Cancelled, is_from_outside
@@ -47,22 +48,32 @@ _MOST_AWAITS = 100_000
 _MOST_HANDLERS = 100
 _SERVICE_TIMEOUT, _POLL = 5 * SECOND, SECOND // 20
 """Time that a script waits for an unavailable service or action, and interval of its checks (ns)."""
+_MOMENT, _AGAIN = SECOND // 2, (SECOND, 4 * SECOND)
+"""Time before a request is made again whose server has left or been replaced, and times after which the result of its
+goal is requested once more (ns): a request is lost that arrives before the server has found its client again."""
+_SILENT = 3 * SECOND
+"""Time without feedback or response after which a server is called silent (ns)."""
 
 Ended = Callable[[int, BaseException | None], object]
 Report = Callable[[int, str], object]
 
 
 class _Task:
-    """A running script. `disarm` removes its source of wake-ups; `due` is its timeout or its next step."""
+    """A running script. `disarm` removes its source of wake-ups; `due` is its timeout or its next step.
 
-    __slots__ = ("awaits", "budget", "cancelling", "disarm", "due", "error", "grace", "instant", "key", "leaving",
-                 "request", "running", "script")  # fmt: skip
+    Of a request to a server: `heard` is when it was sent, or its last feedback came; `gone` since when it has none.
+    """
+
+    __slots__ = ("awaits", "budget", "cancelling", "disarm", "due", "error", "gone", "grace", "heard", "instant", "key",
+                 "leaving", "request", "running", "script")  # fmt: skip
 
     def __init__(self, key: int, script: Any) -> None:
         self.key, self.script = key, script
         frame = getattr(script, "cr_frame", None)
         self.budget: Budget | None = frame.f_builtins.get(BUDGET) if frame is not None else None
         self.request: Request | None = None
+        self.heard: int | None = None
+        self.gone: int | None = None
         self.disarm: Callable[[], object] | None = None
         self.due: Entry | None = None
         self.grace: Entry | None = None
@@ -79,15 +90,27 @@ class Outward(Protocol):
         key: int,
         request: Act | Call,
         begin: Callable[[bytes | None], object],
-        attach: Callable[[bytes, Callable[[], object]], object] | None,
-        fail: Callable[[BaseException], object],
+        attach: Callable[[bytes], object] | None,
+        lost: Callable[[str], object],
     ) -> None:
         """The script `key` makes a request. Call one of the functions, now or later.
 
         begin   makes the request; of an action under this goal id (None: a new one)
-        attach  of an action: takes up a goal that was sent before, and calls the function given if it is unknown
-        fail    throws an error in the script
+        attach  of an action: takes up a goal that was sent before
+        lost    says that it was made before, and why its fate is unknown
         """
+
+    def repeat(self, key: int, request: Act | Call, begin: Callable[[bytes | None], object]) -> None:
+        """The script makes its last request again: call `begin`, now or later."""
+
+
+class OnLost(Protocol):
+    """Decides on a request of a script whose fate is unknown, and why."""
+
+    def __call__(
+        self, key: int, text: str, again: Callable[[], object], fail: Callable[[BaseException], object], /
+    ) -> None:
+        """Call `again` to make it again, or `fail` to throw an error in the script."""
 
 
 class Runner:
@@ -99,7 +122,8 @@ class Runner:
     types      type of a topic by its full name, None if unknown
     subscribe  creates a subscription; by default that of `node`
 
-    `outward`, if set, is asked before a request leaves the robot.
+    `outward`, if set, is asked before a request leaves the robot. `on_lost`, if set, decides on requests whose fate is
+    unknown; else they are made again.
     """
 
     def __init__(
@@ -118,6 +142,7 @@ class Runner:
         self._grace = round(grace * SECOND)
         self.inbox: Inbox = Inbox(node, types, subscribe or node.subscription, self.poll)
         self.outward: Outward | None = None
+        self.on_lost: OnLost | None = None
         self._tasks: dict[int, _Task] = {}
         self._untils: dict[int, _Task] = {}
 
@@ -156,6 +181,19 @@ class Runner:
         """The request that a script awaits, as text; empty for an unknown script."""
         task = self._tasks.get(key)
         return str(task.request) if task is not None and task.request is not None else ""
+
+    def server_silence(self, key: int) -> tuple[str, int] | None:
+        """What is to be known of the server of an awaited request, and since when (ns); None if it is at work.
+
+        ``gone``: it has left, or none was there; ``silent``: neither feedback nor response came for some seconds.
+        """
+        task = self._tasks.get(key)
+        if task is None or not isinstance(task.request, Act | Call):
+            return None
+        if task.gone is not None:
+            return "gone", task.gone
+        silent = task.heard is not None and self._scheduler.now - task.heard >= _SILENT
+        return ("silent", task.heard) if silent and task.heard is not None else None
 
     def awaited_topic(self, key: int) -> str | None:
         """The topic that a script awaits with `receive`, None if it awaits something else."""
@@ -280,7 +318,7 @@ class Runner:
         if arm is None:
             raise TypeError(f"cannot await {type(request).__name__}: only sleep, receive, until, robot.call, robot.act "
                             "and messages of robot.subscribe can be awaited")  # fmt: skip
-        task.request = request
+        task.request, task.heard, task.gone = request, None, None
         arm(self, task, request)
 
     def _wake(self, task: _Task) -> None:
@@ -347,42 +385,69 @@ class Runner:
             if task.request is request:
                 self._soon(task, task.script.send, response)
 
-        def begin(id: bytes | None) -> None:
-            client.call(request.fields, on_response)
+        def lost() -> None:
+            if task.request is request:
+                self._lose(task, client, begin, "its server left before it answered")
 
-        self._when_available(task, client, lambda: self._send(task, request, begin))
+        def begin(id: bytes | None) -> None:
+            client.call(request.fields, on_response, lost)
+            self._hear(task)
+
+        self._when_available(task, client, lambda: self._send(task, client, begin))
 
     def _act(self, task: _Task, request: Act) -> None:
         client = self.inbox.action(request.action, request.type)
 
-        def ended(outcome: str, result: Any) -> None:
+        def ended(goal: bytes, outcome: str, result: Any) -> None:
             if outcome == "succeeded":
                 self._soon(task, task.script.send, result)
+            elif outcome == "gone":
+                self._once_more(task, client, partial(attach_again, goal))
+            elif outcome == "unknown":
+                self._lose(task, client, begin, "its server does not know the goal")
             else:
                 self._soon(task, task.script.throw, GoalError(outcome, f"{request}: the goal was {outcome}", result))
 
         def on_feedback(feedback: Any) -> None:
+            self._hear(task)
             if request.feedback is not None:
                 request.feedback(feedback)
                 self._stepped(task.key)
                 self.poll()
 
         def begin(id: bytes | None) -> None:
-            task.disarm = client.send(request.fields, ended, on_feedback, id=id).cancel
+            id = id or uuid4().bytes
+            task.disarm = client.send(request.fields, partial(ended, id), on_feedback, id=id).cancel
+            self._hear(task)
 
-        def attach(id: bytes, unknown: Callable[[], object]) -> None:
-            task.disarm = client.attach(id, ended, on_feedback, unknown).cancel
+        def attach(id: bytes) -> None:
+            task.disarm = client.attach(id, partial(ended, id), on_feedback).cancel
+            self._hear(task)
 
-        self._when_available(task, client, lambda: self._send(task, request, begin, attach))
+        def attach_again(id: bytes) -> None:
+            goal = client.attach(id, partial(ended, id), on_feedback)
+            task.disarm = goal.cancel
+            self._hear(task)
+            for delay in _AGAIN:
+                self._scheduler.after(delay, goal.ask_again, Kind.RESUMPTION)
+
+        self._when_available(task, client, lambda: self._send(task, client, begin, attach))
+
+    def _hear(self, task: _Task) -> None:
+        task.heard, task.gone = self._scheduler.now, None
 
     def _send(
         self,
         task: _Task,
-        request: Act | Call,
+        client: Client | ActionClient,
         begin: Callable[[bytes | None], object],
-        attach: Callable[[bytes, Callable[[], object]], object] | None = None,
+        attach: Callable[[bytes], object] | None = None,
+        *,
+        again: bool = False,
     ) -> None:
         """Send a request: now, or when `outward` calls it, unless the script has been cancelled."""
+        request = task.request
+        assert isinstance(request, Act | Call)
         if self.outward is None:
             begin(None)
             return
@@ -392,13 +457,38 @@ class Runner:
                 try:
                     begin(id)
                 except Exception as error:
-                    fail(error)
+                    self._soon(task, task.script.throw, error)
+
+        if again:
+            self.outward.repeat(task.key, request, begin_later)
+        else:
+            self.outward.request(task.key, request, begin_later, attach, partial(self._lose, task, client, begin))
+
+    def _lose(
+        self, task: _Task, client: Client | ActionClient, begin: Callable[[bytes | None], object], reason: str
+    ) -> None:
+        """The fate of a request is unknown: make it again, unless `on_lost` decides otherwise."""
+        request = task.request
+
+        def again() -> None:
+            if task.request is request:
+                self._once_more(task, client, lambda: self._send(task, client, begin, again=True))
 
         def fail(error: BaseException) -> None:
             if task.request is request:
                 self._soon(task, task.script.throw, error)
 
-        self.outward.request(task.key, request, begin_later, attach, fail)
+        if self.on_lost is None:
+            again()
+        else:
+            self.on_lost(task.key, f"{request}: {reason}, and its fate is unknown", again, fail)
+
+    def _once_more(self, task: _Task, client: Client | ActionClient, begin: Callable[[], object]) -> None:
+        """Call `begin` as `_when_available` does, a moment later: the server may have to find this client again."""
+        now = self._scheduler.now
+        task.gone = now if task.gone is None and not client.available else task.gone
+        again = partial(self._when_available, task, client, begin, now + _SERVICE_TIMEOUT)
+        task.due = self._scheduler.after(_MOMENT, again, Kind.RESUMPTION)
 
     def _when_available(
         self, task: _Task, client: Client | ActionClient, begin: Callable[[], object], until: int = 0
@@ -406,6 +496,8 @@ class Runner:
         """Call `begin` as soon as the service is available, or after the timeout: then it raises an error."""
         until = until or self._scheduler.now + _SERVICE_TIMEOUT
         if not client.available and self._scheduler.now < until:
+            if task.gone is None:
+                task.gone = self._scheduler.now
             again = partial(self._when_available, task, client, begin, until)
             task.due = self._scheduler.after(_POLL, again, Kind.RESUMPTION)
             return

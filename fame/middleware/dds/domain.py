@@ -23,14 +23,15 @@ from cyclonedds.domain import Domain
 
 from fame.errors import ConfigError
 from fame.middleware.interface import MAX_MESSAGE_SIZE
+from fame.middleware.wire_base import lease
 
 _FIRST_PORT, _PORTS = 7400, 250
 """The first port of domain 0, and how many a domain has (DDSI-RTPS 2.5, section 9.6.2)."""
 
 _BIND_TO_DEVICE = 25  # <asm-generic/socket.h>
 _IP_BOUND_IF = 25  # <netinet/in.h> of macOS
+_LEASE = 3.0
 _SHARED = f"""
-<Discovery><LeaseDuration>3s</LeaseDuration></Discovery>
 <Internal>
   <MaxSampleSize>{MAX_MESSAGE_SIZE} B</MaxSampleSize>
   <WriterLingerDuration>200ms</WriterLingerDuration>
@@ -67,8 +68,9 @@ _confined: dict[int, bool] = {}
 
 def configuration(network: str | None) -> str:
     """Cyclone's configuration for loopback only (None), or for an interface: its name (``eth0``) or its address."""
+    discovery = f"<Discovery><LeaseDuration>{lease(_LEASE):g}s</LeaseDuration></Discovery>"
     own = _LOOPBACK if network is None else _NETWORK.format(_interface(network))
-    document = f"<CycloneDDS><Domain>{''.join((own + _SHARED).splitlines())}</Domain></CycloneDDS>"
+    document = f"<CycloneDDS><Domain>{''.join((own + _SHARED).splitlines())}{discovery}</Domain></CycloneDDS>"
     more = os.environ.get("CYCLONEDDS_URI", "") if network is not None else ""
     return f"{document},{more}" if more else document
 

@@ -291,6 +291,11 @@ class DdsClient(WireClient):
         ends = self.exchange
         return not ends.closed and bool(matched(ends.writer) and matched(ends.reader))
 
+    def servers(self) -> frozenset[bytes]:
+        participant = self.exchange.participant
+        participant.refresh()  # Cyclone connects endpoints before it tells of them
+        return frozenset(server.gid for server in participant.servers(self.name))
+
     def send(self, request: Message) -> int:
         number = next(self._numbers)
         self.exchange.write(request, (self._guid, number))
@@ -300,15 +305,10 @@ class DdsClient(WireClient):
         self.exchange.close()
         self.node.middleware.on_endpoints_changed()
 
-    def on_service_gone(self) -> None:
-        """Drop the pending requests if the service of this client has left the domain."""
-        self.exchange.take()  # its last responses
-        self.node.middleware.scheduler.soon(self.give_up)
-
     def _on_message(self, response: Message, numbers: Numbers, service: int) -> None:
         guid, number = numbers
         if guid == self._guid:
-            self.on_response(number, response)
+            self.pending.respond(number, response)
 
 
 def _identity(endpoint: Any) -> str:

@@ -6,7 +6,8 @@ Nodes are made and used in the thread of the scheduler (or before it runs).
 from __future__ import annotations
 
 import atexit
-from collections.abc import Callable
+from collections.abc import Callable, Set
+from functools import partial
 from typing import Any
 
 from fame.clock import SECOND, WallScheduler
@@ -43,7 +44,7 @@ class DdsMiddleware(WireMiddleware):
     ) -> None:
         super().__init__(scheduler, network, on_warning)
         self.domain: int = domain_id(domain)
-        self.participant: Participant = Participant(scheduler, self.domain, network, self.warn, self._on_service_gone)
+        self.participant: Participant = Participant(scheduler, self.domain, network, self.warn, self._servers_changed)
         self.confined: bool = self.participant.confined
         atexit.register(self.close)  # a process that just ends stays in the graph until its lease is over
 
@@ -94,11 +95,12 @@ class DdsMiddleware(WireMiddleware):
         atexit.unregister(self.close)
         self.participant.close()
 
-    def _on_service_gone(self) -> None:
+    def _servers_changed(self, services: Set[str]) -> None:
         for node in self.nodes:
             for end in node.services:
-                if isinstance(end, DdsClient):
-                    end.on_service_gone()
+                if isinstance(end, DdsClient) and end.name in services:
+                    end.exchange.take()  # the last responses of a server that has left
+        self.scheduler.soon(partial(self.on_servers_changed, services))
 
 
 class DdsNode(WireNode):

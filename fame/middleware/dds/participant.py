@@ -10,7 +10,7 @@ discovered. The warning follows a moment later, when their nodes are known by na
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Set
 from functools import partial
 from typing import Any
 
@@ -40,7 +40,7 @@ class Participant:
     entities    makes its writers and readers
     discovery   endpoints and nodes of the domain
     warn        called with each warning
-    on_service_gone  called in the scheduler when a service has left the domain
+    on_servers_changed  called in the scheduler with the names of services whose servers have come or left
     """
 
     data: DataWaiter
@@ -51,10 +51,10 @@ class Participant:
         domain: int,
         network: str | None,
         warn: Callable[[EndpointWarning], object],
-        on_service_gone: Callable[[], object],
+        on_servers_changed: Callable[[Set[str]], object],
     ) -> None:
         self.scheduler: Scheduler = scheduler
-        self._warn, self._on_service_gone, self._closed = warn, on_service_gone, False
+        self._warn, self._on_servers_changed, self._closed = warn, on_servers_changed, False
         self._domain = open_domain(domain, network)
         self.confined: bool = confined(domain)
         try:
@@ -101,9 +101,14 @@ class Participant:
     def services(self, name: str) -> list[tuple[str, str]]:
         """Type and node of each service of that name in the domain."""
         self.refresh()
-        topic, owners = wire.dds_topic(name, wire.REQUEST, "Request"), self.discovery.owners()
-        servers = [endpoint for endpoint in self.discovery.on_topic(topic) if not endpoint.writes]
-        return [(server.type.removesuffix("_Request"), owners.get(server.gid, UNKNOWN_NODE)) for server in servers]
+        owners = self.discovery.owners()
+        found = self.servers(name)
+        return [(server.type.removesuffix("_Request"), owners.get(server.gid, UNKNOWN_NODE)) for server in found]
+
+    def servers(self, name: str) -> list[Endpoint]:
+        """The endpoint of each service of that name that takes its requests, as of the last `refresh`."""
+        topic = wire.dds_topic(name, wire.REQUEST, "Request")
+        return [endpoint for endpoint in self.discovery.on_topic(topic) if not endpoint.writes]
 
     def subscriptions(self, topic: str, type: str, offered: QoS) -> int:
         """How many subscriptions match a publisher of that topic, type and quality of service."""
@@ -121,8 +126,9 @@ class Participant:
             for writer, reader in self._pairs(endpoint):
                 if (reason := mismatch(writer, reader)) is not None:
                     self.scheduler.after(NAMING_DELAY, partial(self._report, writer, reader, reason))
-        if any(endpoint.topic.startswith(f"{wire.REQUEST}/") and not endpoint.writes for endpoint in went):
-            self.scheduler.soon(self._on_service_gone)
+        changed = {name for each in (*came, *went) if not each.writes and (name := wire.service_of(each.topic))}
+        if changed:
+            self.scheduler.soon(partial(self._on_servers_changed, changed))
 
     def _announce(self) -> None:
         try:

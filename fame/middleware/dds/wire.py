@@ -62,6 +62,16 @@ def dds_topic(name: str, kind: str = TOPIC, ending: str = "") -> str:
     return f"{kind}{name}{ending}"
 
 
+def service_of(topic: str) -> str:
+    """The service (full name) whose requests go to a DDS topic; empty for another topic.
+
+    >>> service_of("rq/gripRequest"), service_of("rt/odom")
+    ('/grip', '')
+    """
+    name = topic.removeprefix(REQUEST)
+    return name.removesuffix("Request") if name != topic and name.endswith("Request") else ""
+
+
 def type_hash(name: str) -> str:
     """The entry of the USER_DATA of an endpoint by which ROS 2 compares the types of two endpoints."""
     return f"typehash={codec.type_hash(name)};"

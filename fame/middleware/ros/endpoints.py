@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import import_module
+from itertools import count
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
@@ -358,17 +359,29 @@ class RosClient(WireClient):
         super().__init__(node, ros.node.resolve_service_name(name), type)
         self._ros, self._class = ros, ros_class(self.request_type.removesuffix("_Request"))
         self._end = ros.node.create_client(self._class, name)
+        self._servers: list[int] = []
+        self._numbers = count(1)
+        self._polls = False
 
     @property
     def available(self) -> bool:
         """Whether a node offers the service now."""
         return not self.closed and bool(self._end.service_is_ready())
 
+    def servers(self) -> frozenset[int]:
+        """ROS only counts them: if one has left, it was the oldest."""
+        there = self._ros.node.count_services(self.name)
+        del self._servers[: max(0, len(self._servers) - there)]
+        self._servers += [next(self._numbers) for _ in range(there - len(self._servers))]
+        return frozenset(self._servers)
+
     def send(self, request: Message) -> Any:
         scheduler = self.node.middleware.scheduler
         future = self._end.call_async(to_ros(request, self._class.Request))
         future.add_done_callback(lambda done: scheduler.soon(partial(self._on_done, done)))
-        scheduler.after(_POLL, self._check)
+        if not self._polls:
+            self._polls = True
+            scheduler.after(_POLL, self._check)
         return future
 
     def release(self) -> None:
@@ -376,11 +389,11 @@ class RosClient(WireClient):
 
     def _on_done(self, future: Any) -> None:
         if not self.closed:
-            self.on_response(future, from_ros(future.result(), self.response_type))
+            self.pending.respond(future, from_ros(future.result(), self.response_type))
 
     def _check(self) -> None:
-        """Give up if the service has left."""
-        if self._waiting and self.available:
+        """Look whether servers have come or left, as long as a request waits for its response."""
+        self._polls = not self.closed and bool(self.pending)
+        if self._polls:
             self.node.middleware.scheduler.after(_POLL, self._check)
-        else:
-            self.give_up()
+            self.on_servers_changed()

@@ -40,6 +40,8 @@ _MANY = 100_000
 """How many messages of a history that is not bounded are kept."""
 _HEARTBEAT = 0.5
 """Interval in which a publisher with a history reports the number of its last message, if that is new (s)."""
+_DROPPED = SECOND
+"""How long a request that a service has dropped is kept, so that it is not made again at once (ns)."""
 _PATIENCE = 1.0
 """How long a thread may take to end (s)."""
 _DROP, _BLOCK = zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK
@@ -363,6 +365,9 @@ class ZenohClient(WireClient):
         """Whether a node offers the service now."""
         return not self.closed and bool(self._declared.others(tokens.SERVICE))
 
+    def servers(self) -> frozenset[str]:
+        return frozenset(server.token for server in self._declared.others(tokens.SERVICE))
+
     def send(self, request: Message) -> int:
         number, soon = next(self._numbers), self.node.middleware.scheduler.soon
         self._declared.session.get(
@@ -391,11 +396,17 @@ class ZenohClient(WireClient):
         except MessageError as error:
             self.node.middleware.warn(dropped_warning(self.name, str(error)))
         else:
-            self.on_response(number, response)
+            self.pending.respond(number, response)
 
     def _on_end(self, number: int) -> None:
-        """No response follows."""
-        if self._waiting.pop(number, None) is not None:
+        """No response follows: the service has left, or it is still there and has dropped the request."""
+        if self.servers():
+            self.node.middleware.scheduler.after(_DROPPED, partial(self._drop, number))
+        else:
+            self._drop(number)
+
+    def _drop(self, number: int) -> None:
+        if self.pending.drop(number):
             self.warn_unanswered()
 
 

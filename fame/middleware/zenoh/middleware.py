@@ -15,6 +15,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from itertools import count, islice
 from typing import Any
 
@@ -221,12 +222,19 @@ class ZenohMiddleware(WireMiddleware):
     def declare(self, entity: Entity) -> Any:
         """Announce a node or an endpoint, until the token that is returned is withdrawn."""
         self.entities.add(entity)
+        self._note_server(entity)
         return self.session.liveliness().declare_token(entity.token)
 
     def withdraw(self, entity: Entity, token: Any) -> None:
         """Undo `declare`."""
         self.entities.remove(entity.token)
+        self._note_server(entity)
         token.undeclare()
+
+    def _note_server(self, entity: Entity) -> None:
+        """Tell the clients of a service, if that is what has come or left."""
+        if entity.kind == tokens.SERVICE:
+            self.scheduler.soon(partial(self.on_servers_changed, (entity.name,)))
 
     def hold(self, holds: Callable[[WireNode], bool]) -> None:
         """Hold nodes, and confirm to the sessions that flush what has come from them."""
@@ -297,20 +305,15 @@ class ZenohMiddleware(WireMiddleware):
         token = str(sample.key_expr)
         if sample.kind == zenoh.SampleKind.DELETE:
             entity = self.entities.remove(token)
-            if entity is not None and entity.kind == tokens.SERVICE:
-                self.scheduler.soon(self._on_service_gone)
+            if entity is not None:
+                self._note_server(entity)
             return
         entity = tokens.read_token(token)
         if entity is None or entity.session == self.id or not self.entities.add(entity):
             return
         if entity.kind in (tokens.PUBLISHER, tokens.SUBSCRIPTION):
             self.report_mismatches(entity)
-
-    def _on_service_gone(self) -> None:
-        for node in self.nodes:
-            for end in node.services:
-                if isinstance(end, ZenohClient):
-                    end.give_up()
+        self._note_server(entity)
 
 
 class ZenohNode(WireNode):

@@ -32,6 +32,7 @@ import zenoh
 
 from fame.errors import ConfigError
 from fame.middleware.interface import MAX_MESSAGE_SIZE
+from fame.middleware.wire_base import lease
 
 ROUTER_PORT = 7447
 """Where routers of Zenoh listen."""
@@ -41,6 +42,7 @@ _HEADERS = 1_000_000
 """What a message may have around its data (bytes)."""
 
 _RETRY = {"period_init_ms": 200, "period_max_ms": 2000, "period_increase_factor": 2}
+_LEASE = "transport/link/tx/lease"
 _SETTINGS: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/delay": 200,  # ms that the first process of a domain waits for others
@@ -48,7 +50,7 @@ _SETTINGS: dict[str, Any] = {
     "connect/exit_on_failure": False,
     "connect/retry": _RETRY,
     "timestamping/enabled": True,  # histories need it
-    "transport/link/tx/lease": 3000,  # ms after which a machine that fell silent is gone, as over DDS
+    _LEASE: 3000,  # ms after which a machine that fell silent is gone, as over DDS
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 100_000,  # us, as over DDS
     "transport/link/rx/max_message_size": MAX_MESSAGE_SIZE + _HEADERS,
     "transport/unicast/accept_pending": 1000,
@@ -58,7 +60,7 @@ _CLIENT: dict[str, Any] = {"connect/timeout_ms": 10_000, "connect/exit_on_failur
 """A client is nothing without its router: Zenoh waits for it before the session is there."""
 _MEMBER: dict[str, Any] = {"mode": "client", "connect/timeout_ms": 30_000, "connect/exit_on_failure": True}
 """One of a crowd: its router may be in a process that starts at the same time, on a machine with much to do."""
-_CONFINED: dict[str, Any] = {"transport/link/tx/lease": 10_000}
+_CONFINED: dict[str, Any] = {_LEASE: 10_000}
 """On one machine, connections end with their process; what is silent for a while may only have to wait for its turn."""
 _PEER: dict[str, Any] = {
     "mode": "peer",
@@ -132,6 +134,7 @@ def _locator(text: str) -> str:
 
 def _open(settings: dict[str, Any], file: Path | None = None) -> zenoh.Session:
     config = zenoh.Config()
+    settings = settings | {_LEASE: round(1000 * lease(settings[_LEASE] / 1000))}
     more = dict(_settings_of(file)) if file is not None else {}
     if more.get("mode") == "client":
         settings = settings | _CLIENT
