@@ -35,6 +35,7 @@ class Fabric:
         self.cuts: Counter[frozenset[str]] = Counter()  # of machines
         self.delay, self.loss = 0.002, 0.0  # s at most, probability
         self.struck: Counter[str] = Counter()
+        self.published: dict[str, list[tuple[str, Message]]] = {}  # topic -> (process, message), as they left
 
     def join(self, process: Process) -> Wire:
         """The middleware of a new process."""
@@ -356,6 +357,8 @@ class Publisher(End):
         if message.__class__ is not self._class or not self.open:
             raise publish_error(self.topic, self.type, message, closed=not self.open)
         self._kept.append(message)
+        wire = self.node.middleware
+        wire.fabric.published.setdefault(self.topic, []).append((wire.id, message))
         for subscription in self.matched:
             self._send(subscription, message)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from .team import Team
+from .team import Said, Team
 
 LAST = 99
 """The version that is deployed at the end."""
@@ -13,7 +13,7 @@ LAST = 99
 def judge(team: Team) -> list[str]:
     """Run a team to its end, and return what does not hold."""
     team.run()
-    found = [*team.problems, *half_applied(team), *broken_promises(team), *undecided(team)]
+    found = [*half_applied(team), *broken_promises(team), *undecided(team), *forgotten(team), *effects(team)]
     for robot in team.robots.values():
         if robot.engine is not None and robot.engine.state == "holding":
             team.note(f"{robot.name} holds: a person aborts")
@@ -43,10 +43,15 @@ def half_applied(team: Team) -> Iterator[str]:
 
 def broken_promises(team: Team) -> Iterator[str]:
     """An engine that said ready keeps its promise, or nobody starts; one without a directory dies with its promise."""
-    ready = {(said.process, said.deployment) for said in team.said if said.answer == "ready"}
+
+    def engine(said: Said) -> str:
+        robot = team.robots[said.robot]
+        return said.robot if robot.durable and not robot.spoilt else said.process
+
+    ready = {(engine(said), said.deployment) for said in team.said if said.answer == "ready"}
     started = {said.deployment for said in team.said if said.answer == "started"}
     for said in team.said:
-        key = said.process, said.deployment
+        key = engine(said), said.deployment
         broken = said.answer in ("aborted", "refused") and key in ready and said.deployment in started
         if broken and (said.robot, said.deployment) not in team.released:
             yield f"{said.robot} said ready, then {said.answer} to {said.deployment}, which others have started"
@@ -57,3 +62,27 @@ def undecided(team: Team) -> Iterator[str]:
     for sender in team.senders:
         if sender.alive:
             yield f"{sender.process.name} has not ended {60} s after the last fault"
+
+
+def forgotten(team: Team) -> Iterator[str]:
+    """A robot with a directory runs what it ran, or something newer."""
+    for robot in team.robots.values():
+        began = [said.deployment for said in team.said if said.robot == robot.name and said.answer == "started"]
+        if robot.durable and not robot.spoilt and began and not (robot.engine is not None and robot.engine.deployed):
+            yield f"{robot.name} has forgotten {began[-1]}"
+
+
+def effects(team: Team) -> Iterator[str]:
+    """No effect is lost, and none is repeated but by another process after a crash."""
+    robot = team.robots["A"]
+    if not robot.durable or robot.spoilt:
+        return
+    last: dict[int, tuple[int, str]] = {}
+    for process, message in team.fabric.published.get("/tick", ()):
+        version, count = divmod(message.data, 1000)
+        before, by = last.get(version, (0, process))
+        if count > before + 1:
+            yield f"A has lost effects: after {before} of version {version} comes {count}"
+        elif count <= before and process == by:
+            yield f"A has repeated {count} of version {version} without a crash"
+        last[version] = max(before, count), process

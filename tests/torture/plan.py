@@ -54,6 +54,7 @@ class Plan:
 
 
 FAULTS = ("kill", "stop", "cut", "loss", "delay", "match", "clock", "kill sender", "stop sender")
+DISK_FAULTS = ("power", "fuse", "full", "read-only", "flip", "erase")
 
 
 def draw(seed: int) -> Plan:
@@ -61,8 +62,10 @@ def draw(seed: int) -> Plan:
     chance = random.Random(f"plan {seed}")
     steps = [Step(_rounded(chance.uniform(0, 2)), "start", robot) for robot in ROBOTS]
     steps += _deployments(chance)
+    durable = chance.choice(((), ROBOTS, ROBOTS, tuple(robot for robot in ROBOTS if chance.random() < 0.5)))
+    steps += [Step(0.0, "directory", robot) for robot in durable]
     begun = [step.time for step in steps if step.kind == "deploy"]
-    for kind in [kind for kind in FAULTS if chance.random() < 0.4]:
+    for kind in [kind for kind in FAULTS + DISK_FAULTS * bool(durable) if chance.random() < 0.3]:
         for _ in range(chance.randint(1, 4)):
             steps.append(_when(chance, begun, _fault(chance, kind)))
     if chance.random() < 0.5:
@@ -94,10 +97,14 @@ def _fault(chance: random.Random, kind: str) -> Step:
     time = _rounded(chance.uniform(2, 30))
     long = _rounded(chance.choice((0.2, 2.0, 8.0, 14.0)) * (0.5 + chance.random()))
     match kind:
-        case "kill" | "stop" | "match":
+        case "kill" | "stop" | "match" | "power" | "read-only" | "flip" | "erase":
             return Step(time, kind, chance.choice(ROBOTS), long)
         case "cut":
             return Step(time, kind, " ".join(chance.sample((*ROBOTS, DESK), 2)), long)
+        case "fuse" | "full":
+            return Step(
+                time, kind, chance.choice(ROBOTS), (chance.randrange(30) * (100 if kind == "full" else 1), long)
+            )
         case "loss":
             return Step(time, kind, "", (_rounded(chance.uniform(0.01, 0.6)), long))
         case "delay":

@@ -1,4 +1,4 @@
-"""Machines with clocks of their own, and processes on them that are killed, stopped and continued.
+"""Machines with clocks and disks of their own, and processes on them that are killed, stopped and continued.
 
 A process is a scheduler: all that it does are entries of the team's scheduler, which run only while it lives. A stopped
 process keeps the entries that became due, in their order, and its steady clock goes on, as after SIGSTOP.
@@ -6,10 +6,16 @@ process keeps the entries that became due, in their order, and its steady clock 
 
 from __future__ import annotations
 
+import random
+from collections import deque
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from fame.clock import SECOND, Action, Entry, Kind, Scheduler
+from fame.worker import Done, Worker, outcome
+
+from .disks import Disk, PowerLoss
 
 START = 1_700_000_000.0
 """The date at which a run begins (s since 1970)."""
@@ -18,9 +24,11 @@ START = 1_700_000_000.0
 class Machine:
     """A computer: its wall clock may be wrong (`ahead`, s) and too fast (`drift`, s per s)."""
 
-    def __init__(self, name: str, scheduler: Scheduler) -> None:
+    def __init__(self, name: str, scheduler: Scheduler, seed: int) -> None:
         self.name, self.ahead, self.drift = name, 0.0, 0.0
         self._scheduler = scheduler
+        self.disk = Disk(f"{seed} disk {name}", self.wall_time)
+        self.busy = random.Random(f"{seed} busy {name}")
 
     def wall_time(self) -> float:
         """Seconds since 1970, as its clock says."""
@@ -28,10 +36,12 @@ class Machine:
 
 
 class Process(Scheduler):
-    """A process on a machine. `on_error` is called with an exception that leaves one of its entries."""
+    """A process on a machine. `on_error` gets what leaves one of its entries: an error, or a loss of power."""
+
+    is_simulated = False
 
     def __init__(
-        self, name: str, machine: Machine, team: Scheduler, on_error: Callable[[Process, Exception], object]
+        self, name: str, machine: Machine, team: Scheduler, on_error: Callable[[Process, Exception | PowerLoss], object]
     ) -> None:
         self._team, self._origin = team, team.now
         super().__init__()
@@ -53,6 +63,9 @@ class Process(Scheduler):
         entry = Entry(max(time, self.now), action, self)
         self._team.at(entry.time + self._origin, partial(self._run, entry), kind)
         return entry
+
+    def worker(self, name: str) -> Worker:
+        return _Worker(self, 1.5 if "load" in name else 0.05)
 
     def stop(self) -> None:
         """SIGSTOP."""
@@ -77,5 +90,40 @@ class Process(Scheduler):
             action, entry.action = entry.action, None
             try:
                 action()
-            except Exception as error:
+            except (Exception, PowerLoss) as error:
                 self._on_error(self, error)
+
+
+class _Worker(Worker):
+    """A worker whose functions take some time, at most `longest` s, and have their effect at its end."""
+
+    def __init__(self, process: Process, longest: float) -> None:
+        self._process, self._longest = process, longest
+        self._queue: deque[tuple[Callable[[], Any], Done]] = deque()
+
+    def call(self, function: Callable[[], Any], done: Done) -> None:
+        self._queue.append((function, done))
+        if len(self._queue) == 1:
+            self._begin()
+
+    def interrupt(self) -> None:
+        self._queue.clear()
+
+    def close(self) -> None:
+        queue, self._queue = self._queue, deque()
+        for function, done in queue:
+            self._process.soon(partial(done, *outcome(function)))
+
+    def _begin(self) -> None:
+        delay = self._process.machine.busy.uniform(0, self._longest)
+        self._process.after(round(delay * SECOND), self._end, Kind.RESUMPTION)
+
+    def _end(self) -> None:
+        if self._queue:
+            function, done = self._queue[0]
+            found = outcome(function)
+            if self._queue:
+                self._queue.popleft()
+            if self._queue:
+                self._begin()
+            done(*found)

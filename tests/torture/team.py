@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections import Counter
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,7 +15,9 @@ from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope, Report
 from fame.deploy.robot_state import Reply
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware import messages
+from fame.robot.journal import StateDirectory
 
+from .disks import PowerLoss
 from .fabric import Fabric, Wire
 from .missions import ROBOTS, mission
 from .plan import DESK, HEAL, Plan, Step
@@ -45,7 +48,9 @@ class Robot:
     process: Process | None = None
     wire: Wire | None = None
     engine: EngineNode | None = None
-    wanted: bool = False  # whether an engine is to run
+    durable: bool = False
+    spoilt: bool = False  # whether its state was lost, or rot
+    fresh: bool = False  # whether a person has put its old state aside
 
 
 @dataclass
@@ -77,11 +82,12 @@ class Team:
 
     def __post_init__(self) -> None:
         self.fabric = Fabric(self.scheduler, self.plan.seed)
-        self.machines = {name: Machine(name, self.scheduler) for name in (*ROBOTS, DESK)}
+        self.machines = {name: Machine(name, self.scheduler, self.plan.seed) for name in (*ROBOTS, DESK)}
         self.robots = {name: Robot(name, self.machines[name]) for name in ROBOTS}
         self.senders: list[Sender] = []
         self._numbers = Counter[str]()
         self._armed: list[Step] = []  # what waits for an answer
+        self._away = 1.0  # how long a machine without power is away (s)
 
     # ---- the run -----------------------------------------------------------------------------------------------------
 
@@ -113,8 +119,18 @@ class Team:
                 self.start(self.robots[step.target])
             case "deploy":
                 self.deploy(step.value)
-            case "kill":
-                self.kill(self.robots[step.target], step.value)
+            case "directory":
+                self.robots[step.target].durable = True
+            case "kill" | "power" | "flip" | "erase":
+                self._strike(self.robots[step.target], step.kind, step.value)
+            case "fuse":
+                self.machines[step.target].disk.fuse, self._away = step.value
+            case "full":
+                self.machines[step.target].disk.room = step.value[0]
+                self._later(step.value[1], partial(setattr, self.machines[step.target].disk, "room", None))
+            case "read-only":
+                self.machines[step.target].disk.trouble = errno.EROFS
+                self._later(step.value, partial(setattr, self.machines[step.target].disk, "trouble", 0))
             case "stop":
                 if (process := self.robots[step.target].process) is not None:
                     self._stop(process, step.value)
@@ -157,6 +173,9 @@ class Team:
         """No fault from now on: every link is whole, every process runs."""
         self.note("heal")
         self._armed.clear()
+        for machine in self.machines.values():
+            machine.disk.fuse = machine.disk.room = None
+            machine.disk.trouble = 0
         self.fabric.loss, self.fabric.delay = 0.0, 0.002
         for pair, count in list(self.fabric.cuts.items()):
             for _ in range(count):
@@ -174,12 +193,22 @@ class Team:
         process = Process(f"{name}#{self._numbers[name]}", machine, self.scheduler, self._on_error)
         return process, self.fabric.join(process)
 
-    def _on_error(self, process: Process, error: Exception) -> None:
+    def _on_error(self, process: Process, error: Exception | PowerLoss) -> None:
         """An error has left the main loop of a process: it ends, as one without a handler would."""
         self.note(f"{process.name} ends: {type(error).__name__}: {error}")
         for robot in self.robots.values():
             if robot.process is process:
+                if isinstance(error, PowerLoss):
+                    self.struck["fuse / blown"] += 1
+                    self._strike(robot, "power", self._away)
+                    return
                 self._end(robot)
+        if (
+            isinstance(error, DeploymentError | ConfigError)
+            and "#" in process.name
+            and self._is_refused(process, error)
+        ):
+            return
         if not (isinstance(error, FameError) and "there is an engine" in str(error)):
             self.problems.append(f"{process.name} ended with {type(error).__name__}: {error}")
         else:  # whoever started it, starts it again
@@ -191,10 +220,19 @@ class Team:
             return
         robot.process, robot.wire = self._process(robot.name, robot.machine)
         self.note(f"{robot.process.name} begins")
+        robot.process.soon(partial(self._begin_engine, robot, robot.process, robot.wire))
+
+    def _begin_engine(self, robot: Robot, process: Process, wire: Wire) -> None:
+        state = None
+        if robot.durable:
+            state = StateDirectory("/state", robot.machine.disk)
+            if robot.fresh:
+                state.set_aside()
+                robot.fresh = False
         robot.engine = EngineNode(
-            robot.name, scheduler=robot.process, middleware=robot.wire, wall_time=robot.machine.wall_time
+            robot.name, scheduler=process, middleware=wire, wall_time=robot.machine.wall_time, state=state
         )
-        self._listen(robot, robot.engine, robot.process)
+        self._listen(robot, robot.engine, process)
 
     def _listen(self, robot: Robot, engine: EngineNode, process: Process) -> None:
         """Note every answer that an engine gives."""
@@ -212,15 +250,38 @@ class Team:
 
         engine.status.publish = published  # type: ignore[method-assign]
 
-    def kill(self, robot: Robot, away: float) -> None:
-        """SIGKILL, and a restart after a while."""
-        if robot.wire is not None:
-            self._end(robot)
-            self._later(away, partial(self._restart, robot.name))
+    def _strike(self, robot: Robot, kind: str, away: float) -> None:
+        """SIGKILL, perhaps with more that happens to the disk, and a restart after a while."""
+        disk = robot.machine.disk
+        if robot.wire is None or (kind != "kill" and not robot.durable):
+            return
+        self._end(robot)
+        if kind == "power":
+            disk.lose_power()
+        elif kind == "flip":
+            robot.spoilt |= disk.flip()
+        elif kind == "erase":
+            disk.erase()
+            robot.spoilt = True
+        self._later(away, partial(self._restart, robot.name))
+
+    def _is_refused(self, process: Process, error: Exception) -> bool:
+        """The engine does not take its state: a person puts that aside. Only a disk that rots may be the cause."""
+        robot = self.robots.get(process.name.split("#")[0])
+        if robot is None or not robot.durable:
+            return False
+        disk = robot.machine.disk
+        if not robot.spoilt and not disk.trouble and disk.room is None:
+            self.problems.append(f"{process.name} refuses the state that a crash left: {error}")
+        if not disk.trouble and disk.room is None:
+            robot.fresh = robot.spoilt = True
+        self._later(3.0, partial(self._restart, robot.name))
+        return True
 
     def _end(self, robot: Robot) -> None:
         assert robot.wire is not None
         self.fabric.leave(robot.wire)
+        robot.machine.disk.release()
         robot.process = robot.wire = robot.engine = None
 
     def _restart(self, name: str) -> None:

@@ -1,0 +1,189 @@
+"""A disk that loses power: what was not synced is torn or gone; what was synced may rot; it may be full or read-only.
+
+`Disk` is that of one machine. A process that is killed leaves the disk as it wrote it. `lose_power` leaves of each file
+what was synced, and of what was written since any part up to its end; of the names in a directory those that were
+synced, each later change of a name made or not. With a `fuse` the power goes in the middle of an operation.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import random
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import BinaryIO
+
+
+class PowerLoss(BaseException):
+    """Ends the process whose machine has lost its power."""
+
+
+class Node:
+    """The content of a file: what was written, and how much of it is on the disk for sure."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.synced = b""
+
+
+class Disk:
+    """The files of a machine: see `fame.robot.disk.Disk`. `wall_time` stamps the locks."""
+
+    def __init__(self, seed: str, wall_time: Callable[[], float]) -> None:
+        self._random, self._wall_time = random.Random(seed), wall_time
+        self._files: dict[Path, Node] = {}
+        self._synced: dict[Path, Node] = {}  # the names that are on the disk for sure
+        self._owners: dict[Path, object] = {}
+        self._seen: dict[Path, float] = {}
+        self.trouble = 0  # errno of every write from now on
+        self.room: int | None = None  # bytes that are left
+        self.fuse: int | None = None  # operations until the power goes
+
+    # ---- faults ------------------------------------------------------------------------------------------------------
+
+    def lose_power(self) -> None:
+        """Keep what was synced, and any part of the rest."""
+        chance = self._random
+        names = dict(self._synced)
+        for path in self._files.keys() ^ names.keys():
+            if chance.random() < 0.5:  # the change of this name was made
+                if path in self._files:
+                    names[path] = self._files[path]
+                else:
+                    del names[path]
+        for path in self._files.keys() & names.keys():
+            if self._files[path] is not names[path] and chance.random() < 0.5:
+                names[path] = self._files[path]
+        for node in names.values():
+            node.data = bytearray(_torn(node, chance))
+            node.synced = bytes(node.data)
+        self._files, self._synced = names, dict(names)
+        self.fuse = None
+        self.release()
+
+    def release(self) -> None:
+        """The process ends: its locks are free."""
+        self._owners.clear()
+
+    def flip(self) -> bool:
+        """Flip a bit in one of the files. Returns whether there was one."""
+        files = [node for path, node in self._files.items() if node.data and path.name != "lock"]
+        if not files:
+            return False
+        data = self._random.choice(files).data
+        data[self._random.randrange(len(data))] ^= 1 << self._random.randrange(8)
+        return True
+
+    def erase(self) -> None:
+        """The directory is lost."""
+        self._files, self._synced, self._seen = {}, {}, {}
+
+    # ---- operations --------------------------------------------------------------------------------------------------
+
+    def make_directory(self, path: Path) -> None:
+        self._operate()
+
+    def lock(self, path: Path) -> Lock:
+        if path in self._owners:
+            raise BlockingIOError(errno.EAGAIN, "1")
+        if path not in self._files:
+            self._operate()
+            self._files[path] = self._synced[path] = Node()
+        return Lock(self, path)
+
+    def names(self, path: Path) -> Sequence[str]:
+        return sorted(found.name for found in self._files if found.parent == path)
+
+    def read(self, path: Path) -> BinaryIO:
+        return io.BytesIO(bytes(self._found(path).data))
+
+    def write(self, path: Path, *, new: bool) -> File:
+        self._operate()
+        if new:
+            self._files[path] = Node()
+        return File(self, self._found(path))
+
+    def rename(self, path: Path, to: Path) -> None:
+        self._operate()
+        self._files[to] = self._files.pop(path)
+
+    def remove(self, path: Path) -> None:
+        self._operate()
+        self._files.pop(path, None)
+
+    def sync_directory(self, path: Path) -> None:
+        self._operate()
+        self._synced = dict(self._files)
+
+    def _found(self, path: Path) -> Node:
+        try:
+            return self._files[path]
+        except KeyError:
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)) from None
+
+    def _operate(self) -> None:
+        """An operation that writes: the disk may refuse it, or the power goes."""
+        if self.fuse is not None:
+            self.fuse -= 1
+            if self.fuse < 0:
+                raise PowerLoss
+        if self.trouble:
+            raise OSError(self.trouble, os.strerror(self.trouble))
+
+
+class File:
+    """An open file: see `fame.robot.disk.File`."""
+
+    def __init__(self, disk: Disk, node: Node) -> None:
+        self._disk, self._node = disk, node
+
+    def write(self, data: bytes) -> None:
+        self._disk._operate()
+        room = self._disk.room
+        if room is not None and len(data) > room:
+            self._node.data += data[:room]
+            self._disk.room = 0
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        if room is not None:
+            self._disk.room = room - len(data)
+        self._node.data += data
+
+    def truncate(self, size: int) -> None:
+        self._disk._operate()
+        del self._node.data[size:]
+
+    def sync(self) -> None:
+        self._disk._operate()
+        self._node.synced = bytes(self._node.data)
+
+    def close(self) -> None:
+        pass
+
+
+class Lock:
+    """A lock file: see `fame.robot.disk.Lock`."""
+
+    def __init__(self, disk: Disk, path: Path) -> None:
+        self._disk, self._path = disk, path
+        self.last_seen = disk._seen.get(path, disk._wall_time())
+        disk._owners[path] = self
+
+    def touch(self) -> None:
+        if not self._disk.trouble:
+            self._disk._seen[self._path] = self._disk._wall_time()
+
+    def close(self) -> None:
+        if self._disk._owners.get(self._path) is self:
+            del self._disk._owners[self._path]
+
+
+def _torn(node: Node, chance: random.Random) -> bytes:
+    """What is left of a file: what was synced, and a part of what was written since, perhaps with garbage behind."""
+    data, synced = bytes(node.data), node.synced
+    if not data.startswith(synced):  # it was cut and written again
+        return chance.choice((data, synced))
+    end = chance.randint(len(synced), len(data))
+    rest = bytes(chance.randrange(256) for _ in range(min(len(data) - end, 20))) if chance.random() < 0.3 else b""
+    return data[:end] + rest
