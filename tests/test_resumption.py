@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import timedelta
 from errno import EIO, ENOSPC
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -12,7 +13,7 @@ import pytest
 from deployment_field import Field, definitions, patrol, process
 
 from fame.bpmn.reader import read_text
-from fame.clock import SECOND
+from fame.clock import EPOCH, SECOND
 from fame.deploy import STRING, EngineNode, Envelope, model_hash
 from fame.deploy.late_joiners import LateJoiners
 from fame.deploy.requests import TaskRequest
@@ -51,7 +52,7 @@ class FaultyDisk(SystemDisk):
     unreadable = ""
 
     def write(self, path: Path, *, new: bool) -> File:
-        if self.full:
+        if self.full and new:
             raise OSError(ENOSPC, "No space left on device")
         return super().write(path, new=new)
 
@@ -533,3 +534,53 @@ def test_what_began_before_an_engine_was_born_is_unknown_to_it() -> None:
     field.send("B", replace(ask, born=field.engines["B"].born).to_json())
     field.pass_time(0.1)
     assert field.answers() == ["unknown", "aborted"]
+
+
+TIMED = MISSION.replace(
+    '<intermediateCatchEvent id="c"><signalEventDefinition signalRef="S"/>',
+    '<intermediateCatchEvent id="c"><timerEventDefinition><timeDuration>PT20S</timeDuration></timerEventDefinition>',
+)
+
+
+def test_a_clock_set_back_during_an_outage_delays_no_timer(field: Durable) -> None:
+    field.deploy(TIMED)  # 12 s
+    field.crash()
+    field.options["epoch"] = EPOCH - timedelta(hours=1)
+    field.start()
+    field.pass_time(21)
+    assert field.engine.running.instances[0].waiting == ["u"]
+
+
+def test_on_a_disk_that_is_full_at_the_restart_the_mission_is_suspended_and_says_so(field: Durable) -> None:
+    field.deploy(TIMED)
+    field.crash()
+    field.pass_time(20)
+    field.disk.full, heard = True, []
+    field.person.subscription("/go", "std_msgs/msg/Empty", heard.append)
+    field.start()
+    field.pass_time(2)
+    assert (field.said[-1].state, field.said[-1].error) == (
+        "suspended",
+        "its state cannot be written: No space left on device",
+    )
+    assert not heard
+    field.disk.full = False
+    field.pass_time(3)
+    assert (field.said[-1].state, field.said[-1].error, len(heard)) == ("running", "", 1)
+    assert field.engine.running.instances[0].waiting == ["u"]
+
+
+def test_a_promise_that_cannot_be_read_ends_no_engine(field: Durable) -> None:
+    field.deploy(MISSION)
+    told(field, "d2", 2, patrol(7), "load", team=["A", "B"])
+    field.pass_time(1)
+    assert field.engine.state == "ready"
+    field.crash()
+    field.disk.unreadable = "promise"
+    field.start()
+    field.pass_time(1)
+    assert (field.engine.state, field.engine.deployed) == ("running", "d1")
+    assert any("what it had promised to start is lost" in note for note in field.notes)
+    field.send("A", Envelope(deployment="d2", sequence=2, robot="A", phase="ask", born=1).to_json())
+    field.pass_time(0.1)
+    assert field.answers()[-1] == "unknown"

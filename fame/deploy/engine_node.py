@@ -64,7 +64,7 @@ from fame.deploy.robot_state import (
 from fame.deploy.signing import Identity
 from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
 from fame.deploy.termination import Silence
-from fame.errors import DeploymentError, FameError
+from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
 from fame.randomness import new_seed, robot_random
 
@@ -151,6 +151,7 @@ class EngineNode:
         self._keeper = (
             StateKeeper(state, robot, scheduler, self._on_disk_trouble, wall_time) if state is not None else None
         )
+        self._trouble = ""  # why the state cannot be written
         self._resumed: ResumedMission | None = None
         self._protocol: Machine[RobotState, Event, Action] = Machine(
             RobotState(robot, born=self.born), step, self._perform
@@ -206,7 +207,8 @@ class EngineNode:
         if self.resuming:
             return "loading"
         if protocol.candidate is None:
-            return "loading" if protocol.loading is not None else state_of(self.running)
+            at_rest = "suspended" if self._trouble else state_of(self.running)
+            return "loading" if protocol.loading is not None else at_rest
         if protocol.candidate.stage != "ready":
             return "loading"
         return "holding" if protocol.candidate.asks else "ready"
@@ -236,6 +238,7 @@ class EngineNode:
             "warnings": self.warn.lines(),
             "now": self._time.now / SECOND,
             **progress(self.running),
+            **({"error": f"its state cannot be written: {self._trouble}"} if self._trouble else {}),
         }
 
     def _on_refusal(self, reason: str, deployment: str, cause: str) -> None:
@@ -332,6 +335,7 @@ class EngineNode:
         self._close_running("suspended" if migrates else "terminated")
         self.running, self.candidate = candidate.process, None
         if self._keeper is not None:
+            self._trouble = ""
             self._keeper.begin(candidate.envelope, self.running)
         if self._feed is not None:
             self._feed.begin(self.running, resumed=migrates)
@@ -467,13 +471,17 @@ class EngineNode:
 
     def _keep_promise(self) -> None:
         """Load what the engine before had promised to start: its sender, or the others of its team, decide."""
-        envelope = self._keeper.promised(self._trusted) if self._keeper is not None else None
+        try:
+            envelope = self._keeper.promised(self._trusted) if self._keeper is not None else None
+        except ConfigError as error:  # others of its team are told that it does not know
+            self._note(f"what it had promised to start is lost: {error}")
+            return
         if envelope is not None:
             self._protocol.handle(Received(envelope))
 
     def _on_disk_trouble(self, reason: str) -> None:
         """Hold the mission while its state cannot be written."""
-        running = self.running
+        running, self._trouble = self.running, reason
         if running is None:
             return
         self._note(

@@ -110,7 +110,8 @@ class Report:
     """The status of a robot, perhaps with an answer to a deployment.
 
     state   ``waiting`` (for its first process), ``loading``, ``ready``, ``holding`` (ready, its sender is
-            silent), ``running``, ``incident`` (holds until somebody repairs it), ``idle`` (no instance), ``failed``
+            silent), ``running``, ``suspended`` (its
+            state cannot be written), ``incident`` (holds until somebody repairs it), ``idle`` (no instance), ``failed``
     instances, started, completed, failed      of this process: how many run now, have started, completed, failed
     deployed   the deployment that its process came with, `hash` the model
     candidate  the deployment that is to replace it, while it is loading, ready or holding
@@ -225,9 +226,12 @@ _TOKEN: dict[str, fields.Check] = {
     "others": fields.sequence(_TEXT),
 }
 _PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
+STATES = ("waiting", "loading", "ready", "holding", "running", "suspended", "incident", "idle", "failed")
 _REPORT: dict[str, fields.Check] = {
     "robot": fields.robot,
-    "state": fields.among("waiting", "loading", "ready", "holding", "running", "incident", "idle", "failed"),
+    "state": fields.among(
+        "waiting", "loading", "ready", "holding", "running", "suspended", "incident", "idle", "failed"
+    ),
     "hash": fields.text(64),
     "deployed": _NAME,
     "candidate": _NAME,

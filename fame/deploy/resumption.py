@@ -103,6 +103,13 @@ class StateKeeper:
 
         return max(0.0, (epoch_of(process) + process.scheduler.now - last_time(stored.contents)) / SECOND)
 
+    def _set_back(self, stored: Stored, process: RobotNode) -> int:
+        """How far the clock is before the last moment of the engine before (ns)."""
+        from fame.robot.restoring import epoch_of, last_time
+
+        seen = 0 if process.scheduler.is_simulated else round(self.directory.last_seen * SECOND)
+        return max(0, last_time(stored.contents), seen) - (epoch_of(process) + process.scheduler.now)
+
     # ---- writing -----------------------------------------------------------------------------------------------------
 
     def promise(self, candidate: Candidate) -> str:
@@ -167,7 +174,7 @@ class StateKeeper:
         self.recorder = recorder = Recorder(process, journal, on_trouble=self._on_trouble)
 
         def go_on() -> None:
-            recorder.go_on(tables, self.away(stored, process))
+            recorder.go_on(tables, self.away(stored, process), self._set_back(stored, process))
 
         return go_on
 

@@ -311,11 +311,11 @@ class Recorder:
 
     # ---- resumption --------------------------------------------------------------------------------------------------
 
-    def go_on(self, tables: Tables, away: float) -> None:
+    def go_on(self, tables: Tables, away: float, set_back: int = 0) -> None:
         """Go on with a restored engine, which was away for this long (s).
 
         The robot is brought to its safe state; what may not have left is sent; `RECOVERED` is raised; then timers are
-        set, and scripts start again.
+        set, and scripts start again. `set_back` is how far the clock is before the last moment known (ns).
         """
         node, engine = self.node, self.node.engine
         waits = engine.waits
@@ -327,7 +327,7 @@ class Recorder:
         self._leaving = {batch: list(self._again(found)) for batch, found in self._recorded.items()}
         self._next = tables["recorder"]["next"]
         node.host.make_safe("suspended")
-        missed = set_timers(node, tables)
+        missed = set_timers(node, tables, max(0, set_back))
         self._quiet = True  # until the new state is written as a whole, a second crash finds the old one
         if (
             RECOVERED in engine.listeners or RECOVERED in engine.program.starts
@@ -339,8 +339,11 @@ class Recorder:
         engine.run()
         self._quiet = False
         self._close_batch()
-        self.begin()
-        for batch in list(self._leaving):
+        try:
+            self.begin()
+        except OSError as error:
+            self._fail(error)
+        for batch in list(self._leaving) if not self._trouble else ():
             self._let_leave(batch)
         go_on(node)
         self.settled()

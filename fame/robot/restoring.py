@@ -36,8 +36,11 @@ def tables_of(node: RobotNode, epoch: int) -> Tables:
     }
 
 
-def set_timers(node: RobotNode, tables: Tables) -> list[Wait]:
-    """Set the timers of a restored engine. Returns the waits whose timer was missed and is to fail."""
+def set_timers(node: RobotNode, tables: Tables, set_back: int = 0) -> list[Wait]:
+    """Set the timers of a restored engine. Returns the waits whose timer was missed and is to fail.
+
+    Where the clock was `set_back` (ns), durations and cycles keep what was left of them; dates are those of the clock.
+    """
     failed, engine, policies = [], node.engine, node.mission.missed()
     for text, (kind, expression, base, fired) in tables.get("timers", {}).items():
         key = int(text)
@@ -45,7 +48,8 @@ def set_timers(node: RobotNode, tables: Tables) -> list[Wait]:
             continue
         element = engine.timed(key).id
         missed = policies.get(element, "fire")
-        late = node.host.timers.resume(key, kind, expression, base - epoch_of(node), fired, missed)
+        base -= epoch_of(node) + (set_back if kind != "date" else 0)
+        late = node.host.timers.resume(key, kind, expression, base, fired, missed)
         if late:
             node.host.report(element, f"{kind} timer {expression} came due while the engine was away: {missed}")
         if late and missed == "fail" and key in engine.waits:
