@@ -23,6 +23,10 @@ from fame.errors import MissionError
 MOVES = 10_000_000
 """Moves of tokens within one stimulus that count as a livelock."""
 
+TOKENS = 50_000
+"""Tokens of an engine, moving or waiting for a timer, script or message, that count as a livelock: each stimulus takes
+longer the more there are, and a loop that forks doubles them each time."""
+
 PORTION = 300
 """Moves after which observers are informed during a long stimulus."""
 
@@ -233,17 +237,32 @@ class Engine(EngineState):
                 else:
                     left, moves = left - portion, repeat(None, portion)
                     self.observe()
-                    if left > 0:
+                    if len(ready) > TOKENS:
+                        self._fail_crowd(node, scope)
+                    elif left > 0:
                         ready.appendleft((node, scope))
                     else:
                         self._fail_livelock(node, scope)
                         left = self.limit
+            if len(self.waits) > TOKENS and self._fail_newest():
+                continue
             if not (self.inclusive and gateways.decide_inclusive(self)):
                 break
         if self._trail:
             self.observe()
         if self.settled is not None:
             self.settled()
+
+    def _fail_newest(self) -> bool:
+        """Fail the instance of the newest wait. Returns whether that was possible."""
+        before, wait = len(self.waits), next(reversed(self.waits.values()))
+        self._fail_crowd(wait.node, wait.scope)
+        return len(self.waits) < before
+
+    def _fail_crowd(self, node: Node, scope: Scope) -> None:
+        """Fail an instance that has too many tokens."""
+        text = f"more than {TOKENS} tokens at a time: does a loop fork them?"
+        faults.abandon(self, scope.instance, node, text, "livelock")
 
     def _fail_livelock(self, node: Node, scope: Scope) -> None:
         """Trace the tokens of a livelock for a while to find the elements of the loop, then fail the instance."""

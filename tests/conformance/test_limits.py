@@ -148,6 +148,15 @@ def test_what_multiplies_without_end_fails(play: Play, monkeypatch: pytest.Monke
     assert not run.left_behind()
 
 
+def test_a_loop_that_forks_its_tokens_fails(play: Play, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fame.engine.interpreter.TOKENS", 500)
+    parts = gateway("exclusive", "m") + gateway("parallel", "g") + gateway("exclusive", "n")
+    run = play(start() + parts + path("s m g m") + path("g n m")).run()
+    assert (run.status, run.instance.error.code) == ("failed", "livelock")
+    assert "more than 500 tokens at a time" in str(run.instance.error)
+    assert not run.left_behind()
+
+
 def test_handlers_that_pile_up_fail(play: Play, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fame.engine.state.SCOPES", 20)
     piling = handler("h", start("t", signal("A"), interrupting=False) + user("k") + path("t k"))
