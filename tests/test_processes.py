@@ -568,3 +568,27 @@ def test_a_second_world_in_a_domain_is_refused_and_told_of_the_domain() -> None:
         first.send_signal(signal.SIGINT)
     assert second.returncode == 2
     assert second.stderr.startswith(f"fame: error: another world is on /clock in ROS domain {DOMAIN + 1}; for a second")
+
+
+def test_a_scenario_completes_tasks_and_publishes_signals_of_types_of_its_own_to_processes_too(tmp_path, field):
+    types = tmp_path / "msgs" / "orchard_msgs" / "msg"
+    types.mkdir(parents=True)
+    (types / "Apple.msg").write_text("float64 weight\nbool ripe\n")
+    properties = (
+        '<extensionElements><camunda:properties><camunda:property name="type" value="orchard_msgs/msg/Apple"/>'
+        "</camunda:properties></extensionElements>"
+    )
+    head = HEAD.replace(" targetN", ' xmlns:camunda="http://camunda.org/schema/1.0/bpmn" targetN')
+    (tmp_path / "m.bpmn").write_text(
+        f'{head}<signal id="G" name="go"/><process id="p" name="A" isExecutable="true"><startEvent id="s"/>'
+        '<userTask id="u"/>'
+        f'<intermediateCatchEvent id="c">{properties}<signalEventDefinition signalRef="G"/></intermediateCatchEvent>'
+        f"{flows('p', 's', 'u', 'c')}</process></definitions>"
+    )
+    path = tmp_path / "s.yaml"
+    path.write_text(
+        "model: m.bpmn\ncomputers: [A]\ntypes: [msgs]\ncomplete: {at: 0.5, robot: A, element: u}\n"
+        "signal: {at: 2, name: go, payload: {weight: 2}}\n"
+    )
+    code, said = field.fame("run", str(path), "--middleware", "dds", "--duration", "20")
+    assert (code, said["status"]) == (0, "completed"), said

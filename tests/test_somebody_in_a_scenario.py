@@ -103,11 +103,6 @@ def test_what_cannot_be_read_is_said(text: str, model: Path, capsys) -> None:
     assert err.count("\n") == 1
 
 
-def test_in_many_processes_it_is_fame_complete(model: Path, capsys) -> None:
-    assert main(["run", str(model), "--middleware", "dds", "--complete", "PORTER@7:load"]) == 2
-    assert "complete needs --middleware local: fame complete reaches robots" in capsys.readouterr().err
-
-
 def test_an_argument_that_is_none_is_named(model: Path) -> None:
     with pytest.raises(fame.ConfigError, match="completions: expected a Completion"):
         Scenario.load(model, completions=["PORTER@7:load"])  # type: ignore[list-item]

@@ -80,6 +80,11 @@ def _add_processes(parser: ArgumentParser) -> None:
         help="with separate processes: each engine keeps its mission in DIR/ROBOT; one that dies is started again",
     )  # fmt: skip
     parser.add_argument(
+        "--key", type=Path, metavar="FILE.key",
+        help="with separate processes: the engines run what is signed with this key, so that fame deploy --key can "
+        "redeploy them (default: a key of this run alone)",
+    )  # fmt: skip
+    parser.add_argument(
         "--real-time", action="store_true", help="run at wall-clock speed instead of as fast as possible"
     )
     parser.add_argument(
@@ -128,6 +133,8 @@ def run(arguments: Namespace) -> int:
         raise ConfigError("--state needs --middleware dds, zenoh or ros; in one process see Simulation.save")
     if arguments.lockstep:
         raise ConfigError("--lockstep needs --middleware dds or zenoh")
+    if arguments.key is not None:
+        raise ConfigError("--key needs --middleware dds, zenoh or ros: nothing is deployed to one process")
     if arguments.real_time and arguments.view:
         raise ConfigError("--real-time does not go with --view: it runs at wall-clock speed, or at --speed")
     _check_drawings(arguments, scenario)
@@ -188,11 +195,6 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     for option in wanted:
         if getattr(arguments, option):
             raise ConfigError(f"--{option} needs --middleware local: world and engines are in other processes")
-    if scenario.completions:
-        text = "complete needs --middleware local: fame complete reaches robots in processes of their own"
-        raise ConfigError(text, file=scenario.file)
-    if scenario.signals:
-        raise ConfigError("signal needs --middleware local", file=scenario.file)
     _check_drawings(arguments, scenario)
     if arguments.state is not None:
         from fame.robot.journal import StateDirectory
@@ -212,6 +214,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
                 types=arguments.types,
                 logs=logs,
                 state=arguments.state,
+                key=arguments.key,
             ).run()
         if logs is not None:
             result = logs.finish(result, drawings=drawings)

@@ -38,16 +38,14 @@ def new_keys(stem: Path) -> tuple[Path, Path]:
     encoding, none = serialization.Encoding.PEM, serialization.NoEncryption()
     secret.touch(mode=0o600)
     secret.write_bytes(private.private_bytes(encoding, serialization.PrivateFormat.PKCS8, none))
-    _write_public(private, public)
+    write_public(private, public)
     return secret, public
 
 
 def new_run_key(public: Path) -> Ed25519PrivateKey:
     """Make a secret key that stays in this process; the public key goes to a file, for `read_trusted` of others."""
     ed25519, _ = _cryptography()
-    private: Ed25519PrivateKey = ed25519.Ed25519PrivateKey.generate()
-    _write_public(private, public)
-    return private
+    return write_public(ed25519.Ed25519PrivateKey.generate(), public)
 
 
 def read_private(path: Path) -> Ed25519PrivateKey:
@@ -153,7 +151,8 @@ def verify_signature(content: Mapping[str, Any], trusted: Sequence[Ed25519Public
     signature = content.get("signature", "")
     if not signature:
         raise DeploymentError(
-            "not signed; this robot runs only deployments signed with a trusted key", cause="signature"
+            "not signed; this robot runs only deployments signed with a trusted key (of a team of fame run: its --key)",
+            cause="signature",
         )
     try:
         blob = base64.b64decode(signature, validate=True)
@@ -165,7 +164,9 @@ def verify_signature(content: Mapping[str, Any], trusted: Sequence[Ed25519Public
             return
         except InvalidSignature:
             continue
-    raise DeploymentError("not signed by a key that this robot trusts", cause="signature")
+    raise DeploymentError(
+        "not signed by a key that this robot trusts (a team of fame run trusts its --key)", cause="signature"
+    )
 
 
 def signer(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> str:
@@ -193,10 +194,12 @@ def verify(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now:
         raise DeploymentError("signed for another run of this robot's engine: it may be a replay", cause="replay")
 
 
-def _write_public(private: Ed25519PrivateKey, path: Path) -> None:
+def write_public(private: Ed25519PrivateKey, path: Path) -> Ed25519PrivateKey:
+    """Write the public key of a secret key, which is returned, to a file."""
     _, serialization = _cryptography()
     info = serialization.PublicFormat.SubjectPublicKeyInfo
     path.write_bytes(private.public_key().public_bytes(serialization.Encoding.PEM, info))
+    return private
 
 
 def _signed_part(content: Mapping[str, Any]) -> bytes:

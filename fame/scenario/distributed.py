@@ -21,12 +21,16 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from fame.check.gate import refuse_errors
-from fame.clock import SECOND, Kind, date_text
+from fame.clock import SECOND, Kind, Scheduler, date_text
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
 from fame.deploy.authentication import GONE, ReportReader
-from fame.deploy.signing import new_run_key
-from fame.middleware.interface import LATCHED
+from fame.deploy.requests import TaskClient, TaskRequest
+from fame.deploy.signing import new_run_key, read_private, write_public
+from fame.middleware import messages, qos
+from fame.middleware.interface import LATCHED, Publisher
+from fame.middleware.simulated_time import ClockFollower
 from fame.robot.events import Event
+from fame.scenario.plan import Completion, OutsideSignal, published_from_outside
 from fame.scenario.process import (
     PARENT,
     ScriptWarning,
@@ -67,7 +71,8 @@ class Team:
 
     `on_status` is called with the status of the team several times a second, `on_line` with each line that a process
     prints. A world runs at `speed` times wall-clock speed (1 by default; in `lockstep` as fast as possible). `types`
-    are folders of message types; `logs` record the team. In the folder `state` each engine keeps its mission: one that
+    are folders of message types; `logs` record the team. With a secret `key` the engines run what is signed with it,
+    so that the team can be redeployed. In the folder `state` each engine keeps its mission: one that
     dies is started again, at most `RESTARTS` times, and goes on. Raises ModelError for errors of the model before
     anything is started.
     """
@@ -87,11 +92,13 @@ class Team:
         types: Sequence[Path] = (),
         logs: TeamLogs | None = None,
         state: Path | None = None,
+        key: Path | None = None,
     ) -> None:
         refuse_errors(scenario.definitions, scenario.processes(), scenario.library)
         self.scenario, self.backend, self._on_status, self._on_line = scenario, backend, on_status, on_line
         self._speed, self._lockstep = speed, lockstep
         self._types, self._state = types, state
+        self._key = read_private(key) if key is not None else None
         self._lines: dict[str, list[str]] = {}
         self._restarts: dict[str, int] = {}
         self.scheduler = scheduler_for(backend)
@@ -182,7 +189,7 @@ class Team:
         self.scheduler.stop()
 
     def _start(self, trust: Path) -> None:
-        self._key = new_run_key(trust)
+        self._key = write_public(self._key, trust) if self._key is not None else new_run_key(trust)
         self._lines = command_lines(
             self.scenario,
             self.backend,
@@ -237,6 +244,15 @@ class Team:
             )
         node.subscription(WORLD_STATE, STRING, self._on_world_state, LATCHED)
         self._resume_world = node.client(RESUME, EMPTY)
+        self._node = node
+        self._senders = [
+            (node.publisher(sent.topic, sent.type, qos.parse(sent.qos)), sent) for sent in self.scenario.signals
+        ]
+        self._due = len(self._senders)
+        self._clock: Scheduler = self.scheduler
+        if self.scenario.world is not None and (self._senders or self.scenario.completions):
+            self._clock = follower = ClockFollower(self.scheduler)
+            follower.subscribe(node)
 
     def _reader(self, robot: str) -> ReportReader:
         """Reads reports of an engine; one that is started again has another key."""
@@ -284,17 +300,56 @@ class Team:
             self._fail(*map(str, deployment.robots.values()))
             return
         self._until = self._time + self.scenario.duration
+        for done in self.scenario.completions:
+            self._clock.after(round(done.time * SECOND), partial(self._complete, done))
+        for publisher, sent in self._senders:
+            self._clock.after(round(sent.time * SECOND), partial(self._publish, publisher, sent))
         if self._lockstep and self.scenario.world is not None:
             self._resume_world.call(None, lambda response: None)
 
+    def _complete(self, done: Completion) -> None:
+        """Complete a task in the place of a person, and report the robot's answer."""
+        client: TaskClient
+        request = TaskRequest(
+            id=f"scenario-{os.getpid()}-{self.scenario.completions.index(done)}",
+            element=done.element,
+            values=done.values,
+            who="the scenario",
+        )
+
+        def answered(report: Report) -> None:
+            client.close()
+            refused = report.answer == "refused"
+            text = f"could not be completed by a person: {report.reason}" if refused else "completed by a person"
+            self._report(done.robot, done.element, text)
+
+        client = TaskClient(
+            done.robot, request, node=self._node, scheduler=self.scheduler, answered=answered, key=self._key
+        )
+
+    def _publish(self, publisher: Publisher, sent: OutsideSignal, tries: int = 50) -> None:
+        """Publish a signal in the place of somebody outside, as soon as somebody has subscribed."""
+        if publisher.subscriber_count() == 0 and tries:
+            self.scheduler.after(SECOND // 50, partial(self._publish, publisher, sent, tries - 1), Kind.TIMER)
+            return
+        lost = "" if publisher.subscriber_count() else "; nobody has subscribed to it"
+        publisher.publish(messages.create(sent.type, sent.payload))
+        self._due -= 1
+        self._report("", "", published_from_outside(sent) + lost)
+
+    def _report(self, robot: str, element: str, text: str) -> None:
+        event = Event(round((self._time - self._began) * SECOND), robot, 0, 0, element, "report", text)
+        self._events.append(event)
+        self._on_line(robot or "outside", event_text(event))
+
     def _check_over(self) -> None:
         """If the mission seems over, confirm it after a delay: the last messages may still be in flight."""
-        if not self._over and is_over(self._robots()):
+        if not self._over and not self._due and is_over(self._robots()):
             self._over = True
             self.scheduler.after(SECOND // 2, self._confirm_over, Kind.TIMER)
 
     def _confirm_over(self) -> None:
-        self._over = is_over(self._robots())
+        self._over = not self._due and is_over(self._robots())
         if not self._over:
             return
         if self.scenario.world is None:
