@@ -1,24 +1,33 @@
-"""Finds called processes: in the file of the caller, then in files of the library path.
+"""Finds called processes.
 
-`calledElement` is the id of a process of the same file, or the name of a file ``<name>.bpmn`` in a folder of the
-library path, which has a process of that id or only one process. Each file is looked for and read once.
+A call names a process by its id. It is looked for in the file of the call, then level by level: in the folders of
+``--library``, beside that file, in the folder ``library`` there, and in FAME's own library. At each level it is the
+process with that id in any file, else the only process of ``<name>.bpmn``. A level with two of them is ambiguous.
+
+Files are searched for the ids of their processes as text; only those that have the name are read. A file that nobody
+calls may therefore be broken. A model that was sent has no folder, and nothing is looked for beside it.
 """
 
 from __future__ import annotations
 
 import difflib
+import html
 import os
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
 
 from fame.bpmn.model import CallActivity, Definitions, Process
 from fame.errors import ConfigError, ModelError
 
+Find = Callable[[Definitions, CallActivity], tuple[Definitions, Process] | None]
+"""The process that a call activity of a file calls, with its file; None if it is not known."""
+
 
 def _models() -> Path:
     """Return the folder ``models``: inside the package where that is installed, beside it in a source tree."""
-    package = Path(str(files("fame")))
+    package = Path(str(files("fame"))).resolve()
     return next(path for path in (package / "models", package.parent / "models") if path.is_dir())
 
 
@@ -27,7 +36,7 @@ BUILT_IN: tuple[Path, ...] = (_models() / "library", _models() / "monitoring", _
 
 
 class Library:
-    """The library path: `folders`, the folder of the calling file, its subfolder ``library``, the built-in library.
+    """Where called processes are found: see above. `folders` are those of ``--library``.
 
     Raises ConfigError for a folder that does not exist.
     """
@@ -40,28 +49,43 @@ class Library:
             if not folder.is_dir():
                 raise ConfigError("is not a folder; the library path has folders of .bpmn files", file=str(folder))
         self._files: dict[Path, Definitions] = {}
-        self._found: dict[tuple[str, str], tuple[Definitions, Process]] = {}  # (file of the caller, called element)
+        self._folders: dict[Path, dict[Path, frozenset[str]]] = {}  # the files of a folder, and their processes
+        self._unreadable: dict[Path, list[Path]] = {}
+        self._sent: set[str] = set()
+        self._found: dict[tuple[str, Path | None, str], tuple[Definitions, Process]] = {}
 
     @property
     def declared(self) -> Library:
         """The library whose files declare the topics: this one, unless some of its processes are replaced."""
         return self
 
-    def folders_for(self, file: str) -> Iterator[Path]:
-        """The folders to search for the processes that `file` calls."""
-        yield from self.folders
-        if file and not file.startswith("<"):
-            caller_folder = Path(file).parent
-            yield from (caller_folder, caller_folder / "library")
-        yield from BUILT_IN
+    def levels(self, caller: Definitions) -> Iterator[tuple[Path, ...]]:
+        """The folders to search for the processes that a file calls, level by level."""
+        yield self.folders
+        if caller.path is not None:
+            yield (caller.path.parent,)
+            yield (caller.path.parent / "library",)
+        yield BUILT_IN
+
+    def names(self, caller: Definitions) -> set[str]:
+        """What a file can call: the ids of processes, and the names of files."""
+        found = {process.id for process in caller.processes}
+        for path, ids in (
+            each for level in self.levels(caller) for folder in level for each in self._listed(folder).items()
+        ):
+            found |= {path.stem, *ids}
+        return found
 
     def read(self, path: Path) -> Definitions:
-        """The model of a file, which is read once. Raises ModelError."""
+        """The model of a file, which is read once. Raises ModelError.
+
+        Models are told apart by the names of their files: that of a model that was sent is not given to a file.
+        """
         from fame.bpmn.reader import read
 
         key = path.resolve()
         if key not in self._files:
-            self._files[key] = read(path)
+            self._files[key] = read(key if str(path) in self._sent else path)
         return self._files[key]
 
     def find(self, caller: Definitions, call: CallActivity) -> tuple[Definitions, Process]:
@@ -72,34 +96,84 @@ class Library:
         process = caller.process(call.called)
         if process is not None:
             return caller, process
-        key = (caller.file, call.called)
+        key = (caller.file, caller.path, call.called)
         if key not in self._found:
-            self._found[key] = self._find_file(caller, call)
+            if caller.path is not None:
+                self._files.setdefault(caller.path.resolve(), caller)
+            elif caller.sent:
+                self._sent.add(caller.file)
+            self._found[key] = self._search(caller, call)
         return self._found[key]
 
-    def _find_file(self, caller: Definitions, call: CallActivity) -> tuple[Definitions, Process]:
-        searched = []
-        for folder in self.folders_for(caller.file):
-            path = folder / f"{call.called}.bpmn"
-            if os.path.isfile(path) and "/" not in call.called:  # pathlib raises for a name that is too long
-                definitions = self.read(path)
-                process = definitions.process(call.called)
-                if process is None and len(definitions.processes) == 1:
-                    process = definitions.processes[0]
-                if process is not None:
-                    return definitions, process
-                has = ", ".join(item.id for item in definitions.processes)
-                text = f"{_short(path)} has no process {call.called!r}: it has {has}"
+    def _search(self, caller: Definitions, call: CallActivity) -> tuple[Definitions, Process]:
+        for level in self.levels(caller):
+            found = self._with_id(level, call.called) or self._named(level, caller, call.called)
+            if len(found) > 1:
+                places = " and ".join(sorted(_short(Path(home.file)) for home, _ in found))
+                text = f"called element {call.called!r} is ambiguous: expected one process, found {places}"
                 raise ModelError.at(call, text, file=caller.file)
-            searched.append("the built-in library" if folder in BUILT_IN else _short(folder))
-        text = f"called element {call.called!r}: found neither a process of this file nor {call.called}.bpmn in"
-        folders = ", ".join(dict.fromkeys(searched))
-        raise ModelError.at(call, f"{text} {folders}{self._similar(caller, call.called)}", file=caller.file)
+            if found:
+                return found[0]
+        raise ModelError.at(call, self._not_found(caller, call.called), file=caller.file)
+
+    def _with_id(self, level: Sequence[Path], name: str) -> list[tuple[Definitions, Process]]:
+        """The processes with that id. Raises ModelError if the only file that seems to have one cannot be read."""
+        found: list[tuple[Definitions, Process]] = []
+        broken: list[ModelError] = []
+        for path in self._unique(level, lambda path, ids: name in ids):
+            try:
+                home = self.read(path)
+            except ModelError as error:
+                broken.append(error)
+            else:
+                process = home.process(name)  # what looked like one may stand in a comment
+                found += [(home, process)] if process is not None else []
+        if broken and not found:
+            raise broken[0]
+        return found
+
+    def _named(self, level: Sequence[Path], caller: Definitions, name: str) -> list[tuple[Definitions, Process]]:
+        """The only process of each file ``<name>.bpmn``; no file means itself. Raises ModelError."""
+        homes = [self.read(path) for path in self._unique(level, lambda path, ids: path.stem == name)]
+        return [(home, home.processes[0]) for home in homes if len(home.processes) == 1 and home.path != caller.path]
+
+    def _unique(self, level: Sequence[Path], wanted: Callable[[Path, frozenset[str]], bool]) -> list[Path]:
+        """The wanted files of a level, each once, whatever the names of its folders."""
+        listed = (each for folder in level for each in self._listed(folder).items())
+        return list({path.resolve(): path for path, ids in listed if wanted(path, ids)}.values())
+
+    def _listed(self, folder: Path) -> dict[Path, frozenset[str]]:
+        """The files of a folder, with the ids that their processes seem to have. It is looked through once."""
+        if folder not in self._folders:
+            names = sorted(name for name in _entries(folder) if name.endswith(".bpmn") and name[0] != ".")
+            paths = (folder / name for name in names)
+            self._folders[folder] = {path: _process_ids(_content(path)) for path in paths if path.is_file()}
+        return self._folders[folder]
+
+    def _not_found(self, caller: Definitions, name: str) -> str:
+        folders = [folder for level in self.levels(caller) for folder in level]
+        places = dict.fromkeys("the built-in library" if folder in BUILT_IN else _short(folder) for folder in folders)
+        text = f"called element {name!r}: found neither a process of this file nor {name}.bpmn in {', '.join(places)}"
+        for path in (path for folder in folders for path in self._listed(folder) if path.stem == name):
+            has = ", ".join(process.id for process in self.read(path).processes) or "none"
+            text += f"; {_short(path)} has no process {name!r}: it has {has}"
+        broken = [_short(path) for folder in folders for path in self._broken(folder)]
+        if broken:
+            more = f" and {len(broken) - _SHOWN} more" if len(broken) > _SHOWN else ""
+            text += f"; cannot be read, and may have it: {', '.join(broken[:_SHOWN])}{more}"
+        return text + self._similar(caller, name)
+
+    def _broken(self, folder: Path) -> list[Path]:
+        """What cannot be read: the folder, or files of it."""
+        if folder not in self._unreadable:
+            denied = folder.is_dir() and not os.access(folder, os.R_OK | os.X_OK)
+            found = [] if folder in BUILT_IN else [path for path in self._listed(folder) if not _is_readable(path)]
+            self._unreadable[folder] = [folder] if denied else found
+        return self._unreadable[folder]
 
     def _similar(self, caller: Definitions, called: str) -> str:
         """``; did you mean ...?`` with a similar name of a process or library file, or an empty text."""
-        known = {process.id for process in caller.processes}
-        known.update(path.stem for folder in self.folders_for(caller.file) for path in folder.glob("*.bpmn"))
+        known = self.names(caller)
         plain = called.strip().removesuffix(".bpmn").replace(" ", "").lower()
         similar = difflib.get_close_matches(plain, sorted(name.lower() for name in known), 1)
         return "".join(f"; did you mean {name!r}?" for name in sorted(known) if [name.lower()] == similar)
@@ -110,25 +184,35 @@ class Library:
         Calls without a called element are skipped, since the compiler refuses them. Raises ModelError for a called
         process that is not found.
         """
-        found = [(definitions, process)]
-        keys = {(definitions.file, process.id)}
-        for home, item in found:
-            for node in _calls(item):
-                called = self.find(home, node)
-                key = (called[0].file, called[1].id)
-                if key not in keys:
-                    keys.add(key)
-                    found.append(called)
-        return found
+        return closure(definitions, process, self.find)
 
-    def called(self, definitions: Definitions, process: Process) -> dict[str, tuple[Definitions, str]]:
-        """Called element -> its file and process id, for all calls in the closure; see `fame.bpmn.extract_process`."""
-        names: dict[str, tuple[Definitions, str]] = {}
-        for home, item in self.closure(definitions, process):
-            for node in _calls(item):
-                there, target = self.find(home, node)
-                names[node.called] = (there, target.id)
-        return names
+
+def closure(definitions: Definitions, process: Process, find: Find) -> list[tuple[Definitions, Process]]:
+    """A process and all that it calls and `find` knows, at any depth, each once, breadth first."""
+    found = [(definitions, process)]
+    keys = {(identity(definitions), process.id)}
+    for home, item in found:
+        for called in (find(home, call) for call in calls_of(item)):
+            if called is not None and (identity(called[0]), called[1].id) not in keys:
+                keys.add((identity(called[0]), called[1].id))
+                found.append(called)
+    return found
+
+
+def identity(definitions: Definitions) -> str | bytes:
+    """What tells a file from others: its name, or its content if it has no name."""
+    return definitions.file or definitions.source
+
+
+def calls_of(process: Process) -> Iterator[CallActivity]:
+    """The call activities of a process that name what they call."""
+    nodes = (node for node in process.body.walk() if isinstance(node, CallActivity))
+    return (node for node in nodes if node.called and not node.refused)
+
+
+def is_built_in(definitions: Definitions) -> bool:
+    """Whether a file is one of FAME's own library."""
+    return definitions.path is not None and definitions.path.parent.resolve() in BUILT_IN
 
 
 def _why_no_call(call: CallActivity) -> str:
@@ -140,12 +224,60 @@ def _why_no_call(call: CallActivity) -> str:
     return call.refused
 
 
-def _calls(process: Process) -> Iterator[CallActivity]:
-    """The call activities of a process that name what they call."""
-    nodes = (node for node in process.body.walk() if isinstance(node, CallActivity))
-    return (node for node in nodes if node.called and not node.refused)
-
-
 def _short(path: Path) -> str:
     """A path for people: from the working directory on, if it is in there."""
     return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
+
+
+# ---- files as text ---------------------------------------------------------------------------------------------------
+
+_SHOWN = 3
+_PROCESS = re.compile(rb"<(?:[^\s<>:/]+:)?process(\s(?:[^<>\"']|\"[^\"]*\"|'[^']*')*+)>")
+_ID = re.compile(rb"\sid\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
+_OTHER_ENCODING = re.compile(rb"\A\s*<\?xml[^>]*\sencoding\s*=\s*[\"'](?!utf-8|us-ascii)", re.IGNORECASE)
+
+
+def _entries(folder: Path) -> list[str]:
+    try:
+        return os.listdir(folder)
+    except OSError:
+        return []
+
+
+def _content(path: Path) -> bytes:
+    """The content of a file; nothing if it cannot be read."""
+    from fame.bpmn.reader.xml import LIMIT
+
+    try:
+        return path.read_bytes() if path.stat().st_size <= LIMIT else b""
+    except OSError:
+        return b""
+
+
+def _process_ids(content: bytes) -> frozenset[str]:
+    """The ids that the processes of a file seem to have: a comment counts, too."""
+    if b"\0" in content or _OTHER_ENCODING.match(content):
+        content = _as_utf8(content)
+    ids = (part for found in _PROCESS.finditer(content) for pair in _ID.findall(found[1]) for part in pair if part)
+    return frozenset(html.unescape(id.decode(errors="replace")) for id in ids)
+
+
+def _as_utf8(content: bytes) -> bytes:
+    from lxml import etree
+
+    from fame.bpmn.reader.xml import parse
+
+    try:
+        return etree.tostring(parse(content, ""), encoding="utf-8")
+    except ModelError:
+        return b""
+
+
+def _is_readable(path: Path) -> bool:
+    from fame.bpmn.reader.xml import parse
+
+    try:
+        parse(_content(path), str(path))
+    except ModelError:
+        return False
+    return True

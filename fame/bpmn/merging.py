@@ -175,8 +175,6 @@ def copy_fragment(
     for process in processes:
         fragment.processes.append(deepcopy(by_id[process.id]))
         _write_types(fragment.processes[-1], process, types)
-        if process.by_prefix and not _has_property(fragment.processes[-1], "fields"):
-            add_property(fragment.processes[-1], "fields", "prefix")  # its reason may be in another pool
     for process_copy in fragment.processes:
         _copy_shared_stores(process_copy, fragment, root)
     if pool is not None:
@@ -323,7 +321,7 @@ def _holders(element: Node, node: FlowNode, count: int) -> list[Node]:
     return [one for one in element.iterchildren("*") if one.tag in tags]
 
 
-def _has_property(element: Node, name: str) -> bool:
+def has_property(element: Node, name: str) -> bool:
     """Whether the extension elements of the element have a property of that name."""
     extensions = element.find(_EXTENSION_ELEMENTS)
     return extensions is not None and any(one.get("name") == name for one in extensions.iter("*"))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
-from fame.bpmn.topics import TopicUse, topic_table
+from fame.bpmn.topics import TopicUse, topics_of_processes
 from fame.errors import ConfigError, ModelError
 from fame.text import NAMES, is_ros_name
 
@@ -65,13 +65,9 @@ def pools_of(definitions: Definitions) -> list[Pool]:
 
 def shared_topics(definitions: Definitions, pools: Sequence[Pool], library: Library) -> Mapping[str, TopicUse]:
     """The topics of a collaboration, including called processes. Raises ModelError for a topic with two types."""
-    files: dict[str, Definitions] = {definitions.file: definitions}
-    processes: list[str] = []
-    for pool in pools:
-        for home, process in library.closure(definitions, pool.process):
-            files[home.file] = home
-            processes.append(process.id)
-    return topic_table(list(files.values()), processes)
+    closures = (library.closure(definitions, pool.process) for pool in pools)
+    found = {(home.file, process.id): (home, process) for closure in closures for home, process in closure}
+    return topics_of_processes(found.values())
 
 
 def assign_pools(

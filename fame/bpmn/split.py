@@ -2,27 +2,30 @@
 
 It works on the XML, so that unknown content is kept. A new file has the pool and its process, the processes that it
 calls, the root elements that these use (signals, messages, errors ...), and their diagrams. Ids that several source
-files use get a number. Every event gets the message type of its topic, since the event that gives the type may be in
-another robot's file.
+files use get a number; what is named by its id keeps that as a name. Every call names the process that it called in its
+own file. Every event gets the message type of its topic, since the event that gives the type may be in another robot's
+file.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 
 from lxml import etree
 
-from fame.bpmn.library import Library
-from fame.bpmn.merging import Fragment, copy_fragment
+from fame.bpmn.library import Find, Library, calls_of, closure, identity
+from fame.bpmn.merging import Fragment, add_property, copy_fragment, has_property
 from fame.bpmn.model import CallActivity, Definitions, Participant, Process
 from fame.bpmn.pools import pools_of, shared_topics
 from fame.bpmn.reader import read
+from fame.bpmn.reader.dialects import is_original_fame
 from fame.bpmn.reader.dialects.original_fame import CALL
-from fame.bpmn.reader.xml import BPMN, CAMUNDA, ZEEBE, Node, resolve, unique_ids
+from fame.bpmn.reader.expressions import variable_name
+from fame.bpmn.reader.xml import BPMN, CAMUNDA, ZEEBE, Node, local_id, unique_ids
 from fame.errors import ModelError
 
 _B = f"{{{BPMN}}}"
@@ -44,10 +47,6 @@ class Part:
         return re.sub(r"[^\w.-]+", "_", self.name).strip("._") + ".bpmn"
 
 
-CalledProcesses = Mapping[str, tuple[Definitions, str]]
-"""Called element -> its file, and the id of the process there."""
-
-
 def split(definitions: Definitions | str | Path, library: Library | None = None) -> list[Part]:
     """One self-contained model per pool: its process, called processes, signals with their types, and diagram.
 
@@ -55,7 +54,8 @@ def split(definitions: Definitions | str | Path, library: Library | None = None)
     """
     definitions, library = read(definitions), library or Library()
     pools = pools_of(definitions)
-    types = {name: use.declared for name, use in shared_topics(definitions, pools, library).items() if use.declared}
+    shared = shared_topics(definitions, pools, library)
+    types = {name: use.declared for name, use in shared.items() if use.declared and name[0] == "/"}
     return [
         Part(
             pool.name,
@@ -65,7 +65,7 @@ def split(definitions: Definitions | str | Path, library: Library | None = None)
                 definitions,
                 pool.process.id,
                 name=pool.name if definitions.participants else "",
-                called=library.called(definitions, pool.process),
+                find=library.find,
                 topic_types=types,
             ),
         )
@@ -78,18 +78,19 @@ def extract_process(
     process_id: str,
     *,
     name: str = "",
-    called: CalledProcesses | None = None,
+    find: Find | None = None,
     topic_types: Mapping[str, str] | None = None,
 ) -> bytes:
     """One process as a self-contained executable file, UTF-8.
 
-    `name` selects the pool if several have this process, and becomes the name of the pool. `called` maps called
-    elements, at any depth, to processes; processes of the same file may be omitted. `topic_types` maps qualified topics
-    to types. Message flows are left out, since topics carry the messages. Raises ModelError if a process is missing.
+    `name` selects the pool if several have this process, and becomes the name of the pool. `find` gives the processes
+    that are called, by default those of the same file; other calls stay as they are. `topic_types` maps qualified
+    topics to types. Message flows are left out, since topics carry the messages. Raises ModelError if there is no such
+    process.
     """
     process = _process(definitions, process_id)
-    reached = _reachable(definitions, process, called or {})
-    files = _by_file(definitions, process, reached.values())
+    find = find or _in_its_file
+    files = _by_file(closure(definitions, process, find))
     pool = _pool(definitions, process_id, name)
     fragments: list[Fragment] = []
     taken: set[str] = set()
@@ -97,10 +98,12 @@ def extract_process(
         fragment = copy_fragment(file, processes, pool if file is definitions else None, topic_types or {})
         _make_unique(fragment, taken)
         fragments.append(fragment)
-    homes = {_key(fragment.definitions): fragment for fragment in fragments}
-    ids = {key: homes[_key(file)].ids[id] for key, (file, id) in reached.items()}
-    for fragment in fragments:
-        _update_calls(fragment, ids)
+    _write_defaults(fragments, [processes for _, processes in files])
+    ids = {identity(fragment.definitions): fragment.ids for fragment in fragments}
+    for fragment, (file, processes) in zip(fragments, files, strict=True):
+        calls = (call for one in processes for call in calls_of(one))
+        targets = ((call.called, target) for call in calls if (target := find(file, call)) is not None)
+        _update_calls(fragment, {name: ids[identity(home)][one.id] for name, (home, one) in targets})
     if fragments[0].collaboration is not None and name:
         next(fragments[0].collaboration.iterchildren(f"{_B}participant")).set("name", name)
     return etree.tostring(_assemble(fragments), xml_declaration=True, encoding="UTF-8") + b"\n"
@@ -114,38 +117,17 @@ def _process(definitions: Definitions, id: str) -> Process:
     return process
 
 
-def _by_file(
-    definitions: Definitions, process: Process, reached: Iterable[tuple[Definitions, str]]
-) -> list[tuple[Definitions, list[Process]]]:
-    """The files with their needed processes; the file of the pool comes first."""
-    found = {_key(definitions): (definitions, [process])}
-    for file, id in reached:
-        home, processes = found.setdefault(_key(file), (file, []))
-        if all(one.id != id for one in processes):
-            processes.append(_process(home, id))
-    return list(found.values())
+def _by_file(found: Sequence[tuple[Definitions, Process]]) -> list[tuple[Definitions, list[Process]]]:
+    """The files with their needed processes, in the order in which they are met."""
+    files: dict[str | bytes, tuple[Definitions, list[Process]]] = {}
+    for home, process in found:
+        files.setdefault(identity(home), (home, []))[1].append(process)
+    return list(files.values())
 
 
-def _key(definitions: Definitions) -> str | bytes:
-    """The identity of a file: its name, or its content if it has no name."""
-    return definitions.file or definitions.source
-
-
-def _reachable(
-    definitions: Definitions, process: Process, called: CalledProcesses
-) -> dict[str, tuple[Definitions, str]]:
-    """All processes called directly or indirectly; all of `called` if a called element is computed."""
-    found: dict[str, tuple[Definitions, str]] = {}
-    waiting = [(definitions, process)]
-    for file, one in waiting:
-        for node in one.body.walk():
-            if isinstance(node, CallActivity):
-                named = {node.called: called.get(node.called) or (file, node.called)}
-                for key, target in (called if node.called_expression is not None else named).items():
-                    if key not in found and (key in called or file.process(key) is not None):
-                        found[key] = target
-                        waiting.append((target[0], _process(*target)))
-    return found
+def _in_its_file(home: Definitions, call: CallActivity) -> tuple[Definitions, Process] | None:
+    process = home.process(call.called)
+    return None if process is None else (home, process)
 
 
 def _pool(definitions: Definitions, process_id: str, name: str) -> Participant | None:
@@ -159,18 +141,44 @@ def _pool(definitions: Definitions, process_id: str, name: str) -> Participant |
 
 def _make_unique(fragment: Fragment, taken: set[str]) -> None:
     """Number the ids that are already taken, and their uses in the fragment."""
+    for element in fragment.elements():
+        if element.get("id") in taken:
+            _name_by_id(element)
     renamed = unique_ids(fragment.everything(), taken)
     fragment.ids = {id: renamed.get(id, id) for id in fragment.ids}
 
 
+def _name_by_id(element: Node) -> None:
+    """Give an element the name that the reader takes from its id."""
+    name = element.get("name", "").strip()
+    if element.tag in _VARIABLES and name:
+        element.set("name", variable_name(element))
+    elif element.tag in _ROOTS or any(map(_refers_to_none, _with_topic(element))):
+        element.set("name", name or element.get("id", ""))
+
+
+def _with_topic(element: Node) -> list[Node]:
+    """The element or its definitions that refer to a signal or message."""
+    tags = (f"{_B}signalEventDefinition", f"{_B}messageEventDefinition")
+    return [element] if element.tag in (f"{_B}sendTask", f"{_B}receiveTask") else list(element.iterchildren(*tags))
+
+
+def _refers_to_none(element: Node) -> bool:
+    return not element.get("signalRef") and not element.get("messageRef")
+
+
+_ROOTS = {f"{_B}{name}" for name in ("signal", "message", "error", "escalation", "operation", "correlationProperty")}
+_VARIABLES = {f"{_B}{name}" for name in ("property", "dataInput", "dataOutput")}
+
+
 def _update_calls(fragment: Fragment, ids: Mapping[str, str]) -> None:
-    """Update the called elements to the ids in the new file."""
+    """Let the calls of a fragment name the processes as in the new file; `ids` are by called element."""
     for element in fragment.elements():
         for tag, attribute in _CALLS:
-            value = element.get(attribute) if element.tag == tag else None
-            called = resolve(ids, value)
-            if called is not None:
-                element.set(attribute, called)
+            if element.tag == tag and element.get(attribute):
+                called = ids.get(element.get(attribute, "").strip()) or ids.get(local_id(element, attribute))
+                if called is not None:
+                    element.set(attribute, called)
 
 
 _CALLS = (
@@ -178,6 +186,35 @@ _CALLS = (
     (f"{{{ZEEBE}}}calledElement", "processId"),
     (f"{{{CALL}}}process", "process"),
 )
+
+
+# ---- what holds for a whole file -------------------------------------------------------------------------------------
+
+_CODE = {
+    f"{_B}{name}"
+    for name in ("script", "conditionExpression", "condition", "activationCondition", "completionCondition",
+                 "transformation", "from", "messagePath")
+}  # fmt: skip
+
+
+def _write_defaults(fragments: Sequence[Fragment], processes: Sequence[Sequence[Process]]) -> None:
+    """Write what each file says for all of its processes into these, since other files say something else."""
+    roots = [fragment.root for fragment in fragments]
+    if any(map(is_original_fame, roots)):
+        for fragment, models in zip(fragments, processes, strict=True):
+            for copy, process in zip(fragment.processes, models, strict=True):
+                if not has_property(copy, "fields"):
+                    add_property(copy, "fields", "prefix" if process.by_prefix else "associations")
+    if len({root.get("expressionLanguage") for root in roots}) > 1:
+        for fragment in fragments:
+            language = fragment.root.attrib.pop("expressionLanguage", "")
+            for element in fragment.elements() if language else ():
+                if element.tag in _CODE and not element.get("language"):
+                    element.set("language", language)
+    if fragments[0].collaboration is None:  # no pool says which one is to be run
+        copies = [copy for fragment in fragments for copy in fragment.processes]
+        for copy in copies if len(copies) > 1 else ():
+            copy.set("isExecutable", "true" if copy is copies[0] else "false")
 
 
 # ---- the new file ----------------------------------------------------------------------------------------------------

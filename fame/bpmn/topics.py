@@ -85,11 +85,17 @@ def topic_table(
     """
     files = (definitions,) if isinstance(definitions, Definitions) else definitions
     wanted = None if processes is None else frozenset(processes)
+    named = ((file, one) for file in files for one in file.processes if wanted is None or one.id in wanted)
+    return topics_of_processes(named, types=types)
+
+
+def topics_of_processes(
+    processes: Iterable[tuple[Definitions, Process]], *, types: Mapping[str, str] = MappingProxyType({})
+) -> Mapping[str, TopicUse]:
+    """As `topic_table`, for processes with their files, where two files may have processes of one id."""
     ends_by_topic: dict[str, _Ends] = {}
-    for file in files:
-        for process in file.processes:
-            if wanted is None or process.id in wanted:
-                _gather(file, process, ends_by_topic)
+    for file, process in processes:
+        _gather(file, process, ends_by_topic)
     return MappingProxyType({name: _use(name, ends, types.get(name)) for name, ends in ends_by_topic.items()})
 
 
@@ -115,7 +121,8 @@ def _use(name: str, ends: _Ends, default_type: str | None) -> TopicUse:
     all_ends = [*ends.throws, *ends.catches]
     typed = [end for end in all_ends if end.topic.type is not None]
     for end in typed[1:]:
-        if end.topic.type != typed[0].topic.type and (name[0] == "/" or end.process == typed[0].process):
+        together = name[0] == "/" or (end.file, end.process) == (typed[0].file, typed[0].process)
+        if end.topic.type != typed[0].topic.type and together:
             there = f"{typed[0].node.display_name} says {typed[0].topic.type}"
             raise ModelError.at(
                 end.node,

@@ -16,7 +16,7 @@ from typing import Literal
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, FlowNode, Process, Task
 from fame.bpmn.pools import Pool, pools_of, shared_topics
-from fame.bpmn.topics import EMPTY_TYPE, topic_table
+from fame.bpmn.topics import EMPTY_TYPE, topics_of_processes
 from fame.check.scope import Finding
 from fame.clock import SECOND, Scheduler
 from fame.errors import MessageError, ModelError
@@ -88,9 +88,8 @@ def _of_pool(
     def made(direction: Direction, name: str, type: str, profile: QoS | None = None) -> ContractEndpoint:
         return ContractEndpoint(pool.name, direction, name, type, profile, pool.multi_instance, file)
 
-    homes = list({home.file: home for home, _ in closure}.values())
     public = {name: type for name, type in shared.items() if name.startswith("/")}
-    table = topic_table(homes, [process.id for _, process in closure], types=public)
+    table = topics_of_processes(closure, types=public)
     for use in table.values():
         profile = qos.parse(use.qos) if use.qos else SIGNAL
         if use.throws:

@@ -148,7 +148,7 @@ def _read(
     from fame.simulation import choose_process
 
     library = library or Library()
-    definitions = read_text(model, file=f"{robot}.bpmn")
+    definitions = read_text(model, file=f"{robot}.bpmn", sent=True)
     pools = [pool for pool in definitions.participants if pool.process]
     process = choose_process(definitions, pools[0].process if len(pools) == 1 else None)
     refuse_literals(definitions, [process], library)

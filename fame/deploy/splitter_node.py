@@ -177,7 +177,7 @@ class SplitterNode:
         if len(text) > LIMIT:
             raise DeploymentError(f"{len(text)} characters; at most {LIMIT} are accepted", cause="size")
         text = self._diagrams.read(text, purpose, self._wall_time())
-        definitions = read_text(text, file=DIAGRAM)
+        definitions = read_text(text, file=DIAGRAM, sent=True)
         library = self._options["library"]
         refuse_errors(definitions, [pool.process for pool in pools_of(definitions)], library, sent=True)
         split(definitions, library)

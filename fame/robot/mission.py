@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Expression, FlowNode, Process, Task
-from fame.bpmn.topics import TopicUse, topic_table
+from fame.bpmn.topics import TopicUse, topics_of_processes
 from fame.robot.timers import Missed
 
 Retry = Literal["safe", "never", "ask"]
@@ -74,7 +74,6 @@ def make_mission(
     """
     library = library or Library()
     closure = library.closure(definitions, process)
-    files = list({file.file: file for file, _ in closure}.values())
     elsewhere = {name: use.declared for name, use in (shared or {}).items() if use.declared and name[0] == "/"}
-    types = topic_table(files, [called.id for _, called in closure], types=elsewhere)
+    types = topics_of_processes(closure, types=elsewhere)
     return Mission(definitions=definitions, process=process, library=library, types=types, services=services or {})

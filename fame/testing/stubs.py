@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -65,7 +64,7 @@ class StubLibrary(Library):
 
     def __init__(self, base: Library) -> None:
         super().__init__(base.folders)
-        self._files, self._base = base._files, base
+        self._files, self._folders, self._base = base._files, base._folders, base
         self._stubs: dict[str, tuple[Stub, Definitions]] = {}
 
     @property
@@ -82,11 +81,10 @@ class StubLibrary(Library):
         _expect("raises", raises, lambda value: isinstance(value, str), "the code of an error")
         _expect("signals", signals, lambda value: isinstance(value, Mapping), "payloads by signal")
         files = list(files)
-        folders = dict.fromkeys(folder for definitions in files for folder in self.folders_for(definitions.file))
-        named = _named(files)
-        if name not in named and not any(os.path.isfile(folder / f"{name}.bpmn") for folder in folders):
-            known = sorted(named.union(path.stem for folder in folders for path in folder.glob("*.bpmn")))
-            raise ConfigError(f"stub: no behaviour {name!r} is called or in the library; {suggestion(name, known)}")
+        known = _named(files).union(*map(self.names, files))
+        if name not in known:
+            text = f"stub: no behaviour {name!r} is called or in the library; {suggestion(name, sorted(known))}"
+            raise ConfigError(text)
         made = Stub(name, after, sets, raises, signals)
         self._stubs[name] = made, _definitions(name)
         return made

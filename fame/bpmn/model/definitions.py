@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
+from pathlib import Path
 from typing import Literal
 
 from fame.bpmn.model.elements import Element
@@ -161,6 +162,7 @@ class Definitions:
     artifacts       text annotations and groups, which are drawn only
     planes          id of the element that each diagram shows
     notes           remarks of the reader
+    sent            it came as a message, so that there are no files beside it
     """
 
     file: str
@@ -174,6 +176,12 @@ class Definitions:
     planes: tuple[str, ...] = ()
     artifacts: tuple[Artifact, ...] = ()
     notes: tuple[Note, ...] = ()
+    sent: bool = field(default=False, compare=False)
+
+    @property
+    def path(self) -> Path | None:
+        """Its place on disk, None if it has none."""
+        return Path(self.file) if self.file and not self.file.startswith("<") and not self.sent else None
 
     def process(self, id: str) -> Process | None:
         """The process with this id, None if the file does not have it."""

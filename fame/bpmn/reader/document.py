@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
@@ -85,12 +85,16 @@ def _read_content(content: bytes, file: str) -> Definitions:
     return read_bytes(content, file=file)
 
 
-def read_text(text: str, *, file: str = "") -> Definitions:
-    """As `read`, for the content as text. An encoding that it declares is ignored."""
+def read_text(text: str, *, file: str = "", sent: bool = False) -> Definitions:
+    """As `read`, for the content as text. An encoding that it declares is ignored.
+
+    `sent`: it came as a message; `file` is a name for people, and called processes are not looked for beside it.
+    """
     declaration, end, rest = text.partition("?>")
     if declaration.lstrip("\ufeff").startswith("<?xml"):
         declaration = _ENCODING.sub("", declaration, count=1)
-    return read_bytes((declaration + end + rest).encode(errors="surrogatepass"), file=file)
+    found = read_bytes((declaration + end + rest).encode(errors="surrogatepass"), file=file)
+    return replace(found, sent=True) if sent else found
 
 
 def read_bytes(source: bytes, *, file: str = "") -> Definitions:
