@@ -164,3 +164,13 @@ def test_the_page_never_makes_markup_of_text(word: str) -> None:
     folder = Path(__file__).parent.parent / "fame" / "view" / "page"
     for file in folder.glob("*.js"):
         assert word not in file.read_text(encoding="utf-8"), file
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"), [("[" * 5000, 400), ('{"do": ' + "9" * 5000 + "}", 400), ("{" * (10**6 + 1), 413)]
+)
+def test_commands_are_bounded(server: Server, body: str, expected: int) -> None:
+    status, _, content = ask(server, "/control", "POST", body=body)
+    assert status == expected
+    assert json.loads(content)["error"]
+    assert server.source.commands == []  # type: ignore[attr-defined]

@@ -152,7 +152,7 @@ class RunControl:
                 answer = _DO[command["do"]](self, run, command)
             except FameError as error:
                 _fail(future, error)
-            except (KeyError, TypeError, ValueError):
+            except Exception:  # whatever is wrong with a command, the run goes on
                 _fail(future, FameError(f"expected the parts of the command {command['do']!r}, got {dict(command)!r}"))
             else:
                 run.scheduler.run(run.scheduler.now)  # what follows at this instant, also while time stands still

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 POLL = 0.04
 """Seconds between two looks at what is new, for each page."""
+LONGEST = 1_000_000
+"""Bytes of a command, at most."""
 _KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -246,7 +248,10 @@ def _routes(source: Source) -> Starlette:
 
     async def post(request: Request) -> Response:
         try:
-            command = read_json((await request.body()).decode())
+            text = await _body(request)
+            if text is None:
+                return Response(to_json({"error": f"longer than {LONGEST} bytes"}), 413, _HEADERS, "application/json")
+            command = read_json(text)
             if not isinstance(command, dict):
                 raise ValueError
             return Response(
@@ -254,7 +259,7 @@ def _routes(source: Source) -> Starlette:
             )
         except FameError as error:
             return Response(to_json({"error": str(error)}), 409, _HEADERS, "application/json")
-        except (ValueError, KeyError, TypeError):
+        except Exception:  # of whatever a page sends
             return Response(to_json({"error": "not a command"}), 400, _HEADERS, "application/json")
 
     async def live(socket: WebSocket) -> None:
@@ -274,6 +279,16 @@ def _routes(source: Source) -> Starlette:
             WebSocketRoute("/live", live),
         ]
     )
+
+
+async def _body(request: Request) -> str | None:
+    """The body of a request; None if it is too long, without reading the rest. Raises ValueError."""
+    found = bytearray()
+    async for part in request.stream():
+        found += part
+        if len(found) > LONGEST:
+            return None
+    return found.decode()
 
 
 def _nothing(time: int) -> Mapping[str, Any]:
