@@ -257,6 +257,29 @@ def test_a_limit_is_said_first() -> None:
     assert "the limit of 50 states is reached" in result.summary()
 
 
+EITHER: Steps = ["run n = n + 1", ("or", ["run m = n"], ["run m = 2"]), ("or", ["run m = n"], ["run m = 2"])]
+SLOW = "run n = n + len([i for i in range(4000) if n])"
+
+
+@pytest.mark.parametrize(("body", "bound"), [(EITHER, {}), (EITHER, {"limit": 1}), ([SLOW], {"seconds": 0.2})])
+def test_a_loop_in_no_time_ends_by_the_bounds_of_the_search(body: Steps, bound: dict[str, Any]) -> None:
+    result = found({"A": ["run n = 1", ("while", [*body, ("if", "n == 1", ["work"], [])])]}, delivery="run", **bound)
+    assert result.status == "partial"
+    assert result.states == 0
+
+
+def test_progress_is_told_as_states_are_found() -> None:
+    told: list[tuple[int, int]] = []
+    found(
+        philosophers(3, ordered=False),
+        delivery="fast",
+        progress=lambda states, frontier: told.append((states, frontier)),
+    )
+    assert told[0] == (1, 1)
+    assert all(0 < frontier <= states for states, frontier in told)
+    assert max(told)[0] > 256
+
+
 def test_a_variable_that_counts_for_ever_becomes_unknown() -> None:
     result = found({"A": ["run n = 0", ("loop", ["work", "run n = n + 1"]), ("if", "n == 500", ["work"], ["person"])]})
     assert result.exhaustive

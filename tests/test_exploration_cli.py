@@ -14,7 +14,7 @@ import pytest
 from collaborations import Steps, text_of
 from deployment_field import Field
 
-from fame.cli import deployment, main
+from fame.cli import deployment, exploration, main
 from fame.log import Recording
 from fame.testing import ExpectationError, MissionLoader
 
@@ -77,6 +77,16 @@ def test_a_test_of_a_mission_that_is_not_explored_whole_fails(tmp_path: Path, mi
     deadlock = written(tmp_path / "d.bpmn", {"A": ["catch b", "throw a"], "B": ["catch a", "throw b"]})
     with pytest.raises(ExpectationError, match="error: deadlock: A waits"):
         mission.explore(deadlock, allow_partial=True)
+
+
+def test_progress_is_written_to_stderr_without_a_terminal(
+    broken: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(exploration, "EVERY", 0.0)
+    main(["check", "--explore", str(broken), "--json"])
+    shown = capsys.readouterr()
+    assert re.search(r"broken.bpmn: \d+ states, [\d,]+ per second, \d+ in the frontier", shown.err)
+    json.loads(shown.out)
 
 
 def test_a_lost_signal_fails_the_check_with_its_run(broken: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import sys
+import time
 from argparse import Namespace
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Parser, natural, positive
-from fame.cli.output import coloured, print_json
+from fame.cli.output import coloured, note, print_json, progress_line
 from fame.errors import NOT_KNOWN, ConfigError, FameError
 
 if TYPE_CHECKING:
@@ -113,20 +115,22 @@ def run(arguments: Namespace) -> int:
         raise ConfigError("--trace drives real engines: expected no --network bag and no --tasks timed beside it")
     results = []
     for path in dict.fromkeys(arguments.models):
-        result = explore(
-            path,
-            robots=robots,
-            library=arguments.library,
-            delivery=tuple(dict.fromkeys(arguments.delivery)) or ("run", "fast"),
-            network=arguments.network or "fifo",
-            timers=arguments.timers or "any",
-            tasks=arguments.tasks or "instant",
-            ends=arguments.ends or "any",
-            fairness=arguments.fairness or "strong",
-            faults=arguments.faults,
-            limit=200_000 if arguments.limit is None else arguments.limit,
-            seconds=arguments.seconds,
-        )
+        with _progress(path) as show:
+            result = explore(
+                path,
+                robots=robots,
+                library=arguments.library,
+                delivery=tuple(dict.fromkeys(arguments.delivery)) or ("run", "fast"),
+                network=arguments.network or "fifo",
+                timers=arguments.timers or "any",
+                tasks=arguments.tasks or "instant",
+                ends=arguments.ends or "any",
+                fairness=arguments.fairness or "strong",
+                faults=arguments.faults,
+                limit=200_000 if arguments.limit is None else arguments.limit,
+                seconds=arguments.seconds,
+                progress=show,
+            )
         results.append(result)
         if arguments.trace is not None:
             _write(result, arguments, path, robots)
@@ -137,6 +141,29 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         print_json({"status": status, "explorations": [as_json(one) for one in results]})
     return 0 if status == "partial" and arguments.allow_partial else _CODES[status]
+
+
+EVERY = 5.0
+"""Seconds between two lines of progress where there is no terminal."""
+
+
+@contextmanager
+def _progress(path: Path) -> Iterator[Callable[[int, int], object]]:
+    """Show on stderr how far an exploration is: on a terminal in place, else a line every few seconds."""
+    with progress_line(sys.stderr) as line:
+        last, before = time.monotonic(), 0
+        every = EVERY if line is None else 0.2
+
+        def show(states: int, frontier: int) -> None:
+            nonlocal last, before
+            now = time.monotonic()
+            if now - last >= every:
+                rate = max(states - before, 0) / (now - last)
+                text = f"{path}: {states:,} states, {rate:,.0f} per second, {frontier:,} in the frontier"
+                last, before = now, states
+                note(text) if line is None else line.write(text)
+
+        yield show
 
 
 def _write(result: Exploration, arguments: Namespace, path: Path, robots: dict[str, int]) -> None:

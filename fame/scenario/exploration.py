@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -38,6 +38,7 @@ def explore(
     reduced: bool = True,
     limit: int = 200_000,
     seconds: float | None = None,
+    progress: Callable[[int, int], object] = lambda states, frontier: None,
 ) -> Exploration:
     """Explore the reachable states of a collaboration, and return the findings.
 
@@ -54,6 +55,7 @@ def explore(
     reduced   leave out orders of steps that make no difference
     limit     states of all deliveries together
     seconds   time for all of them; the result then depends on the machine
+    progress  called now and then with the number of states of a delivery, and of those still to be explored
 
     Raises ModelError and ConfigError as `fame.Scenario.load` does.
     """
@@ -79,6 +81,7 @@ def explore(
         reduced=reduced,
         limit=limit,
         seconds=seconds,
+        progress=progress,
     )
     definitions, found, cast = cast_of(model, robots, library)
     return explore_team(definitions, found, cast, request)

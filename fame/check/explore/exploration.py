@@ -17,10 +17,10 @@ from fame.check.explore.faults import Faults
 from fame.check.explore.findings import FAILING, KINDS, LEVELS, Finding, Kind, Report
 from fame.check.explore.graph import Explored
 from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
-from fame.check.explore.host import field_names
+from fame.check.explore.host import field_names, never
 from fame.check.explore.local import Local
 from fame.check.explore.network import Kind as NetworkKind
-from fame.check.explore.product import Delivery, Options, Product
+from fame.check.explore.product import Delivery, Options, Product, silent
 from fame.check.explore.reduction import Reduction
 from fame.check.explore.running_states import as_explored, real_program
 from fame.check.explore.search import explore
@@ -57,8 +57,9 @@ class Request:
     timed     plain and send tasks take time, as in verifiers of BPMN
     once      report a second token at an end event (``unsafe``)
     weak      report that a mission may go round forever, though it could leave (``endless``)
-    limit     states, of all deliveries together
+    limit     states, of all deliveries together; also ways of one step
     seconds   time for all deliveries together, None for no bound
+    progress  called now and then with the number of states of a delivery, and of those still to be explored
     """
 
     delivery: tuple[Delivery, ...] = DELIVERIES
@@ -71,6 +72,7 @@ class Request:
     weak: bool = False
     limit: int = LIMIT
     seconds: float | None = None
+    progress: Callable[[int, int], object] = silent
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +181,7 @@ class Team:
             if local is None:
                 local = Local(robot, definitions, pool.process, self.model, self.values,
                               kept=self.model.kept[pool.name], fields=fields, robots=self.robots,
-                              ordered=request.ordered, observed=observed)  # fmt: skip
+                              ordered=request.ordered, limit=request.limit, observed=observed)  # fmt: skip
                 made[pool.name] = local
             self.locals.append(local)
         self.given: dict[int, Data] = {
@@ -240,7 +242,7 @@ class Team:
         options = Options(
             delivery=delivery, network=request.network, reduced=request.reduced, faults=faults, limit=limit,
             groups=self.groups() if request.reduced else (), stop=stop, given=self.given,
-            required=() if self.given else self.required(),
+            required=() if self.given else self.required(), progress=request.progress,
         )  # fmt: skip
         product = Product(self.robots, self.locals, options)
         if request.reduced:
@@ -250,7 +252,11 @@ class Team:
                 product.settled, product.between = reduction.settled, reduction.between
         if faults:
             product.add_faults = Faults(product).add
+        for local in self.locals:
+            local.host.stop = stop
         explored = explore(product)
+        for local in self.locals:
+            local.host.stop = never
         cuts = tuple(self._cuts(product, explored))
         report = Report(
             Runs(product, explored, self.places),

@@ -38,6 +38,10 @@ MOST_DECISIONS = 8
 """Decisions within one step that go all ways; later ones alternate, so that a loop over an unknown condition ends."""
 
 
+class OutOfTimeError(Exception):
+    """The time of a search is over in the middle of a step."""
+
+
 class Running:
     """A script, service or behaviour that takes time."""
 
@@ -96,6 +100,8 @@ class ExplorationHost:
         self.own_topics: frozenset[str] = frozenset()
         self.decisions: tuple[int, ...] = ()
         self.place = ""
+        self.stop: Callable[[], bool] = never
+        """Whether the time of the search is over."""
         self.traceable = True
         """Whether `Watched` variables note all that texts read and write."""
         self.kept: Callable[[str], bool] = lambda name: True
@@ -116,6 +122,12 @@ class ExplorationHost:
     def new_variables(self) -> dict[str, Any]:
         """What an instance starts with."""
         return {"__builtins__": self._interface}
+
+    def compute(self, element: str) -> None:
+        """Begin to compute a text of an element. Raises OutOfTimeError, which ends a step that goes round for ever."""
+        if self.stop():
+            raise OutOfTimeError
+        self.place = element
 
     # ---- decisions -----------------------------------------------------------------------------------
 
@@ -150,7 +162,7 @@ class ExplorationHost:
 
     def _uncomputed(self, element: str) -> Callable[..., Any]:
         def evaluate(variables: dict[str, Any]) -> Any:
-            self.place = element
+            self.compute(element)
             return self.values.unknown
 
         return evaluate
@@ -159,7 +171,7 @@ class ExplorationHost:
         unknown = self.values.unknown
 
         def evaluate(variables: dict[str, Any]) -> Any:
-            self.place = element
+            self.compute(element)
             try:
                 return run(variables)
             except UndecidableError:
@@ -181,7 +193,7 @@ class ExplorationHost:
         unknown, number, closed = self.values.unknown, self.values.number, reads - open_to
 
         def evaluate(variables: dict[str, Any]) -> Any:
-            self.place = element
+            self.compute(element)
             for name in closed:
                 value = variables.get(name)
                 if value is unknown or (value is not None and not number(value)):
@@ -207,7 +219,7 @@ class ExplorationHost:
 
     def _computed(self, run: Callable[..., Any], step: Step, element: str, variables: dict[str, Any]) -> None:
         """Run a script; one that asks too much of an unknown value counts as not computable."""
-        self.place = element
+        self.compute(element)
         sent, posted = len(self.outcome.sent), len(self.engine.ready)
         choices = len(self.outcome.choices)
         try:
@@ -232,7 +244,7 @@ class ExplorationHost:
 
     def _abstract(self, step: Step, element: str, variables: dict[str, Any]) -> None:
         """The known effects of a script that is not run."""
-        self.place = element
+        self.compute(element)
         chosen = self.choose(1 + len(step.codes)) if step.codes else 0
         self.end_step(step, variables)
         if chosen:
@@ -362,6 +374,11 @@ class ExplorationHost:
             self.outcome.flags.append(("error", f"{instance.error.element}\n{instance.error.text}"))
             if instance.error.element in self.outcome.unsure:
                 self.outcome.flags.append(("unsure", instance.error.element))
+
+
+def never() -> bool:
+    """Not at all."""
+    return False
 
 
 def _is_about_unknown(error: Exception) -> bool:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from fame.bpmn.model import Definitions, Process
 from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.footprints import Effect, Footprints, Watched
-from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, Send
+from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
 from fame.check.explore.liveness import Liveness
 from fame.check.explore.running_states import go_on, resumed
 from fame.check.explore.states import CUT, States
@@ -30,6 +30,8 @@ MOST_MOVES = 20_000
 """Moves of tokens within one step, after which it is a livelock."""
 MOST_WAYS = 300
 """Ways that one step may go."""
+MOST_ENDLESS = 4
+"""Ways of one step that never end, after which no more are tried."""
 
 
 class Way(NamedTuple):
@@ -57,7 +59,7 @@ class Local:
 
     def __init__(self, robot: str, definitions: Definitions, process: Process, model: Abstraction, values: Values, *,
                  kept: frozenset[str], fields: frozenset[str], robots: tuple[str, ...],
-                 ordered: bool, observed: bool = False) -> None:  # fmt: skip
+                 ordered: bool, limit: int, observed: bool = False) -> None:  # fmt: skip
         self.robot, self.process, self.values = robot, process, values
         self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
         self.kept = kept
@@ -73,6 +75,7 @@ class Local:
         self.outside: tuple[str, ...] = tuple(sorted(self.topics & model.outside))
         self.states = States(self.program, self.host, self.outside, Liveness(definitions, process, model, kept))
         self.forms, self.views = self.states.forms, self.states.views
+        self.limit = limit
         self.cut: bool = False
         """Whether ways were left out, because one step makes too many decisions."""
         self.steps = 0
@@ -201,16 +204,23 @@ class Local:
         act: Callable[[Engine], object],
         keep: Callable[[Way, Outcome], object] | None = None,
     ) -> tuple[Way, ...]:
-        """All ways of a step: run it with each list of decisions."""
-        host, found, cut = self.host, dict[Way, None](), False
+        """All ways of a step: run it with each list of decisions. Raises OutOfTimeError."""
+        host, found, cut, tried, endless = self.host, dict[Way, None](), False, 0, 0
         pending: list[tuple[int, ...]] = [()]
         while pending:
             host.decisions = pending.pop()
             engine = make()
             act(engine)
+            if host.stop():  # and the step may not have gone to its end
+                raise OutOfTimeError
             self.steps += 1
             outcome = host.outcome
             choices = outcome.choices
+            tried += 1
+            endless += any(one.error is not None and one.error.code == "livelock" for one in outcome.over)
+            if tried > self.limit or endless > MOST_ENDLESS:
+                cut = True
+                break
             if choices:
                 cut |= len(choices) > MOST_DECISIONS
                 for place in range(len(host.decisions), min(len(choices), MOST_DECISIONS)):

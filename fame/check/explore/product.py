@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from fame.check.explore.broadcast import Broadcast
+from fame.check.explore.host import never
 from fame.check.explore.local import Local, Way
 from fame.check.explore.network import BEYOND, Kind, Network
 from fame.check.explore.stimuli import Stimulus
@@ -31,6 +32,10 @@ Fault = tuple[str, ...]
 """A fault: (``engine``, robot), (``message``, topic, receiver) or (``behaviour``, robot, element, code or "")."""
 
 
+def silent(states: int, frontier: int) -> None:
+    """Show no progress."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
     """How the product is explored.
@@ -38,6 +43,7 @@ class Options:
     groups    places of robots that nothing tells apart
     required  for each pool of which one robot has to start, but none does by itself: the places of its robots
     given     snapshots of the robots that do not start, but go on, by place
+    progress  called with the number of states, and of those that are still to be explored (the frontier)
     """
 
     delivery: Delivery = "run"
@@ -48,7 +54,8 @@ class Options:
     groups: tuple[tuple[int, ...], ...] = ()
     required: tuple[tuple[int, ...], ...] = ()
     given: Mapping[int, Data] = field(default_factory=dict)
-    stop: Callable[[], bool] = lambda: False
+    stop: Callable[[], bool] = never
+    progress: Callable[[int, int], object] = silent
 
 
 class Product:

@@ -7,14 +7,25 @@ happens without it, so that the one can be told from the other.
 from __future__ import annotations
 
 from fame.check.explore.graph import Errors, Explored
+from fame.check.explore.host import OutOfTimeError
 from fame.check.explore.product import Product
 from fame.check.explore.transitions import FAULTS, Seen, Transition
 
 
 def explore(product: Product) -> Explored:
     """Find all states; number them in `Product.index`."""
-    explored, at = Explored(), 0
-    failing: list[_Failing] = []
+    explored = Explored()
+    try:
+        _explore(product, explored)
+    except OutOfTimeError:
+        explored.cut = "seconds"
+        del explored.targets[explored.offsets[-1] :]  # of a state that is not explored whole
+        explored.layers.append(len(explored.states))
+    return explored
+
+
+def _explore(product: Product, explored: Explored) -> None:
+    at, failing = 0, list[_Failing]()
     initial = product.initial()
     for transition in initial:
         _follow(product, explored, -1, transition, failing)
@@ -25,7 +36,7 @@ def explore(product: Product) -> Explored:
         at = _expand(product, explored, at, failing)
         explored.layers.append(len(explored.states))
         if explored.cut or not failing:
-            return explored
+            return
         following, failing = failing, []
         for source, errors, states in following:
             numbers = tuple([_number(product, explored, source, state) for state in states])
@@ -40,6 +51,8 @@ def _expand(product: Product, explored: Explored, at: int, failing: list[_Failin
     """Find all states that follow from those with number `at` and higher, without what fails; gives the next number."""
     options, states, offsets = product.options, explored.states, explored.offsets
     while at < len(states):
+        if not at & 255:
+            options.progress(len(states), len(states) - at)
         if len(states) > options.limit or (not at & 255 and options.stop()):
             explored.cut = "states" if len(states) > options.limit else "seconds"
             break
