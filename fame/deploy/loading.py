@@ -49,12 +49,15 @@ class Work(Generic[Result]):
     def __init__(self, scheduler: Scheduler, task: Task[Result], done: Callable[[Result | FameError], object]) -> None:
         self._task, self._done = task, done
         self._worker = scheduler.worker("fame load")
-        self._limit = scheduler.after(round(LIMIT * SECOND), self._give_up, Kind.TIMER)
+        self._over = False
+        self._limit: Entry | None = None
         self._go_on(None, None)
+        if not self._over:
+            self._limit = scheduler.after(round(LIMIT * SECOND), self._give_up, Kind.TIMER)
 
     def _go_on(self, value: Any, error: Exception | None) -> None:
         """Do the task up to its next function."""
-        if self._limit.action is None:
+        if self._over:
             return  # given up
         try:
             function = self._task.send(value) if error is None else self._task.throw(error)
@@ -66,12 +69,15 @@ class Work(Generic[Result]):
             self._worker.call(partial(_uncollected, function), self._go_on)
 
     def _give_up(self) -> None:
+        self._over = True
         self._worker.interrupt()
         self._task.close()
         self._done(ModelError(f"takes more than {LIMIT:g} s to be read and checked"))
 
     def _end(self, outcome: Result | FameError) -> None:
-        self._limit.cancel()
+        self._over = True
+        if self._limit is not None:
+            self._limit.cancel()
         self._worker.close()
         self._done(outcome)
 
