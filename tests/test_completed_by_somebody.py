@@ -117,7 +117,7 @@ def test_what_is_no_task_is_refused_and_touches_nothing(text):
     floor = Floor()
     floor.say("bpmn_task", text)
     assert floor.reports[-1].answer == "refused"
-    assert floor.reports[-1].reason.startswith("no task: ")
+    assert floor.reports[-1].reason.startswith("no task")
     assert floor.waiting == ["ask"]
 
 

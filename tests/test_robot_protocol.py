@@ -161,6 +161,8 @@ ANY_TIME = (
 def possible(state: RobotState) -> Iterator[Event]:
     """The events that can happen in a state: anything may be received, results follow what was begun."""
     yield from ANY_TIME
+    if state.promised:
+        yield Received(FIRST)
     if state.loading is not None:
         yield from (Loaded(), Loaded("is wrong"))
     stage = state.candidate.stage if state.candidate is not None else ""
@@ -176,8 +178,8 @@ def possible(state: RobotState) -> Iterator[Event]:
 
 @cache
 def reachable() -> list[tuple[RobotState, Event, RobotState, tuple[Action, ...]]]:
-    first = RobotState("A")
-    seen, left, transitions = {first}, [first], []
+    first = {RobotState("A"), RobotState("A", promised="d1")}
+    seen, left, transitions = set(first), list(first), []
     while left:
         state = left.pop()
         for event in possible(state):
@@ -210,9 +212,12 @@ def test_every_transition_keeps_what_the_protocol_promises():
         promised = state.candidate is not None and state.candidate.has_promised
         said = {answer.answer for answer in answers}
         if "ready" in said:
-            assert event == Promised() or event.envelope.phase == "ask", about  # only what is on the disk is promised
+            on_disk = event == Promised() or bool(state.promised)
+            assert on_disk or event.envelope.phase == "ask", about  # only what is on the disk is promised
         if isinstance(event, Received) and event.envelope.born and "aborted" in said:
             assert state.waiting or state.candidate or state.loading or state.answer_to("d1"), about
+        if state.promised and {"aborted", "refused"} & {one.answer for one in answers if one.deployment == "d1"}:
+            assert event in (told("abort"), Loaded("is wrong")), about  # nor does an engine that is born again
         if promised and following.candidate is None and isinstance(event, Received):
             assert event.envelope.phase == "abort", about  # a newer model never breaks a promise
         if isinstance(event, Stopped) and promised:
@@ -242,6 +247,8 @@ def test_a_robot_that_nobody_talks_to_any_more_comes_to_rest():
 def next_result(state: RobotState) -> Event | None:
     if state.loading is not None:
         return Loaded()
+    if state.promised and state.candidate is None and state.waiting is None:
+        return Received(FIRST)
     if state.candidate is None:
         return LoadDue() if state.waiting is not None else None
     if state.candidate.stage == "matching":

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -40,6 +41,7 @@ from fame.deploy.robot_state import (
     Discard,
     Drop,
     Event,
+    Forget,
     Hold,
     Load,
     LoadDue,
@@ -153,6 +155,7 @@ class EngineNode:
         )
         self._trouble = ""  # why the state cannot be written
         self._resumed: ResumedMission | None = None
+        self._promise: Envelope | None = None  # what the engine before was ready to start
         self._protocol: Machine[RobotState, Event, Action] = Machine(
             RobotState(robot, born=self.born), step, self._perform
         )
@@ -303,6 +306,9 @@ class EngineNode:
                 self._discard()
             case Match(envelope):
                 self._match(envelope)
+            case Forget():
+                if self._keeper is not None:
+                    self._keeper.forget_promise()
             case Hold():
                 if self.running is not None:
                     self.running.hold()
@@ -451,11 +457,13 @@ class EngineNode:
             ended=self._on_resumed,
         )
         envelope = self._resumed.read(self._trusted)
+        if envelope is not None:
+            self._protocol.state, self._before = resumed(self.robot, envelope, self.born), envelope.hash
+        self._read_promise()
         if envelope is None:
             self._keep_promise()
         else:
             self._options["random"] = self._random(new_seed())  # not again what was drawn before
-            self._protocol.state, self._before = resumed(self.robot, envelope, self.born), envelope.hash
             self._resumed.resume()
 
     def _begin_again(self, process: RobotNode, missing: Sequence[str]) -> None:
@@ -471,13 +479,22 @@ class EngineNode:
 
     def _keep_promise(self) -> None:
         """Load what the engine before had promised to start: its sender, or the others of its team, decide."""
+        if self._promise is not None and self._protocol.state.promised == self._promise.deployment:
+            self._protocol.handle(Received(self._promise))
+
+    def _read_promise(self) -> None:
+        """What the engine before had promised to start, if that is not what runs: nothing else is taken before it."""
+        assert self._keeper is not None
         try:
-            envelope = self._keeper.promised(self._trusted) if self._keeper is not None else None
+            envelope = self._keeper.promised(self._trusted)
         except ConfigError as error:  # others of its team are told that it does not know
             self._note(f"what it had promised to start is lost: {error}")
             return
-        if envelope is not None:
-            self._protocol.handle(Received(envelope))
+        if envelope is not None and envelope.deployment == self._protocol.state.deployed:
+            self._keeper.forget_promise()
+        elif envelope is not None:
+            self._promise = envelope
+            self._protocol.state = replace(self._protocol.state, promised=envelope.deployment)
 
     def _on_disk_trouble(self, reason: str) -> None:
         """Hold the mission while its state cannot be written."""

@@ -15,6 +15,7 @@ Invariants, checked for every reachable state in ``tests/test_robot_protocol.py`
 
 - A robot that answered ``ready`` has given its promise: only ``abort`` of its sender or the decision with the other
   robots (`fame.deploy.termination`) drops the candidate. A newer one waits meanwhile.
+- What the engine before had promised is neither refused nor aborted on its own: this one becomes ready for it, too.
 - Of the envelopes that wait only the newest is loaded; the others are answered ``superseded``.
 - A promise that the disk refuses is not made: the answer is ``refused``.
 - What began before this engine was born, and was never received by it, is ``unknown``, never ``aborted``.
@@ -40,6 +41,7 @@ from fame.deploy.robot_state import (
     Discard,
     Drop,
     Event,
+    Forget,
     Hold,
     Load,
     LoadDue,
@@ -117,6 +119,9 @@ class _Transition:
             self._receive_model(envelope)
         elif envelope.phase == "ask":
             self._answer_peer(envelope)
+        elif self._is_promised(deployment):
+            if envelope.phase == "abort":
+                self._release_promise()
         elif waiting is not None and waiting.deployment == deployment:
             if envelope.phase == "abort":
                 self.state = replace(self.state, waiting=None)
@@ -133,7 +138,7 @@ class _Transition:
             self._repeat(deployment, Reply("", deployment))
         elif envelope.phase == "load" and envelope.order <= newest:
             self._do(Reply("stale", deployment, f"sequence {envelope.sequence} is older than {newest[0]}"))
-        elif envelope.preview and (waiting or self.state.loading or self.state.candidate):
+        elif self._has_no_room(envelope):
             self._do(Reply("refused", deployment, _UNDER_WAY))
         else:
             self.state = replace(self.state, waiting=envelope)
@@ -141,6 +146,26 @@ class _Transition:
                 self._do(ScheduleLoad())
             else:
                 self._answer("superseded", waiting.deployment)
+
+    def _has_no_room(self, envelope: Envelope) -> bool:
+        """Whether something goes first: what the engine before had promised; for a preview, all that is under way."""
+        if envelope.preview and (self.state.waiting or self.state.loading or self.state.candidate):
+            return True
+        return self.state.promised not in ("", envelope.deployment)
+
+    def _is_promised(self, deployment: str) -> bool:
+        """Whether the engine before was ready to start a deployment, and this one is not so far yet."""
+        return self.state.promised == deployment
+
+    def _release_promise(self) -> None:
+        """The sender aborts what the engine before was ready to start."""
+        promised, loading = self.state.promised, self.state.waiting
+        self.state = replace(self.state, promised="", waiting=None if loading is not None else self.state.waiting)
+        self._do(Forget())
+        if self.state.candidate_of(promised) is not None:
+            self._drop("aborted")
+        else:
+            self._answer("aborted", promised)
 
     def _is_known(self, deployment: str) -> bool:
         """Whether a deployment is under way or was answered."""
@@ -172,6 +197,9 @@ class _Transition:
         answered = self.state.answer_to(deployment)
         running = self.state.running is not None and self.state.running.deployment == deployment
         started = running or (answered is not None and answered.answer == "started")
+        if self._is_promised(deployment):
+            self._do(Reply("ready", deployment))
+            return
         answer = termination.reply(candidate.commit if candidate is not None else None, started=started)
         if answer == "aborted" and envelope.born != self.state.born and not self._knows(deployment):
             self._do(Reply("unknown", deployment, _REBORN))
@@ -209,6 +237,7 @@ class _Transition:
             return
         self.state = replace(self.state, loading=None, waiting=None if wanted else self.state.waiting)
         if wanted and result.error:
+            self.state = replace(self.state, promised="")
             self._answer("refused", envelope.deployment, result.error, result.problem)
         elif wanted:
             self.state = replace(self.state, candidate=Candidate(envelope))
@@ -222,7 +251,7 @@ class _Transition:
         candidate = self.state.candidate
         if candidate is None or candidate.stage != "matching":
             return
-        if missing:
+        if missing and not self._is_promised(candidate.envelope.deployment):
             self._drop("refused", f"{', '.join(missing)} not discovered within {MATCHING:g} s")
         elif candidate.envelope.phase == "run":
             self._replace(candidate)
@@ -239,14 +268,18 @@ class _Transition:
             return
         if candidate.envelope.preview:
             self._drop("previewed", error)
-        elif error:
+        elif error and not self._is_promised(candidate.envelope.deployment):
             self._drop("refused", error)
         else:
             self._promise(candidate)
 
     def _promise(self, candidate: Candidate) -> None:
         self.state = replace(self.state, candidate=replace(candidate, stage="promising"))
-        self._do(Promise())
+        if self._is_promised(candidate.envelope.deployment):  # it is on the disk
+            self.state = replace(self.state, promised="")
+            self.promised("")
+        else:
+            self._do(Promise())
 
     def promised(self, error: str) -> None:
         """From now on only the sender, or the others of its team, decide: unless the promise cannot be kept."""
@@ -336,9 +369,10 @@ class _Transition:
         waiting, candidate = self.state.waiting, self.state.candidate
         self.state = replace(self.state, waiting=None)
         if waiting is not None:
-            self._answer("aborted", waiting.deployment, _ENDS)
+            self._answer("left" if self._is_promised(waiting.deployment) else "aborted", waiting.deployment, _ENDS)
         if candidate is not None:  # after a promise not even a robot that ends may say that it aborted
-            self._drop("left" if candidate.has_promised else "aborted", _ENDS)
+            promised = candidate.has_promised or self._is_promised(candidate.envelope.deployment)
+            self._drop("left" if promised else "aborted", _ENDS)
 
     # ---- actions ----
 

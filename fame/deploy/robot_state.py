@@ -59,6 +59,7 @@ class RobotState:
     waiting  the newest envelope that is not loaded yet; it keeps waiting while it is being loaded
     loading  the envelope whose model is being loaded, even if it has been aborted meanwhile
     newest   `Envelope.order` of the newest that was loaded: older ones are ``stale``
+    promised the deployment that the engine before was ready to start, until this one is ready as well
     answers  the last final answer to each of the last 100 deployments, oldest first
     born     as of `Report`: what an engine before may have promised is not known
     """
@@ -69,6 +70,7 @@ class RobotState:
     loading: Envelope | None = None
     candidate: Candidate | None = None
     newest: tuple[int, str] = (-1, "")
+    promised: str = ""
     answers: tuple[Reply, ...] = ()
     born: int = 0
 
@@ -206,6 +208,11 @@ class Promise:
 
 
 @dataclass(frozen=True, slots=True)
+class Forget:
+    """Remove from disk what the engine before had promised: it is decided."""
+
+
+@dataclass(frozen=True, slots=True)
 class AwaitSender:
     """Give `Silence` after this many seconds, unless this action or the end of the candidate comes before."""
 
@@ -238,6 +245,6 @@ class Run:
 
 
 Action = (
-    Reply | Note | ScheduleLoad | Load | Discard | Match | MapState | Promise | AwaitSender | AskOthers
+    Reply | Note | ScheduleLoad | Load | Discard | Match | MapState | Promise | Forget | AwaitSender | AskOthers
     | Hold | Drop | Replace | Run
 )  # fmt: skip
