@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,12 @@ from test_splitter_node import Farm
 
 import fame
 from fame.bpmn import read_bytes
-from fame.bpmn.library import Library
+from fame.bpmn.library import BUILT_IN, Library
 from fame.bpmn.split import split
+from fame.check import check
 from fame.errors import FameError, ModelError
 from fame.scenario import Scenario, run as scenario_run
+from fame.view.catalogue import Catalogue
 
 EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.yaml"))
 RUNS = [path for path in EXAMPLES if "\nmodel:" in f"\n{path.read_text()}"]
@@ -175,6 +178,24 @@ def test_a_file_that_wraps_what_it_is_named_after_does_not_call_itself(tmp_path:
     write(tmp_path / "GoTo.bpmn", says("careful", "Go", calls=("GoTo",)))
     write(tmp_path / "library" / "g.bpmn", says("plain", "GoTo"))
     assert trail(model) == trail(part_of(model)) == "m careful plain"
+
+
+def test_a_note_and_the_page_say_what_comes_from_the_library_of_fame(tmp_path: Path) -> None:
+    model = write(tmp_path / "m.bpmn", says("m", calls=("Wait", "Helper", "Turn")))
+    write(tmp_path / "h.bpmn", says("h", "Helper"))
+    assert "FAME's own library supplies Turn, Wait" in [one.text for one in check(model) if one.level == "note"]
+    definitions, library = fame.read(model), Library()
+    files = [home for home, _ in library.closure(definitions, definitions.processes[0])]
+    recorded = [read_bytes(one.source, file=Path(one.file).name) for one in files]
+    for catalogue in (Catalogue(files, library.find), Catalogue(recorded)):
+        sources = {one["id"]: one["source"] for one in catalogue.elements_json() if "source" in one}
+        assert [sources[id] for id in ("c0", "c1", "c2")] == [
+            "calls Wait of FAME's own library", "calls Helper of h.bpmn", "calls Turn of FAME's own library",
+        ]  # fmt: skip
+    (tmp_path / "library").mkdir()
+    for folder in BUILT_IN:
+        shutil.copytree(folder, tmp_path / "library", dirs_exist_ok=True)
+    assert not [one for one in check(model) if "FAME's own" in one.text]
 
 
 def test_a_model_that_was_sent_has_no_files_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ MODELS = Path(__file__).parent.parent / "models"
 def model(tmp_path: Path) -> Path:
     path = tmp_path / "mission.bpmn"
     path.write_bytes((MODELS / "ground_vehicles.bpmn").read_bytes())
+    shutil.copytree(MODELS / "library", tmp_path / "library")
     return path
 
 
@@ -84,3 +86,13 @@ def test_the_page_marks_the_element_and_follows_the_file(chromium: Browser, watc
         assert "Nowhere" in page.locator("#inspector").inner_text()
         model.write_bytes((MODELS / "ground_vehicles.bpmn").read_bytes())
         until(page, "document.querySelector('.badge.error') === null")
+
+
+def test_a_call_activity_says_what_it_calls(chromium: Browser, model: Path, tmp_path: Path) -> None:
+    shutil.rmtree(tmp_path / "library")
+    with ModelWatch(model) as watch, opened(chromium, watch) as page:
+        said = "document.querySelector('#inspector').innerText"
+        until(page, f'{said}.includes("FAME\'s own library supplies Explore, GoTo")')
+        explore = "fame.mission.elements.findIndex((one) => one.name === 'Explore' && one.inside >= 0)"
+        page.evaluate(f"fame.select({{element: {explore}}})")
+        until(page, f'{said}.includes("calls Explore of FAME\'s own library")')

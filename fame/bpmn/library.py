@@ -178,6 +178,12 @@ class Library:
         similar = difflib.get_close_matches(plain, sorted(name.lower() for name in known), 1)
         return "".join(f"; did you mean {name!r}?" for name in sorted(known) if [name.lower()] == similar)
 
+    def is_own(self, caller: Definitions, called: Definitions) -> bool:
+        """Whether FAME's own library supplies a file that is called, not ``--library`` or a folder of the caller."""
+        *given, own = self.levels(caller)
+        folder = called.path.parent.resolve() if called.path is not None else None
+        return folder in own and all(folder != one.resolve() for level in given for one in level)
+
     def closure(self, definitions: Definitions, process: Process) -> list[tuple[Definitions, Process]]:
         """A process and all processes that it calls, at any depth, each once.
 
@@ -208,11 +214,6 @@ def calls_of(process: Process) -> Iterator[CallActivity]:
     """The call activities of a process that name what they call."""
     nodes = (node for node in process.body.walk() if isinstance(node, CallActivity))
     return (node for node in nodes if node.called and not node.refused)
-
-
-def is_built_in(definitions: Definitions) -> bool:
-    """Whether a file is one of FAME's own library."""
-    return definitions.path is not None and definitions.path.parent.resolve() in BUILT_IN
 
 
 def _why_no_call(call: CallActivity) -> str:

@@ -56,6 +56,12 @@ def check_pools(scope: CheckScope) -> Iterator[Finding]:
         return
 
 
+def check_library(scope: CheckScope) -> Iterator[Finding]:
+    """Say which called processes are FAME's own: perhaps others were meant."""
+    if scope.own:
+        yield Finding("note", f"FAME's own library supplies {', '.join(sorted(scope.own))}", scope.definitions.file)
+
+
 # ---- names of properties and pools -----------------------------------------------------------------------------------
 
 

@@ -115,6 +115,7 @@ class CheckScope:
     roots          processes that start by themselves: those of pools, and those that nothing in the file calls
     pools          ids of the processes that have a pool: nothing else gives them variables
     missing        why called processes could not be found
+    own            what the file calls and FAME's own library supplies
     mission        the scopes of all files of the mission, this one included
     strict         a payload that reads a variable nothing sets is an error
     remote_types   the processes run elsewhere, where other message types may be known
@@ -125,6 +126,7 @@ class CheckScope:
     roots: tuple[CheckedProcess, ...]
     pools: frozenset[str]
     missing: tuple[ModelError, ...]
+    own: frozenset[str] = frozenset()
     mission: tuple[CheckScope, ...] = ()
     strict: bool = False
     remote_types: bool = False
@@ -185,7 +187,10 @@ def _scope(definitions: Definitions, library: Library) -> CheckScope:
                 if callee is not None and callee not in pending:
                     pending.append(callee)
     pools = frozenset(pool.process for pool in definitions.participants if pool.process)
-    return CheckScope(definitions, tuple(pending), tuple(_roots(own, pools)), pools, tuple(missing))
+    calls = (pair for process in own for pair in process.calls)
+    supplied = {one.called for one, to in calls if to is not None and library.is_own(definitions, to.definitions)}
+    roots = tuple(_roots(own, pools))
+    return CheckScope(definitions, tuple(pending), roots, pools, tuple(missing), frozenset(supplied))
 
 
 def _key(process: CheckedProcess) -> tuple[str, str]:

@@ -11,6 +11,7 @@ from pathlib import PurePath
 from typing import Any, NamedTuple
 
 from fame.bpmn.draw.diagram import Drawing, draw_planes
+from fame.bpmn.library import BUILT_IN, Find
 from fame.bpmn.model import Body, CallActivity, Definitions, Element, FlowNode, Process, SequenceFlow, SubProcess, Task
 from fame.bpmn.topics import topics_of
 from fame.errors import ModelError
@@ -36,7 +37,8 @@ class Catalogue:
     called    call activity -> the process that it calls, both by number
     """
 
-    def __init__(self, files: Sequence[Definitions]) -> None:
+    def __init__(self, files: Sequence[Definitions], find: Find | None = None) -> None:
+        self._find = find
         self.files: tuple[Definitions, ...] = ()
         self.elements: list[Entry] = []
         self.called: dict[int, int] = {}
@@ -130,6 +132,14 @@ class Catalogue:
             "calls": called,
             "doc": element.documentation,
         }
+        if called != NOWHERE and self.elements[called].file != file:
+            target = self.elements[called]
+            place = (
+                "FAME's own library"
+                if _is_own(self.files[target.file])
+                else PurePath(self.files[target.file].file).name
+            )
+            values["source"] = f"calls {target.element.id} of {place}"
         if isinstance(element, SequenceFlow):
             values["condition"] = element.condition.text if element.condition is not None else ""
         if isinstance(element, FlowNode):
@@ -190,12 +200,20 @@ class Catalogue:
     def _link_calls(self) -> None:
         for number, (file, element, _) in enumerate(tuple(self.elements)):
             if isinstance(element, CallActivity) and element.called:
-                target = self._called(file, element.called)
+                target = self._found(file, element) if self._find is not None else self._called(file, element.called)
                 if target is not None:
                     self.called[number] = target
 
+    def _found(self, file: int, call: CallActivity) -> int | None:
+        try:
+            target = self._find(self.files[file], call) if self._find is not None else None
+        except ModelError:  # a finding of the check
+            return None
+        places = (place for place, one in enumerate(self.files) if target is not None and one.file == target[0].file)
+        return next((self._number.get((place, target[1].id)) for place in places if target is not None), None)
+
     def _called(self, file: int, called: str) -> int | None:
-        """The process that is called, if one of the files has it, the caller's first."""
+        """The process that is called, if one of the files has it, the caller's first: recordings have no folders."""
         for place in (file, *range(len(self.files))):
             number = self._number.get((place, called))
             if number is not None and isinstance(self.elements[number].element, Process):
@@ -204,3 +222,9 @@ class Catalogue:
             if PurePath(definitions.file).stem == called and len(definitions.processes) == 1:
                 return self._number[place, definitions.processes[0].id]
         return None
+
+
+def _is_own(definitions: Definitions) -> bool:
+    """Whether a file is one of FAME's own library; a recording has only its name and content."""
+    name = PurePath(definitions.file).name
+    return any((folder / name).is_file() and (folder / name).read_bytes() == definitions.source for folder in BUILT_IN)

@@ -74,7 +74,7 @@ class LiveRun:
         self.control_of_run = control
         self._title = title or Path(scenario.file).stem
         self._scenario = scenario
-        self.catalogue = Catalogue(scenario.closures())
+        self.catalogue = Catalogue(scenario.closures(), scenario.library.find)
         self._packer = Packer(self.catalogue, scenario.cast)
         self._lock = threading.Lock()
         self._ended = ""

@@ -87,7 +87,7 @@ class ModelWatch(Closing):
         except FameError as error:
             last = before or _Reading(Catalogue([]))
             return _Reading(last.catalogue, [Finding("error", str(error), str(self._path))], last.files)
-        return _Reading(Catalogue(files), found, tuple(Path(file.file) for file in files))
+        return _Reading(Catalogue(files, library.find), found, tuple(Path(file.file) for file in files))
 
     def _model(self) -> tuple[Definitions, Library]:
         if self._path.suffix.lower() in (".yaml", ".yml"):
