@@ -101,7 +101,7 @@ def test_quiet_still_says_what_went_wrong(waits: str, capsys) -> None:
     out, err = capsys.readouterr()
     assert out == ""
     assert all(line.startswith("fame: ") for line in err.splitlines())
-    assert "REX waits at t" in err
+    assert 'REX waits at "Wait" (t)' in err
 
 
 def test_the_duration_ends_the_run_and_it_says_who_waits(waits: str, capsys) -> None:
@@ -109,7 +109,7 @@ def test_the_duration_ends_the_run_and_it_says_who_waits(waits: str, capsys) -> 
     out, err = capsys.readouterr()
     assert "running" in out
     assert "timeout: 7.5 s simulated" in out
-    assert "REX waits at t for sleep" in err
+    assert 'REX waits at "Wait" (t) for sleep' in err
 
 
 def test_the_log_is_whole_when_the_mission_fails(tmp_path: Path, capsys) -> None:

@@ -67,9 +67,8 @@ def test_the_model_is_the_same_for_any_number(count: int) -> None:
 def test_without_any_tractor_the_drone_keeps_asking_until_the_time_is_up() -> None:
     result = load(robots={"Tractor": 0}, duration=60).run()
     assert (result.status, len(result.robots)) == ("timeout", 1)
-    assert "Drone waits at Event_TractorPosition for topic /tractor_position, which no other node publishes" in (
-        result.messages
-    )
+    place = '"tractor_position" (Event_TractorPosition)'
+    assert f"Drone waits at {place} for topic /tractor_position, which no other node publishes" in result.messages
 
 
 def test_a_team_of_which_nobody_is_left_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,10 @@ import pytest
 from bpmn_text import document
 
 from fame.cli import main
+from fame.deploy import Report
 from fame.scenario import Result, Scenario
+from fame.scenario.campaign import cause_of
+from fame.scenario.result import reported_result
 
 SIGNALS = '<signal id="Go" name="go"/><signal id="Own" name="~/go"/><message id="Order" name="order"/>'
 OPTIONAL = (
@@ -146,3 +149,56 @@ def test_optional_is_true_or_false(tmp_path: Path, capsys: pytest.CaptureFixture
     path = write(tmp_path, pool("A", "", head=OPTIONAL.replace("true", "maybe")))
     assert main(["run", str(path)]) == 2
     assert "property optional='maybe': expected true or false" in capsys.readouterr().err
+
+
+# ---- what is told of tokens and messages that are left ---------------------------------------------------------------
+
+STOP = (
+    '<subProcess id="h" name="Emergency stop" triggeredByEvent="true"><extensionElements><camunda:properties>'
+    '<camunda:property name="resume" value="true"/></camunda:properties></extensionElements>'
+    '<startEvent id="ht"><timerEventDefinition><timeDuration>PT2S</timeDuration></timerEventDefinition></startEvent>'
+    '<sequenceFlow id="hf" sourceRef="ht" targetRef="hu"/>'
+    '<scriptTask id="hu"><script>await sleep(60)</script></scriptTask></subProcess>'
+)
+WAITING = (
+    '<startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="c"/><callActivity id="c" name="Go home" '
+    'calledElement="Drive"/>'
+)
+INNER = (
+    '<process id="Drive"><intermediateCatchEvent id="o" name="odom"><signalEventDefinition signalRef="Go"/>'
+    "</intermediateCatchEvent></process>"
+)
+
+
+def test_a_token_is_told_by_what_is_drawn_and_by_who_suspends_it(tmp_path: Path) -> None:
+    (tmp_path / "Drive.bpmn").write_text(document(SIGNALS + INNER))
+    path = tmp_path / "mission.bpmn"
+    path.write_text(document(f'<process id="P" isExecutable="true">{WAITING}{STOP}</process>'))
+    result = Scenario.load(path, duration=10).run()
+    place = 'P waits at "Go home" (c), inside it Drive at "odom" (o)'
+    assert f'{place}, suspended by "Emergency stop" since 8 s' in result.messages
+    assert result.to_json()["robots"]["P"]["waits"][0]["suspended"] == 'suspended by "Emergency stop" since 8 s'
+    assert cause_of(result).startswith(f'{place.replace("waits", "waited")}, suspended by "Emergency stop"; ')
+    path.write_text(document(f'<process id="P" isExecutable="true">{WAITING}</process>'))
+    assert f"{place}, for topic /go, which no other node publishes" in Scenario.load(path, duration=10).run().messages
+
+
+def test_messages_that_no_event_took_are_counted(tmp_path: Path) -> None:
+    send = "".join(f'<sendTask id="m{n}" messageRef="Order"/>' for n in range(3))
+    flows = "".join(
+        f'<sequenceFlow id="f{n}" sourceRef="{a}" targetRef="m{n}"/>' for n, a in enumerate(("s", "m0", "m1"))
+    )
+    path = tmp_path / "team.bpmn"
+    path.write_text(document(
+        f'{SIGNALS}<collaboration id="C"><participant id="p" name="Boss" processRef="A"/>'
+        '<participant id="q" name="Worker" processRef="B"/></collaboration>'
+        f'<process id="A" isExecutable="true"><startEvent id="s"/>{send}{flows}</process><process id="B" isExecutable='
+        '"true"><receiveTask id="r" messageRef="Order"/><sequenceFlow id="g" sourceRef="r" targetRef="t"/><scriptTask '
+        'id="t"><script>await sleep(1)</script></scriptTask></process>'
+    ))  # fmt: skip
+    result = Scenario.load(path, duration=10).run()
+    assert result.status == "completed"
+    assert result.messages == ["Worker: 2 messages on /order reached it, and no event took them"]
+    assert result.to_json()["robots"]["Worker"]["untaken"] == {"/order": 2}
+    report = Report.from_json(Report(robot="Worker", state="idle", untaken={"/order": 2}).to_json())
+    assert reported_result("Worker", report).untaken == {"/order": 2}

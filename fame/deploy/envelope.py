@@ -124,7 +124,9 @@ class Report:
     migration  with ``ready`` and ``previewed``: what becomes of its state (`fame.deploy.migration.Foreseen`)
     elements   how many elements have been completed
     ahead      what timers of start events will still start: nothing, ``endless`` (cycles without end), ``due``
-    waits      tokens that wait: `element`, `for` (in words), `since` (s), `topics` (each with the number of publishers)
+    waits      tokens that wait: `element`, `for` (in words), `since` (s), `topics` (each with the number of
+               publishers), `place` (the drawn activity) and `suspended` (by whom, since when), if they differ
+    untaken    how many messages no event has taken, by topic
     offers     the elements of open ad-hoc sub-processes that can be activated
     incidents  elements that have failed and wait for somebody: `element`, `code`, `text`
     errors     of the last instances that have failed: `code`, `element`, `name`, `file`, `line`, `text`
@@ -154,6 +156,7 @@ class Report:
     elements: int = 0
     ahead: str = ""
     waits: Sequence[Mapping[str, Any]] = ()
+    untaken: Mapping[str, int] = field(default_factory=dict)
     offers: Sequence[str] = ()
     absent: Mapping[str, float] = field(default_factory=dict)
     warnings: Sequence[str] = ()
@@ -216,6 +219,8 @@ _WAIT: dict[str, fields.Check] = {
     "for": _TEXT,
     "since": fields.number,
     "topics": fields.mapping(_TEXT, fields.integer()),
+    "place": _TEXT,
+    "suspended": _TEXT,
 }
 _ERROR: dict[str, fields.Check] = {
     **dict.fromkeys(("code", "element", "name", "file", "text"), _TEXT),
@@ -257,6 +262,7 @@ _REPORT: dict[str, fields.Check] = {
     "completed": fields.integer(),
     "failed": fields.integer(),
     "waits": fields.sequence(fields.record(_WAIT)),
+    "untaken": fields.mapping(_TEXT, fields.integer()),
     "offers": fields.sequence(_TEXT),
     "warnings": fields.sequence(_TEXT),
     "absent": fields.mapping(fields.robot, fields.number),

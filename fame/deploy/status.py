@@ -265,9 +265,17 @@ def _described(process: RobotNode) -> dict[str, Any]:
         "elements": process.elements,
         "ahead": process.pending_starts,
         "waits": [
-            {"element": wait.element, "for": wait.text, "since": wait.since / SECOND, "topics": dict(wait.topics)}
+            {
+                "element": wait.element,
+                "for": wait.text,
+                "since": wait.since / SECOND,
+                "topics": dict(wait.topics),
+                **({"place": wait.place} if wait.place not in ("", wait.element) else {}),
+                **({"suspended": wait.suspended} if wait.suspended else {}),
+            }
             for wait in process.waiting_tokens()
         ],
+        "untaken": process.untaken(),
         "offers": process.offers(),
         "error": str(last) if last is not None else "",
         "incidents": [{"element": id, "code": code, "text": text} for id, code, text in process.incidents],

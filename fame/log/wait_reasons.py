@@ -32,7 +32,7 @@ class WaitReason:
         where = display_name(self.token["element"], self.label)
         yield printable(f"{robot} waits at {where}{path}, for {self.seconds:.1f} s, for {self.token.get('text', '')}")
         if self.token.get("suspended"):
-            yield "  it is suspended: an event sub-process runs"
+            yield printable(f"  it is suspended by {self.token.get('by', 'an event sub-process')}")
         for condition in self.token.get("conditions", ()):
             yield printable(f"  condition {condition['text']} is not true:")
             for name in condition["reads"]:

@@ -94,6 +94,7 @@ class EngineHost:
         self._robot, self._mission, self._node, self._options = robot, mission, node, options
         self._middleware, self._scheduler, self._endpoints = middleware, scheduler, endpoints
         self.recorder: Recorder | None = None
+        self.on_suspended: Callable[[Engine], object] = lambda engine: None
         self._on_trail = trail_handler(options.observer) if options.observer is not None else None
         self.scripts: Scripts = Scripts(
             robot,
@@ -169,6 +170,8 @@ class EngineHost:
 
     def make_safe(self, reason: str) -> None:
         options = self._options
+        if reason == "suspended":
+            self.on_suspended(self.engine)
         suspended = reason == "suspended" and options.safe_suspended is not None
         for topic, type, fields in (options.safe_suspended or ()) if suspended else options.safe_state:
             full = resolve(topic, self._node.namespace)

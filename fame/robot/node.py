@@ -127,6 +127,7 @@ class RobotNode:
         self.runner: Runner = self.host.runner
         self.runner.on_lost = self._on_lost_request
         self.waiting: WaitingTokens = WaitingTokens(name, mission, self.node, middleware, scheduler, self.runner)
+        self.host.on_suspended = self.waiting.on_suspended
         self._observed = observer is not None
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # messages between `load` and `start`
         if compiled:
@@ -272,6 +273,10 @@ class RobotNode:
         waiting = self.waiting.list(self.engine)
         due = {} if self.engine.instances else self._starts_due()
         return [*waiting, *self.waiting.starts(self.engine, due, epoch=self.epoch, by_message=not self.instances)]
+
+    def untaken(self) -> dict[str, int]:
+        """How many BPMN messages no event has taken, by full name of their topic."""
+        return {resolve(topic, self.namespace): count for topic, count in self.engine.untaken.items() if count > 0}
 
     def offers(self) -> list[str]:
         """The ids of the elements that `activate` can start now."""

@@ -19,7 +19,8 @@ from fame.clock import SECOND, Scheduler, date_at, date_text
 from fame.engine import Engine, waiting
 from fame.engine.program import USER, Catch, Node as ProgramNode
 from fame.engine.repair import INCIDENT
-from fame.engine.state import Wait, joins_reached
+from fame.engine.state import Scope, Wait, joins_reached, scopes_of
+from fame.errors import display_name
 from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, TopicInfo, resolve
 from fame.robot.mission import Mission
 from fame.scripting import Runner, script_names
@@ -35,7 +36,8 @@ class WaitingToken:
     """A token that waits at an element, and what it waits for, in words.
 
     `since` (ns) is when it was first seen there; `topics` are those whose message would move it, by full name, each
-    with the number of other publishers on it.
+    with the number of other publishers on it. `place` names the drawn activity, and the element inside a
+    called process; `suspended` who suspends it, since when.
     """
 
     robot: str
@@ -43,6 +45,17 @@ class WaitingToken:
     text: str
     since: int = 0
     topics: Mapping[str, int] = field(default_factory=dict)
+    place: str = ""
+    suspended: str = ""
+
+    @property
+    def reason(self) -> str:
+        """Why it does not move: ``for topic /go``, or ``suspended by "Emergency stop" since 8 s``."""
+        return self.suspended or f"for {self.text}"
+
+    def __str__(self) -> str:
+        comma = "," if self.suspended or "inside it" in self.place else ""
+        return f"{self.robot} waits at {self.place or self.element}{comma} {self.reason}"
 
 
 class PublisherGap(NamedTuple):
@@ -102,6 +115,7 @@ class WaitingTokens:
         self._topics: Sequence[TopicInfo] = ()  # what these were taken from
         self._gaps = PublisherGaps()
         self._seen: dict[Hashable, int] = {}  # waiting token -> when `list` saw it first
+        self._suspended: dict[int, int] = {}  # key of a handler that suspends its scope -> since when
 
     def on_message(self, topic: str, *, awaited: bool) -> None:
         """Record a message on a topic (its qualified name), and whether a token waited for it."""
@@ -148,6 +162,7 @@ class WaitingTokens:
         joins = [found for instance in engine.instances.values() for found in joins_reached(instance.root)]
         now, publishers = self._scheduler.now, self._publishers()
         self._note([*(wait.key for wait in waits), *((scope.key, join.id) for scope, join, _ in joins)], now)
+        self.on_suspended(engine)
         awaited = [self._awaited(wait) for wait in waits]
         self._gaps.update(now, {topic: publishers.get(topic, ()) for topics in awaited for topic in topics})
         describe = _Describer(self._node.namespace, self._runner, self._conditions, self._missed_hint, publishers)
@@ -158,11 +173,58 @@ class WaitingTokens:
             hint = gap.text(now) if gap is not None else self._server(wait)
             text = describe.wait(wait) + (f" ({hint})" if hint else "")
             counts = {topic: len(publishers.get(topic, ())) for topic in topics}
-            found.append(WaitingToken(self._robot, wait.node.id, text, since, counts))
+            by = self._suspender(wait, now)
+            found.append(WaitingToken(self._robot, wait.node.id, text, since, counts, self._place(wait), by))
         for scope, join, held in joins:
             text = f"a token on {held.count(0) or 'more'} of its {join.spec.need} flows"
-            found.append(WaitingToken(self._robot, join.id, text, self._seen[scope.key, join.id]))
+            place = self._shown(join)
+            found.append(WaitingToken(self._robot, join.id, text, self._seen[scope.key, join.id], place=place))
         return found
+
+    def on_suspended(self, engine: Engine) -> None:
+        """Record since when scopes are suspended."""
+        scopes = (scope for instance in engine.instances.values() for scope in scopes_of(instance.root))
+        handlers = [scope.suspender.key for scope in scopes if scope.suspender is not None]
+        self._suspended = {key: self._suspended.get(key, self._scheduler.now) for key in handlers}
+
+    def _suspender(self, wait: Wait, now: int) -> str:
+        """Who suspends a token, since when."""
+        if not wait.paused:
+            return ""
+        handler, since = suspender(wait), ""
+        if handler is not None and handler.key in self._suspended:
+            since = f" since {(now - self._suspended[handler.key]) / SECOND:.3g} s"
+        return f"suspended by {self._label(handler)}{since}"
+
+    def _label(self, handler: Scope | None) -> str:
+        """The name of an event sub-process that suspends a token; without one the robot is on hold."""
+        if handler is None or handler.node is None:
+            return "a hold of the robot"
+        name = self._elements.get((handler.node.file, handler.node.id))
+        return f'"{name.name}"' if name is not None and name.name else handler.node.id
+
+    def _shown(self, node: ProgramNode) -> str:
+        element = self._elements.get((node.file, node.id))
+        return display_name(node.id, element.name if element is not None else "")
+
+    def _place(self, wait: Wait) -> str:
+        """The element of a token, as drawn in the file of the mission; of a process from another file: its call."""
+        file, drawn, called = self._mission.definitions.file, None, ""
+        scope: Scope | None = wait.scope
+        while scope is not None:
+            node = scope.node
+            if node is not None and isinstance(self._elements.get((node.file, node.id)), model.CallActivity):
+                called = called or (scope.body.id if scope.body is not None else "")
+                drawn = node if node.file == file else drawn
+            scope = scope.parent
+        if wait.node.file == file or drawn is None:
+            return self._shown(wait.node)
+        return f"{self._shown(drawn)}, inside it {called} at {self._shown(wait.node)}"
+
+    @cached_property
+    def _elements(self) -> Mapping[tuple[str, str], model.FlowNode]:
+        """The elements of the mission, by file and id."""
+        return {(home.file, node.id): node for home, node in self._mission.flow_nodes()}
 
     def starts(
         self, engine: Engine, due: Mapping[int, int], *, epoch: datetime, by_message: bool
@@ -193,7 +255,7 @@ class WaitingTokens:
             found["topics"] = list(topics)
             found["publishers"] = {topic: list(self._graph.get(topic, ())) for topic in topics}
         if wait.paused:
-            found["suspended"] = True
+            found["suspended"], found["by"] = True, self._label(suspender(wait))
         request = self._runner.request(wait.key)
         if isinstance(request, Act):
             found["action"] = resolve(request.action, self._node.namespace)
@@ -310,6 +372,16 @@ def silence_text(kind: str, since: int, now: int) -> str:
     """What `Runner.server_silence` says, in words, at `now` (ns)."""
     seconds = f"{max(0, now - since) / SECOND:.3g} s"
     return f"it has had no server for {seconds}" if kind == "gone" else f"its server has said nothing for {seconds}"
+
+
+def suspender(wait: Wait) -> Scope | None:
+    """The scope of the event sub-process that suspends a token; None if there is none: the robot is on hold."""
+    scope: Scope | None = wait.scope
+    while scope is not None:
+        if scope.suspender is not None and wait.key < scope.mark:
+            return scope.suspender
+        scope = scope.parent
+    return None
 
 
 class _AnyTopic(dict[str, Collection[str]]):

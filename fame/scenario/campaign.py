@@ -138,10 +138,15 @@ def cause_of(result: Any) -> str:
     for robot in result.robots:
         for error in robot.errors:
             return f"{robot.name} failed at {display_name(error.element, error.name)}: {error.code or 'error'}"
-    waits = [f"{wait.robot} waited at {wait.element}" for robot in result.robots for wait in robot.waits]
+    waits = [
+        f"{wait.robot} waited at {wait.place or wait.element}" + (wait.suspended and ", ")
+        + wait.suspended.partition(" since ")[0]
+        for robot in result.robots for wait in robot.waits
+    ]  # fmt: skip
     if result.never_started:
         return f"{', '.join(result.never_started)} never started" + (f"; {waits[0]}" if waits else "")
-    return "; ".join(dict.fromkeys(waits[:2])) or "not over"
+    untaken = [f"{robot.name} never took {topic}" for robot in result.robots for topic in robot.untaken]
+    return "; ".join(dict.fromkeys((*waits[:2], *untaken[:1]))) or "not over"
 
 
 def parse_fault(text: str) -> Fault:

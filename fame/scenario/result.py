@@ -51,6 +51,7 @@ class TeamStatus:
 class RobotResult:
     """The result of one robot. `elements` is the number of completed elements; `waits` are the tokens still waiting.
 
+    `untaken`: how many BPMN messages reached it that no event took, by topic.
     `ahead`: whether timers of start events were still pending.
     """
 
@@ -62,6 +63,7 @@ class RobotResult:
     errors: tuple[MissionError, ...]
     waits: tuple[WaitingToken, ...]
     ahead: PendingStarts = ""
+    untaken: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def running(self) -> int:
@@ -122,11 +124,17 @@ class Result:
         if self.status != "completed":
             lines += [f"pool {name} never started: no robot of it ran its process" for name in self.never_started]
             waits = [wait for robot in self.robots for wait in robot.waits]
-            lines += [f"{wait.robot} waits at {wait.element} for {wait.text}" for wait in waits]
+            lines += map(str, waits)
             waiting = next((wait for wait in waits if wait.text == A_PERSON), None)
             if waiting is not None:
                 here = f"--complete {waiting.robot}@S:{waiting.element} does it at simulated second S"
                 lines.append(f"{here}; fame complete reaches robots in processes of their own (--middleware dds)")
+        for robot in self.robots:
+            for topic, count in robot.untaken.items():
+                number = "1 message" if count == 1 else f"{count} messages"
+                lines.append(
+                    f"{robot.name}: {number} on {topic} reached it, and no event took {'it' if count == 1 else 'them'}"
+                )
         weeds = self.world["weeds"] if self.world is not None else {}
         lines += [f"weed {name} was not cut" for name, weed in weeds.items() if weed["by"] is None]
         return lines
@@ -146,7 +154,11 @@ class Result:
                     "failed": robot.failed,
                     "elements": robot.elements,
                     "errors": [error.to_json() for error in robot.errors],
-                    "waits": [{"element": wait.element, "for": wait.text} for wait in robot.waits],
+                    "waits": [
+                        {"element": wait.element, "place": wait.place, "for": wait.text, "suspended": wait.suspended}
+                        for wait in robot.waits
+                    ],
+                    "untaken": dict(robot.untaken),
                 }
                 for robot in self.robots
             },
@@ -211,6 +223,7 @@ def robot_result(node: RobotNode, waits: tuple[WaitingToken, ...]) -> RobotResul
         errors=tuple(instance.error for instance in instances if instance.error is not None),
         waits=waits,
         ahead=node.pending_starts,
+        untaken=node.untaken(),
     )
 
 
@@ -227,6 +240,7 @@ def reported_result(robot: str, report: Report | None) -> RobotResult:
         errors=tuple(_error(robot, error) for error in report.errors),
         waits=tuple(_wait(robot, wait) for wait in report.waits),
         ahead=report.ahead,  # type: ignore[arg-type]
+        untaken=report.untaken,
     )
 
 
@@ -244,7 +258,9 @@ def _error(robot: str, fields: Mapping[str, Any]) -> MissionError:
 
 def _wait(robot: str, fields: Mapping[str, Any]) -> WaitingToken:
     since = round(fields.get("since", 0.0) * SECOND)
-    return WaitingToken(robot, fields.get("element", ""), fields.get("for", ""), since, fields.get("topics", {}))
+    element, text = fields.get("element", ""), fields.get("for", "")
+    place, suspended = fields.get("place", ""), fields.get("suspended", "")
+    return WaitingToken(robot, element, text, since, fields.get("topics", {}), place, suspended)
 
 
 def mistyped_topics(graph: Iterable[TopicInfo]) -> Iterator[tuple[str, str]]:

@@ -67,7 +67,8 @@ def _token_lines(mission: MissionUnderTest, robot: str) -> Iterator[str]:
     for wait in waits:
         came = mission.trace.of(robot, frozenset([wait.element]), "enter")
         since = f" since {came[-1].time / SECOND:g} s" if came and node.engine.instances else ""
-        yield f"{robot}  at {mission.elements.shown(robot, wait.element)}{since}, waits for {wait.text}"
+        why = wait.suspended or f"waits for {wait.text}"
+        yield f"{robot}  at {mission.elements.shown(robot, wait.element)}{since}, {why}"
     failed = [instance for instance in node.instances if instance.error is not None]
     for instance in failed[-1:]:
         yield f"{robot}  failed: {instance.error}"
