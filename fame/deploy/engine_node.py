@@ -154,6 +154,7 @@ class EngineNode:
             StateKeeper(state, robot, scheduler, self._on_disk_trouble, wall_time) if state is not None else None
         )
         self._trouble = ""  # why the state cannot be written
+        self._lost_promise = ""  # why it is not known whether its team has started something newer
         self._resumed: ResumedMission | None = None
         self._promise: Envelope | None = None  # what the engine before was ready to start
         self._protocol: Machine[RobotState, Event, Action] = Machine(
@@ -210,11 +211,16 @@ class EngineNode:
         if self.resuming:
             return "loading"
         if protocol.candidate is None:
-            at_rest = "suspended" if self._trouble else state_of(self.running)
+            at_rest = "suspended" if self._why_suspended else state_of(self.running)
             return "loading" if protocol.loading is not None else at_rest
         if protocol.candidate.stage != "ready":
             return "loading"
         return "holding" if protocol.candidate.asks else "ready"
+
+    @property
+    def _why_suspended(self) -> str:
+        """Why the mission does not go on by itself, or nothing."""
+        return f"its state cannot be written: {self._trouble}" if self._trouble else self._lost_promise
 
     @property
     def deployed(self) -> str:
@@ -241,7 +247,7 @@ class EngineNode:
             "warnings": self.warn.lines(),
             "now": self._time.now / SECOND,
             **progress(self.running),
-            **({"error": f"its state cannot be written: {self._trouble}"} if self._trouble else {}),
+            **({"error": self._why_suspended} if self._why_suspended else {}),
         }
 
     def _on_refusal(self, reason: str, deployment: str, cause: str) -> None:
@@ -341,7 +347,7 @@ class EngineNode:
         self._close_running("suspended" if migrates else "terminated")
         self.running, self.candidate = candidate.process, None
         if self._keeper is not None:
-            self._trouble = ""
+            self._trouble = self._lost_promise = ""
             self._keeper.begin(candidate.envelope, self.running)
         if self._feed is not None:
             self._feed.begin(self.running, resumed=migrates)
@@ -424,7 +430,7 @@ class EngineNode:
             candidate.close()
             if self._keeper is not None and not self._stopped:
                 self._keeper.forget_promise()
-        if self.running is not None:
+        if self.running is not None and not self._lost_promise:
             self.running.release()
 
     def _close_running(self, safe: str) -> None:
@@ -474,7 +480,10 @@ class EngineNode:
             self._feed.begin(process, resumed=True)
 
     def _on_resumed(self) -> None:
-        self._note("continues its mission")
+        if self._lost_promise and self.running is not None:  # others may run what it cannot read any more
+            self.running.hold()
+        else:
+            self._note("continues its mission")
         self._keep_promise()
 
     def _keep_promise(self) -> None:
@@ -488,7 +497,8 @@ class EngineNode:
         try:
             envelope = self._keeper.promised(self._trusted)
         except ConfigError as error:  # others of its team are told that it does not know
-            self._note(f"what it had promised to start is lost: {error}")
+            self._lost_promise = f"what it had promised to start is lost: {error}; deploy again"
+            self._note(self._lost_promise)
             return
         if envelope is not None and envelope.deployment == self._protocol.state.deployed:
             self._keeper.forget_promise()
@@ -504,7 +514,8 @@ class EngineNode:
         self._note(
             f"holds: its state cannot be written: {reason}" if reason else "continues: its state can be written again"
         )
-        self.scheduler.soon(running.hold if reason else running.release, Kind.RESUMPTION)
+        holds = reason or self._lost_promise
+        self.scheduler.soon(running.hold if holds else running.release, Kind.RESUMPTION)
 
     # ---- the end ---------------------------------------------------------------------------------------------------
 

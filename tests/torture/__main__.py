@@ -7,9 +7,12 @@ import sys
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
 
 from .invariants import judge
-from .plan import Plan, draw
+from .plan import DISK_FAULTS, FAULTS, Plan, draw
+from .planted import BUGS, seeds_until_found
 from .team import Team
 
 
@@ -43,38 +46,61 @@ def reduced(plan: Plan) -> Plan:
 
 
 def main() -> int:
+    """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m tests.torture", description=__doc__)
-    parser.add_argument("--seeds", default="1:200", metavar="FIRST:LAST")
+    parser.add_argument("--seeds", default="1:200", metavar="FIRST:LAST", help="the seeds to run (1:200)")
+    parser.add_argument("--seconds", type=float, metavar="S", help="end after this time")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="number of processes (1)")
     parser.add_argument("--seed", type=int, metavar="N", help="run one seed, print what happens")
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--reduce", action="store_true", help="with --seed: the fewest steps that still fail")
+    parser.add_argument("--plan", metavar="FILE", help="run a plan that was kept")
+    parser.add_argument("--planted", type=int, metavar="LIMIT", help="after how many seeds is each planted bug found")
     arguments = parser.parse_args()
-    if arguments.seed is not None:
-        plan = draw(arguments.seed)
-        if arguments.reduce:
-            plan = reduced(plan)
-            print(plan.to_json())
-        found, _, lines = outcome(plan)
-        print(*map(str, plan.steps), "", *lines, "", *found, sep="\n")
-        return bool(found)
+    if arguments.planted:
+        return _find_planted(arguments.planted, arguments.jobs)
+    if arguments.seed is not None or arguments.plan:
+        plan = draw(arguments.seed) if arguments.plan is None else Plan.from_json(Path(arguments.plan).read_text())
+        return _show(reduced(plan) if arguments.reduce else plan)
     first, last = map(int, arguments.seeds.split(":"))
-    return _run_all(range(first, last + 1), arguments.jobs)
+    return _run_all(range(first, last + 1), arguments.jobs, arguments.seconds)
 
 
-def _run_all(seeds: range, jobs: int) -> int:
+def _show(plan: Plan) -> int:
+    found, _, lines = outcome(plan)
+    print(plan.to_json(), *map(str, plan.steps), "", *lines, "", *found, sep="\n")
+    return bool(found)
+
+
+def _find_planted(limit: int, jobs: int) -> int:
+    with ProcessPoolExecutor(jobs) as pool:
+        results = pool.map(partial(seeds_until_found, starts=range(1, 50_001, 10_000), limit=limit), BUGS)
+        missed = 0
+        for name, number in zip(BUGS, results, strict=True):
+            missed += number >= limit
+            print(f"{name:40} {'not found' if number >= limit else f'{number:g}'}", flush=True)
+    return bool(missed)
+
+
+def _run_all(seeds: range, jobs: int, seconds: float | None) -> int:
     begun, failed, struck, done = time.perf_counter(), 0, Counter[str](), 0
     with ProcessPoolExecutor(jobs) as pool:
-        for seed, found, counts in pool.map(run_seed, seeds, chunksize=4):
-            done += 1
-            struck += counts
-            if found:
-                failed += 1
-                print(f"seed {seed}: {'; '.join(found)}", flush=True)
-    seconds = time.perf_counter() - begun
+        for start in range(seeds.start, seeds.stop, 100):
+            if seconds is not None and time.perf_counter() - begun > seconds:
+                break
+            for seed, found, counts in pool.map(run_seed, range(start, min(start + 100, seeds.stop)), chunksize=4):
+                done += 1
+                struck += counts
+                if found:
+                    failed += 1
+                    print(f"seed {seed}: {'; '.join(found)}", flush=True)
+    took = time.perf_counter() - begun
     for kind, count in sorted(struck.items()):
         print(f"{count:9d}  {kind}")
-    print(f"{done} seeds, {failed} failed, {seconds:.0f} s, {done / seconds:.1f} seeds/s")
-    return bool(failed)
+    print(f"{done} seeds from {seeds.start}, {failed} failed, {took:.0f} s, {done / took:.1f} seeds/s")
+    never = {kind for kind in FAULTS + DISK_FAULTS if not any(name.startswith(f"{kind} /") for name in struck)}
+    if done >= 10_000 and never:
+        print(f"never struck: {', '.join(sorted(never))}")
+    return bool(failed or (done >= 10_000 and never))
 
 
 if __name__ == "__main__":

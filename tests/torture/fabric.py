@@ -36,6 +36,7 @@ class Fabric:
         self.delay, self.loss = 0.002, 0.0  # s at most, probability
         self.struck: Counter[str] = Counter()
         self.published: dict[str, list[tuple[str, Message]]] = {}  # topic -> (process, message), as they left
+        self.last_published: dict[str, int] = {}  # topic -> ns
 
     def join(self, process: Process) -> Wire:
         """The middleware of a new process."""
@@ -359,6 +360,7 @@ class Publisher(End):
         self._kept.append(message)
         wire = self.node.middleware
         wire.fabric.published.setdefault(self.topic, []).append((wire.id, message))
+        wire.fabric.last_published[self.topic] = wire.fabric.scheduler.now
         for subscription in self.matched:
             self._send(subscription, message)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from fame.clock import SECOND
+
 from .team import Said, Team
 
 LAST = 99
@@ -13,7 +15,14 @@ LAST = 99
 def judge(team: Team) -> list[str]:
     """Run a team to its end, and return what does not hold."""
     team.run()
-    found = [*half_applied(team), *broken_promises(team), *undecided(team), *forgotten(team), *effects(team)]
+    found = [
+        *half_applied(team),
+        *broken_promises(team),
+        *undecided(team),
+        *forgotten(team),
+        *effects(team),
+        *stuck(team),
+    ]
     for robot in team.robots.values():
         if robot.engine is not None and robot.engine.state == "holding":
             team.note(f"{robot.name} holds: a person aborts")
@@ -34,7 +43,7 @@ def half_applied(team: Team) -> Iterator[str]:
     running = {
         robot.name: robot.engine.deployed
         for robot in team.robots.values()
-        if robot.engine is not None and robot.engine.deployed and robot.engine.state != "holding"
+        if robot.engine is not None and robot.engine.deployed and robot.engine.state not in ("holding", "suspended")
     }
     if len(set(running.values())) > 1:
         where = ", ".join(f"{name} runs {deployment}" for name, deployment in running.items())
@@ -85,4 +94,16 @@ def effects(team: Team) -> Iterator[str]:
             yield f"A has lost effects: after {before} of version {version} comes {count}"
         elif count <= before and process == by:
             yield f"A has repeated {count} of version {version} without a crash"
+        elif count < before:
+            yield f"A has forgotten effects: after {before} of version {version} comes {count}"
         last[version] = max(before, count), process
+
+
+def stuck(team: Team) -> Iterator[str]:
+    """A mission that runs goes on."""
+    robot = team.robots["A"]
+    if robot.engine is None or robot.engine.state != "running":
+        return
+    ticks = team.fabric.published.get("/tick", ())
+    if not ticks or team.scheduler.now - team.fabric.last_published["/tick"] > 20 * SECOND:
+        yield "A runs and does nothing for 20 s"

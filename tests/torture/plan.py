@@ -69,7 +69,7 @@ def draw(seed: int) -> Plan:
         for _ in range(chance.randint(1, 4)):
             steps.append(_when(chance, begun, _fault(chance, kind)))
     if chance.random() < 0.5:
-        steps.append(Step(0.0, "delay", "", (chance.choice((0.05, 0.5, 2.0)), HEAL)))
+        steps.append(Step(0.0, "delay", "", [chance.choice((0.05, 0.5, 2.0)), HEAL]))
     return Plan(seed, tuple(sorted(steps, key=lambda step: step.time)))
 
 
@@ -103,12 +103,12 @@ def _fault(chance: random.Random, kind: str) -> Step:
             return Step(time, kind, " ".join(chance.sample((*ROBOTS, DESK), 2)), long)
         case "fuse" | "full":
             return Step(
-                time, kind, chance.choice(ROBOTS), (chance.randrange(30) * (100 if kind == "full" else 1), long)
+                time, kind, chance.choice(ROBOTS), [chance.randrange(30) * (100 if kind == "full" else 1), long]
             )
         case "loss":
-            return Step(time, kind, "", (_rounded(chance.uniform(0.01, 0.6)), long))
+            return Step(time, kind, "", [_rounded(chance.uniform(0.01, 0.6)), long])
         case "delay":
-            return Step(time, kind, "", (_rounded(chance.choice((0.05, 0.5, 3.0))), long))
+            return Step(time, kind, "", [_rounded(chance.choice((0.05, 0.5, 3.0))), long])
         case "clock":
             return Step(
                 time,

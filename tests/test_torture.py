@@ -1,0 +1,33 @@
+"""Teams under faults, each run decided by its seed: what once failed holds, and a planted bug is found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.torture.invariants import judge
+from tests.torture.plan import Plan, draw
+from tests.torture.planted import planted
+from tests.torture.team import Team
+
+FOUND = sorted((Path(__file__).parent / "torture" / "found").glob("*.json"))
+
+
+@pytest.mark.parametrize("file", FOUND, ids=lambda file: file.stem)
+def test_what_once_failed_holds(file: Path) -> None:
+    assert judge(Team(Plan.from_json(file.read_text()))) == []
+
+
+def test_a_seed_gives_the_same_run_each_time() -> None:
+    first, second = Team(draw(5)), Team(Plan.from_json(draw(5).to_json()))
+    assert judge(first) == judge(second) == []
+    assert first.lines == second.lines
+    assert len(first.lines) > 20
+
+
+@pytest.mark.parametrize(("name", "file"), [("a promise that is not read again", "seed_727")])
+def test_a_planted_bug_is_found(name: str, file: str) -> None:
+    plan = Plan.from_json((Path(__file__).parent / "torture" / "found" / f"{file}.json").read_text())
+    with planted(name):
+        assert judge(Team(plan)) != []
