@@ -18,14 +18,16 @@ ERROR = '<error id="E" name="lost" errorCode="lost"/>' + "".join(
 )
 
 
-def checked(text: str, *, strict: bool = False, library: Library | None = None) -> list[Finding]:
+def checked(
+    text: str, *, strict: bool = False, guidelines: bool = False, library: Library | None = None
+) -> list[Finding]:
     """The findings about a file."""
-    return check(read_text(text, file="bad.bpmn"), strict=strict, library=library)
+    return check(read_text(text, file="bad.bpmn"), strict=strict, guidelines=guidelines, library=library)
 
 
-def told(text: str, *levels: str, strict: bool = False) -> list[str]:
+def told(text: str, *levels: str, strict: bool = False, guidelines: bool = False) -> list[str]:
     """What is found in a file: ``element: text``, of these levels, errors and warnings if none is named."""
-    found = checked(text, strict=strict)
+    found = checked(text, strict=strict, guidelines=guidelines)
     return [f"{one.element}: {one.text}" for one in found if one.level in (levels or ("error", "warning"))]
 
 

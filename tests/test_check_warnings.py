@@ -6,6 +6,7 @@ import pytest
 from bpmn_text import extensions, properties
 from check_drawing import (
     BOOL,
+    ROOT,
     START,
     VECTOR,
     alone,
@@ -30,6 +31,7 @@ from check_drawing import (
     told,
 )
 
+from fame.cli import main
 from fame.errors import UnavailableError
 
 BRANCHES = ends("a", "b")
@@ -298,6 +300,12 @@ NOTES = {
     ),
     "a script task without a script": (row('<scriptTask id="t"/>'), "t: has no script: it completes at once"),
     "a plain task": (row('<task id="t"/>'), "t: a plain task does nothing: it completes at once"),
+    "a service task": (
+        row('<serviceTask id="t" implementation="grip"/>'),
+        "t: needs the service 'grip' where it runs: Simulation(services=...)",
+    ),
+}  # fmt: skip
+GUIDELINES = {
     "a user task": (
         row('<userTask id="t"/>'),
         "t: a user task is not among the elements that the guidelines recommend (G2)",
@@ -313,10 +321,6 @@ NOTES = {
     "a message event": (
         row('<intermediateThrowEvent id="t" name="m"><messageEventDefinition/></intermediateThrowEvent>'),
         "t: a message event is not among the elements that the guidelines recommend (G2)",
-    ),
-    "a service task": (
-        row('<serviceTask id="t" implementation="grip"/>'),
-        "t: needs the service 'grip' where it runs: Simulation(services=...)",
     ),
     "a condition on what no data object declares": (
         row(script("low = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g", "g b") + flow("g", "a", "low"),
@@ -334,11 +338,27 @@ def test_it_is_a_note(content: str, expected: str) -> None:
     assert expected in told(alone(content), "note")
 
 
+@pytest.mark.parametrize(("content", "expected"), GUIDELINES.values(), ids=GUIDELINES.keys())
+def test_a_deviation_from_the_guidelines_is_a_note_on_request(content: str, expected: str) -> None:
+    assert expected in told(alone(content), "note", guidelines=True)
+    assert expected not in told(alone(content), "note")
+
+
+def test_sound_models_are_told_nothing_of_guidelines_unless_asked(capsys: pytest.CaptureFixture[str]) -> None:
+    model = str(ROOT / "models" / "warehouse.bpmn")
+    for words, noted in ([], False), (["--guidelines"], True):
+        assert main(["check", model, *words]) == 0
+        assert ("(G2)" in capsys.readouterr().out) is noted
+    assert main(["check", model, "--explore", "--guidelines"]) == 2
+    page = (ROOT / "docs" / "checks.md").read_text()
+    assert all(f"| G{number} |" in page for number in range(1, 5))
+
+
 def test_message_flows_and_black_boxes_are_notes() -> None:
     pools = '<participant id="X" name="crowd"/><messageFlow id="M" sourceRef="Pool1" targetRef="X"/>'
     assert told(team(row(), pools=pools), "note") == [
         "X: is a black box: no robot plays it, and its signals come from outside",
-        "M: message flows have no effect: robots communicate by signals, which are matched by name (G3)",
+        "M: has no effect: a message flow joins an element that sends a message with one that receives it",
     ]
 
 
@@ -346,8 +366,8 @@ def test_two_pools_that_do_the_same_are_a_note() -> None:
     one = data("d", x="1") + row(reading("a", "d", "y = x"))
     other = one.replace('id="', 'id="o_').replace('Ref="', 'Ref="o_').replace("Ref>", "Ref>o_").replace("o_</", "</")
     expected = "Pool2: does the same as pool REX: use one multi-instance pool for such robots (G1)"
-    assert expected in told(team(one, other), "note")
-    assert expected not in told(team(one, other.replace("y = x", "y = -x")), "note")
+    assert expected in told(team(one, other), "note", guidelines=True)
+    assert expected not in told(team(one, other.replace("y = x", "y = -x")), "note", guidelines=True)
 
 
 GUARD = '<boundaryEvent id="w" attachedToRef="{}"><errorEventDefinition/></boundaryEvent>'

@@ -215,7 +215,7 @@ def test_the_command_says_it_before_its_findings(capsys: pytest.CaptureFixture[s
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith(f"{path}: form: has lists")
     assert f"{path}:20: call: Measure_It: calls process Measure of this file" in lines
-    assert lines[-1] == "4 notes"
+    assert lines[-1] == "2 notes"
 
 
 def test_as_json_the_readings_stand_beside_the_findings(capsys: pytest.CaptureFixture[str]) -> None:

@@ -92,5 +92,5 @@ def test_one_that_does_not_join_two_messages_has_no_effect(source: str, target: 
     text = team(throws("M"), waits("N"), root=ROOT).replace('"x" targetRef="y"', f'"{source}" targetRef="{target}"')
     definitions = read_text(text, file="m.bpmn")
     assert names(definitions) == {"x": "/mine", "y": "/yours"}
-    told = "message flows have no effect: robots communicate by signals, which are matched by name (G3)"
+    told = "has no effect: a message flow joins an element that sends a message with one that receives it"
     assert (told in [one.text for one in check(definitions)]) is True

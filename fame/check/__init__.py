@@ -14,7 +14,7 @@
     signals          robots that wait for each other, signals that get lost
     variables        variables that are read and never set
     value_kinds      variables that are set to different kinds of values
-    guidelines       the guidelines of the FaMe paper
+    guidelines       elements without effect; the guidelines of the FaMe paper, on request
 
     graph, endpoints, expressions    what checks build on
 

@@ -15,7 +15,7 @@ from fame.check.control_flow import check_flow, check_joins, check_loops, check_
 from fame.check.elements import check_data_objects, check_library, check_names, check_pools, check_reader_notes
 from fame.check.events import check_error_handling, check_timers
 from fame.check.gate import check_compilation
-from fame.check.guidelines import check_guidelines
+from fame.check.guidelines import check_effects, check_guidelines
 from fame.check.scope import CheckScope, Finding, arranged, find_scope
 from fame.check.scripts import check_scripts
 from fame.check.signals import check_signal_delivery, check_signal_order
@@ -48,9 +48,9 @@ CHECKS: tuple[Check, ...] = (
     check_value_kinds,
     check_scripts,
     check_data_objects,
-    check_guidelines,
+    check_effects,
 )
-"""All checks, in the order of their findings about one line."""
+"""All checks but `check_guidelines`, in the order of their findings about one line."""
 
 
 def check(
@@ -58,13 +58,15 @@ def check(
     *,
     library: Library | None = None,
     strict: bool = False,
+    guidelines: bool = False,
     team: Sequence[Definitions] = (),
 ) -> list[Finding]:
     """Return all findings about a file in the order of its lines, then those about the files that it calls.
 
     `definitions` is a model or its path. Called processes are searched for in `library`. `strict`: a payload that
-    reads a variable that nothing sets is an error. `team`: all files of the mission, this one included (see
-    `parts_of_one_mission`), where the other ends of topics may be.
+    reads a variable that nothing sets is an error. `guidelines`: deviations from the modelling guidelines are notes.
+    `team`: all files of the mission, this one included (see `parts_of_one_mission`), where the other ends of topics
+    may be.
 
     Raises ModelError if the model cannot be read, ConfigError for arguments of another type.
     """
@@ -73,7 +75,7 @@ def check(
     definitions = read(definitions)
     expect(library is None or isinstance(library, Library), "library", library, 'a Library("folder")')
     scope = find_scope(definitions, library or Library(), team=team, strict=strict)
-    found = (finding for one in CHECKS for finding in one(scope))
+    found = (finding for one in (*CHECKS, *[check_guidelines] * guidelines) for finding in one(scope))
     return arranged(map(scope.named, _relevant(scope, found)), scope.files)
 
 

@@ -1,5 +1,6 @@
-"""The guidelines of the FaMe paper (section 3), as notes: how to draw so that others see what a robot does.
+"""What has no effect, or another than its author knew; and the guidelines of the FaMe paper (section 3), as notes.
 
+The guidelines say how to draw so that others see what a robot does; deviations are told on request:
 G1 robots are pools; G2 the mission is the process of the pool, drawn with a small selection of elements; G3 robots
 communicate only by signals; G4 data objects declare the variables of conditions and payloads.
 """
@@ -13,12 +14,14 @@ from typing import Any
 from fame.bpmn.model import (
     Activity,
     ConditionalDefinition,
+    Definitions,
     Element,
     ErrorDefinition,
     Event,
     EventDefinition,
     FlowNode,
     Gateway,
+    MessageFlow,
     Process,
     SignalDefinition,
     SubProcess,
@@ -37,14 +40,53 @@ _SELECTED_GATEWAYS = ("exclusive", "parallel", "event")
 _KINDS = {"business_rule": "business rule", "adhoc": "ad-hoc sub-process", "embedded": "embedded sub-process"}
 
 
+def check_effects(scope: CheckScope) -> Iterator[Finding]:
+    """Find pools, message flows and tasks that do nothing by themselves, and what the original FaMe did otherwise."""
+    file = scope.definitions.file
+    for pool in scope.definitions.participants:
+        if not pool.process:
+            text = "is a black box: no robot plays it, and its signals come from outside"
+            yield Finding("note", text, file, pool.line, pool.id)
+    for flow in scope.definitions.message_flows:
+        if not _joins(scope.definitions, flow):
+            text = "has no effect: a message flow joins an element that sends a message with one that receives it"
+            yield Finding("note", text, file, flow.line, flow.id)
+    for process in scope.processes:
+        for node in process.bpmn.body.walk():
+            if isinstance(node, Task) and (text := _needs(node)):
+                yield process.finding("note", text, node)
+        yield from _original(process)
+
+
 def check_guidelines(scope: CheckScope) -> Iterator[Finding]:
     """Find deviations from the guidelines."""
     yield from _pools(scope)
     for process in scope.processes:
         for node in process.bpmn.body.walk():
-            yield from _selection(process, node)
+            if outside := _outside(node):
+                text = f"{outside} is not among the elements that the guidelines recommend (G2)"
+                yield process.finding("note", text, node)
         yield from _undeclared(process)
-        yield from _original(process)
+
+
+# ---- what has no effect ----------------------------------------------------------------------------------------------
+
+
+def _joins(definitions: Definitions, flow: MessageFlow) -> bool:
+    """Whether a message flow joins two messages."""
+    ends = {node.id for process in definitions.processes for node in process.body.walk() if list(topics_of(node))}
+    return {flow.source, flow.target} <= ends
+
+
+def _needs(task: Task) -> str:
+    """Why a task does nothing by itself; empty if it does something."""
+    if task.kind == "plain":
+        return "a plain task does nothing: it completes at once"
+    if task.kind == "script" and task.script is None:
+        return "has no script: it completes at once"
+    if task.kind == "service" and task.operation not in ("", *SERVICES) and task.topic is None:
+        return f"needs the service {task.operation!r} where it runs: Simulation(services=...)"
+    return ""
 
 
 # ---- G1, G3: the collaboration ---------------------------------------------------------------------------------------
@@ -55,19 +97,15 @@ def _pools(scope: CheckScope) -> Iterator[Finding]:
     shapes: dict[Any, str] = {}
     for pool in definitions.participants:
         process = definitions.process(pool.process)
-        if not pool.process:
-            text = "is a black box: no robot plays it, and its signals come from outside"
-            yield Finding("note", text, definitions.file, pool.line, pool.id)
-        elif process is not None and not pool.multi_instance:
+        if process is not None and not pool.multi_instance:
             twin = shapes.setdefault(_shape(process, _ordinals(process)), pool.label)
             if twin != pool.label:
                 text = f"does the same as pool {twin}: use one multi-instance pool for such robots (G1)"
                 yield Finding("note", text, definitions.file, pool.line, pool.id)
     for flow in definitions.message_flows:
-        ends = {node.id for process in definitions.processes for node in process.body.walk() if list(topics_of(node))}
-        what = "are outside the guidelines" if {flow.source, flow.target} <= ends else "have no effect"
-        text = f"message flows {what}: robots communicate by signals, which are matched by name (G3)"
-        yield Finding("note", text, definitions.file, flow.line, flow.id)
+        if _joins(definitions, flow):
+            text = "message flows are outside the guidelines: robots communicate by signals, matched by name (G3)"
+            yield Finding("note", text, definitions.file, flow.line, flow.id)
 
 
 def _ordinals(process: Process) -> Mapping[str, str]:
@@ -100,28 +138,9 @@ def _shape(value: Any, ids: Mapping[str, str]) -> Any:
 # ---- G2: the selection -----------------------------------------------------------------------------------------------
 
 
-def _selection(process: CheckedProcess, node: FlowNode) -> Iterator[Finding]:
-    if isinstance(node, Task) and node.kind == "plain":
-        yield process.finding("note", "a plain task does nothing: it completes at once", node)
-        return
-    if isinstance(node, Task) and node.kind == "script" and node.script is None:
-        yield process.finding("note", "has no script: it completes at once", node)
-    outside = _outside(node)
-    if outside:
-        yield process.finding("note", f"{outside} is not among the elements that the guidelines recommend (G2)", node)
-    if (
-        isinstance(node, Task)
-        and node.kind == "service"
-        and node.operation not in ("", *SERVICES)
-        and node.topic is None
-    ):
-        text = f"needs the service {node.operation!r} where it runs: Simulation(services=...)"
-        yield process.finding("note", text, node)
-
-
 def _outside(node: FlowNode) -> str:
     """The name of the kind of an element outside the selection; empty for elements inside it."""
-    if isinstance(node, Task) and node.kind != "script":
+    if isinstance(node, Task) and node.kind not in ("script", "plain"):
         return f"a {_KINDS.get(node.kind, node.kind)} task"
     if isinstance(node, SubProcess) and node.kind != "event":
         return f"{_article(name := _KINDS.get(node.kind, node.kind))} {name}"

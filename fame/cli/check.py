@@ -42,6 +42,10 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="treat an undefined name in a payload as an error")
     parser.add_argument(
+        "--guidelines", action="store_true",
+        help="also note deviations from the modelling guidelines of the FaMe paper (docs/checks.md explains them)",
+    )  # fmt: skip
+    parser.add_argument(
         "--explain", action="store_true",
         help="first print how FAME interprets each element, and the topics, services and actions of each robot",
     )  # fmt: skip
@@ -79,7 +83,8 @@ def run(arguments: Namespace) -> int:
     for file in files:
         if file.model is not None:
             team = teams[id(file.model)]
-            file.found += check(file.model, library=file.library, strict=arguments.strict, team=team)
+            options = {"strict": arguments.strict, "guidelines": arguments.guidelines}
+            file.found += check(file.model, library=file.library, team=team, **options)
         if file.scenario is not None and not _failed(file.found):
             from fame.scenario.scenario import scenario_findings
 
@@ -133,6 +138,8 @@ def _explore(arguments: Namespace) -> int:
     """Explore files that have no errors."""
     from fame.check import check
 
+    if arguments.guidelines:
+        raise ConfigError("--guidelines does not go with --explore, which looks at runs, not at the drawing")
     for path in dict.fromkeys(arguments.models):
         if str(path) == "-":
             raise ConfigError("--explore needs files, not stdin")
