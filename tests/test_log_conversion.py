@@ -34,8 +34,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
         logging_to(folder / "run.jsonl", files) as jsonl,
         logging_to(folder / "run.csv", files) as csv,
         logging_to(folder / "run.xes", files) as xes,
+        logging_to(folder / "all.mcap", files, topics="all") as everything,
     ):
-        scenario.run(observer=combine_observers([mcap, jsonl, csv, xes]))
+        scenario.run(observer=combine_observers([mcap, jsonl, csv, xes, everything]))
     return folder
 
 
@@ -68,6 +69,27 @@ def test_ocel_is_valid_by_the_schema_of_its_specification(run: Path) -> None:
     del log["events"][0]["time"]
     log["eventTypes"][0]["attributes"].append({"name": "n", "type": "text"})
     assert len(list(validator.iter_errors(log))) == 2
+
+
+def test_ocel_has_what_the_mission_shows_unless_all_is_asked_for(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    logs = {}
+    for level in ("mission", "all"):
+        target = run / f"{level}.ocel.json"
+        assert main(["log", "convert", str(run / "all.mcap"), "-o", str(target), "--level", level]) == 0
+        logs[level] = json.loads(target.read_text())
+    drawn = {id for id, info in element_info([read("models/agriculture.bpmn")]).items() if info.name or info.activity}
+    found = {
+        level: {each["value"] for event in log["events"] for each in event["attributes"] if each["name"] == "element"}
+        for level, log in logs.items()
+    }
+    assert found["mission"] == found["all"] & drawn != found["all"]
+    sent = {level: {each["id"] for each in log["objects"] if each["type"] == "signal"} for level, log in logs.items()}
+    assert any("/odom#" in id for id in sent["all"])
+    topics = {id.split("#")[0].removeprefix("signal:/") for id in sent["mission"]}
+    assert topics == {"weed_found", "weed_position", "tractor_position", "closest_tractor"}
+    assert len(json.dumps(logs["mission"])) < len(json.dumps(logs["all"])) / 10
+    assert main(["log", "convert", str(run / "all.mcap"), "-o", str(run / "z.csv"), "--level", "all"]) == 2
+    assert "--level is for .ocel.json only" in capsys.readouterr().err
 
 
 def test_ocel_declares_what_it_uses(run: Path) -> None:

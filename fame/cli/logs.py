@@ -50,6 +50,11 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     converting.add_argument("recording", type=Path, metavar="RUN.mcap")
     _add_output(converting, "FILE", "the log, in place of an old one; the end of its name selects the form")
+    converting.add_argument(
+        "--level", choices=("mission", "all"),
+        help="OCEL: activities and labelled elements of the mission and its signals (mission, the default), or "
+        "everything: also what is inside called files, and the messages of sensors and motors",
+    )  # fmt: skip
 
     merging = command(
         parts, "merge", merge,
@@ -120,6 +125,7 @@ def convert(arguments: Namespace) -> int:
             arguments.recording,
             arguments.output,
             lambda done: line.write(f"converting {arguments.recording}: {done:.0%}") if line is not None else None,
+            level=arguments.level,
         )
     for warning in warnings:
         note(f"fame: {warning}")

@@ -15,8 +15,7 @@ from fame.clock import EPOCH, SECOND, date_text
 from fame.errors import ConfigError, ModelError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
-from fame.log.elements import element_info
-from fame.log.ocel import write_ocel
+from fame.log.ocel import Level, write_ocel
 from fame.log.recording import Message, ModelRun, Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.team_state import TeamState, shift_times
@@ -44,20 +43,29 @@ def models_of(recording: Recording) -> list[Definitions]:
     return found
 
 
-def convert(source: str | Path, target: str | Path, on_progress: OnProgress = lambda done: None) -> list[str]:
+def convert(
+    source: str | Path,
+    target: str | Path,
+    on_progress: OnProgress = lambda done: None,
+    *,
+    level: Level | None = None,
+) -> list[str]:
     """Convert a recording to the format given by the suffix of the target. Returns the warnings of the recording.
 
-    Raises ConfigError for a name with another end, a file that is no recording, and one that cannot be written.
+    `level`: for OCEL, what it has (`fame.log.ocel`; mission). Raises ConfigError for a name with another end, a `level`
+    for another form, a file that is no recording, and one that cannot be written.
     """
     target = Path(target)
     if not target.name.lower().endswith(tuple(FORMS)):
         known = ", ".join(FORMS)
         raise ConfigError(f"expected a file name that ends in one of {known}, got {target.name!r}", file=str(target))
+    if level is not None and not target.name.lower().endswith(OCEL):
+        raise ConfigError(f"--level is for {OCEL} only; other forms have everything", file=str(target))
     with Recording(source) as recording:
         models = models_of(recording)
         if target.name.lower().endswith(OCEL):
             with new_file(target) as begin:
-                write_ocel(recording, element_info(models), begin())
+                write_ocel(recording, models, level or "mission", begin())
             return list(recording.warnings)
         with logging_to(target, models) as log:
             epoch = parse_datetime(recording.metadata.get("epoch", "1970-01-01T00:00:00Z"))

@@ -12,21 +12,31 @@ label of an element    the robot, the instance; attribute ``lifecycle`` is start
 ``goal sent``,         the goal, the robot, the instance; attribute ``action``
 ``goal ended``
 =====================  =================================================================================
+
+At level ``mission`` the events are those of the activities and labelled elements in the files of the missions, without
+those in called files; an element that completes at once is one event. Signals are those of the topics that elements
+there name, without sensors and motors. Level ``all`` has every element and every message of the recording.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
+from fame.bpmn.model import Definitions
+from fame.bpmn.topics import topics_of
 from fame.clock import EPOCH, date_at
+from fame.errors import ConfigError
 from fame.iso8601 import parse_datetime
 from fame.log.channels import EVENTS, WAITING
-from fame.log.elements import ElementInfo
+from fame.log.elements import ElementInfo, element_info
 from fame.log.recording import Message, Recording
+from fame.middleware.interface import ENGINE
+
+Level = Literal["mission", "all"]
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "abort", "fail": "fail"}
 _SENT, _RECEIVED, _GOAL_SENT, _GOAL_ENDED = "signal sent", "signal received", "goal sent", "goal ended"
@@ -45,19 +55,44 @@ _EVENT_TYPES: Mapping[str, Mapping[str, str]] = {
 }
 
 
-def write_ocel(recording: Recording, elements: Mapping[str, ElementInfo], stream: BinaryIO) -> None:
-    """Write a recording to `stream`."""
+def write_ocel(recording: Recording, models: Sequence[Definitions], level: Level, stream: BinaryIO) -> None:
+    """Write a recording with its models to `stream`. Raises ConfigError at level mission without the missions."""
+    elements = element_info(models)
+    drawn = _Drawn(recording, models) if level == "mission" else None
     log = _Log(parse_datetime(recording.metadata["epoch"]) if "epoch" in recording.metadata else EPOCH)
     signals = {topic.name: topic.type for topic in recording.topics.values() if topic.encoding == "cdr"}
     caught = _Catching()
     for message in recording.messages((EVENTS, WAITING, *signals)):
         if message.topic == EVENTS:
-            _add_events(log, message, elements)
+            _add_events(log, message, elements, drawn)
         elif message.topic == WAITING:
             _add_waiting(log, message, caught)
-        else:
+        elif drawn is None or drawn.has_signal(message):
             _add_signal(log, message, signals[message.topic], caught)
-    stream.write(json.dumps(log.to_json(), ensure_ascii=False, indent=1).encode("utf-8", "backslashreplace"))
+    text = json.dumps(log.to_json(), ensure_ascii=False, separators=(",", ":"))
+    stream.write(text.encode("utf-8", "backslashreplace"))
+
+
+class _Drawn:
+    """What level mission has: `elements` (ids), and messages of `topics` unless a robot's own part sent them."""
+
+    def __init__(self, recording: Recording, models: Sequence[Definitions]) -> None:
+        named = {run.models[0] for runs in recording.runs.values() for run in runs if run.models}
+        missions = [model for model in models if model.file in (named or {next(iter(recording.models), "")})]
+        if not missions:
+            raise ConfigError("lacks the model of its mission: select --level all", file=str(recording.file))
+        self._robots = frozenset(recording.robots)
+        found = element_info(missions)
+        self.elements = {
+            id for id, info in found.items() if info.activity or (info.name and info.tag != "sequenceFlow")
+        }
+        nodes = [node for file in missions for process in file.processes for node in process.body.walk()]
+        names = {topic.qualified for node in nodes for topic, _ in topics_of(node)}
+        self._topics = {name.replace("~", f"/{robot}", 1) for name in names for robot in self._robots}
+
+    def has_signal(self, message: Message) -> bool:
+        own = message.topic.split("/")[1] in self._robots
+        return message.topic in self._topics and (not own or message.node.endswith(f"/{ENGINE}"))
 
 
 @dataclass(slots=True)
@@ -129,15 +164,18 @@ class _Catching:
     signals: list[tuple[int, str, str]] = field(default_factory=list)  # time, topic, object
 
 
-def _add_events(log: _Log, message: Message, elements: Mapping[str, ElementInfo]) -> None:
+def _add_events(log: _Log, message: Message, elements: Mapping[str, ElementInfo], drawn: _Drawn | None) -> None:
     data = message.json()
     robot = data["robot"]
     for group in data["events"]:
-        for element, what, *detail in group["marks"]:
+        marks = group["marks"]
+        for number, (element, what, *detail) in enumerate(marks):
             if what == "start" or what == "end":
                 changed = {"process": element} if what == "start" else {"status": str(detail[0])}
                 log.instance(robot, group["instance"], message.time, changed)
-            elif what in _LIFECYCLE:
+            elif what in _LIFECYCLE and (drawn is None or element in drawn.elements):
+                if drawn is not None and what == "enter" and marks[number + 1 : number + 2] == [[element, "leave"]]:
+                    continue  # it completes at once
                 info = elements.get(element)
                 instance = log.instance(robot, group["instance"], message.time, {})
                 related = {f"robot:{robot}": "robot", instance: "instance"}
