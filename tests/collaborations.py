@@ -9,10 +9,20 @@ A robot is a list of steps::
     ("and", A, B)   branches in parallel             ("or", A, B)   one of them, by an unknown value
     ("if", C, A, B) A if condition C, else B         ("race", A, B) the first whose catch or timer comes
     ("loop", A)     again and again, or not          ("while", A)   forever
-    ("scope", A, x, H)  a sub-process A with an interrupting event sub-process H for signal x
+    "send m"        throws message m                 "receive m"    waits for it
+    ("some", A, B)  an inclusive gateway: A, B, both or neither, by an unknown value
+    ("each", N, A)  a sub-process A for each of N at once; ("turns", N, A) one after the other
+    ("call", P)     calls process P
+    ("scope", A, t, H)  a sub-process A with an interrupting event sub-process H; "beside": a non-interrupting one
+    ("guard", A, t, H)  A with an interrupting boundary event that leads to H; "watch": a non-interrupting one
     "stop"          terminate                        "end"          an end event in a branch
+    "error c"       an error end event
 
-The first step may be ``start x``: the robot starts with that signal.
+A trigger t is a signal ``x``, ``message m``, ``timer PT5S`` or ``error c``. The first step may be ``start x``: the
+robot starts with that signal.
+
+What is unknown to an exploration has values in a model that is made with `drawn`, a source of random numbers: times,
+decisions, and whether something fails. Such a model has the same elements, and one of the runs that are explored.
 """
 
 from __future__ import annotations
@@ -27,6 +37,10 @@ from bpmn_text import NAMESPACES
 import fame
 from fame.bpmn.model import Definitions
 
+TIMES = (0.5, 1, 2, 3, 5)
+"""Times that are drawn, s."""
+CODES = ("c", "d")
+"""Error codes."""
 Step = Any
 Steps = Sequence[Step]
 
@@ -34,8 +48,9 @@ Steps = Sequence[Step]
 class _Process:
     """The elements of one process, as text."""
 
-    def __init__(self, robot: str) -> None:
-        self.robot, self.text, self.signals = robot, list[str](), set[str]()
+    def __init__(self, robot: str, drawn: Random | None = None) -> None:
+        self.robot, self.text, self.signals, self.messages = robot, list[str](), set[str](), set[str]()
+        self.drawn = drawn
         self._numbers = count(1)
 
     def id(self, kind: str) -> str:
@@ -56,6 +71,35 @@ class _Process:
         self.signals.add(name)
         return f'<signalEventDefinition signalRef="Signal_{name}"/>'
 
+    def message(self, name: str) -> str:
+        self.messages.add(name)
+        return f'<messageEventDefinition messageRef="Message_{name}"/>'
+
+    def trigger(self, text: str) -> str:
+        """The event definition of a trigger."""
+        kind, _, what = text.partition(" ")
+        match kind:
+            case "message":
+                return self.message(what)
+            case "timer":
+                return f"<timerEventDefinition><timeDuration>{self.time(what)}</timeDuration></timerEventDefinition>"
+            case "error":
+                return f'<errorEventDefinition errorRef="Error_{what}"/>'
+        return self.signal(kind)
+
+    def time(self, literal: str) -> str:
+        return literal if self.drawn is None else f"PT{self.drawn.choice(TIMES)}S"
+
+    def sleep(self) -> str:
+        return f"await sleep({1 if self.drawn is None else self.drawn.choice(TIMES)})"
+
+    def unknown(self) -> str:
+        """A script that sets ``unknown``: 1, 2 or 3 if it is drawn, each time another one."""
+        if self.drawn is None:
+            return "unknown = robot.now"
+        begin = f"try: state\nexcept NameError: state = {self.drawn.randrange(1 << 30)}\n"
+        return f"{begin}state = (state * 1103515245 + 12345) % (1 << 31)\nunknown = 1 + (state >> 16) % 3"
+
     def steps(self, before: str | None, steps: Steps) -> str | None:
         """Add steps after a node; gives the last node, None if no token comes out."""
         for step in steps:
@@ -70,7 +114,7 @@ class _Process:
         kind, _, what = step.partition(" ")
         made = self.simple(kind, what)
         self.flow(before, made)
-        return None if kind in ("stop", "end") else made
+        return None if kind in ("stop", "end", "error") else made
 
     def simple(self, kind: str, what: str) -> str:
         name = f'name="{what}"'
@@ -83,13 +127,19 @@ class _Process:
                 kept = ('<extensionElements><camunda:properties><camunda:property name="queue" value="10"/>'
                         "</camunda:properties></extensionElements>")  # fmt: skip
                 return self.node("intermediateCatchEvent", kept + self.signal(what), name, f"catch_{what}")
+            case "send":
+                return self.node("intermediateThrowEvent", self.message(what), name, f"send_{what}")
+            case "receive":
+                return self.node("intermediateCatchEvent", self.message(what), name, f"receive_{what}")
             case "timer":
-                time = f"<timerEventDefinition><timeDuration>{what}</timeDuration></timerEventDefinition>"
-                return self.node("intermediateCatchEvent", time, name, "timer")
+                return self.node("intermediateCatchEvent", self.trigger(f"timer {what}"), name, "timer")
             case "work":
-                return self.script("await sleep(1)", "work")
+                return self.script(self.sleep(), "work")
             case "fail":
-                return self.script(f"await sleep(1)\nif odd: raise BpmnError('{what}')", "work")
+                odd = "odd" if self.drawn is None else str(self.drawn.random() < 0.4)
+                return self.script(f"{self.sleep()}\nif {odd}: raise BpmnError('{what}')", "work")
+            case "error":
+                return self.node("endEvent", self.trigger(f"error {what}"), "", "error")
             case "run":
                 return self.script(what, "script")
             case "person":
@@ -121,9 +171,7 @@ class _Process:
 
     def _if(self, before: str, condition: str, first: Steps, *others: Steps) -> str | None:
         if condition.startswith("unknown"):
-            probe = self.script("unknown = robot.now", "look")
-            self.flow(before, probe)
-            before = probe
+            before = self._look(before)
         split, merge = self.id("split"), self.id("merge")
         self.flow(before, split)
         ends, default = [], ""
@@ -143,6 +191,24 @@ class _Process:
             self.flow(end, merge)
         return merge
 
+    def _look(self, before: str) -> str:
+        probe = self.script(self.unknown(), "look")
+        self.flow(before, probe)
+        return probe
+
+    def _some(self, before: str, first: Steps, second: Steps) -> str:
+        split, join = self.id("split"), self.id("join")
+        self.flow(self._look(before), split)
+        for branch, condition in ((first, "unknown != 2"), (second, "unknown != 1")):
+            mark = self.node("task", "", "", "choice")
+            self.flow(split, mark, condition)
+            end = self.steps(mark, branch)
+            if end is not None:
+                self.flow(end, join)
+        self.text.append(f'<inclusiveGateway id="{split}" default="{self.flow(split, join)}"/>')
+        self.text.append(f'<inclusiveGateway id="{join}"/>')
+        return join
+
     def _race(self, before: str, *branches: Steps) -> str | None:
         gateway = self.node("eventBasedGateway", "", "", "race")
         self.flow(before, gateway)
@@ -154,16 +220,55 @@ class _Process:
             self.flow(end, merge)
         return merge
 
-    def _scope(self, before: str, body: Steps, signal: str, handler: Steps) -> str:
+    def _scope(self, before: str, body: Steps, trigger: str, handler: Steps, interrupting: bool = True) -> str:
+        how = "" if interrupting else 'isInterrupting="false"'
         outside, self.text = self.text, []
-        self._inside(self.node("startEvent", "", "", "start"), body)
-        content, self.text = self.text, []
-        self._inside(self.node("startEvent", self.signal(signal), f'name="{signal}"', "start"), handler)
+        self._inside(self.node("startEvent", self.trigger(trigger), f'name="{trigger}" {how}', "start"), handler)
         handling = f'<subProcess id="{self.id("handler")}" triggeredByEvent="true">{"".join(self.text)}</subProcess>'
         self.text = outside
-        made = self.node("subProcess", "".join(content) + handling, "", "scope")
+        return self._sub(before, body, handling)
+
+    def _beside(self, before: str, body: Steps, trigger: str, handler: Steps) -> str:
+        return self._scope(before, body, trigger, handler, interrupting=False)
+
+    def _sub(self, before: str, body: Steps, more: str = "") -> str:
+        outside, self.text = self.text, []
+        self._inside(self.node("startEvent", "", "", "start"), body)
+        content, self.text = "".join(self.text), outside
+        made = self.node("subProcess", content + more, "", "scope")
         self.flow(before, made)
         return made
+
+    def _each(self, before: str, number: int, body: Steps, sequential: str = "false") -> str:
+        count = f"<loopCardinality>{number}</loopCardinality>"
+        loop = (
+            f'<multiInstanceLoopCharacteristics isSequential="{sequential}">{count}</multiInstanceLoopCharacteristics>'
+        )
+        return self._sub(before, body, loop)
+
+    def _turns(self, before: str, number: int, body: Steps) -> str:
+        return self._each(before, number, body, "true")
+
+    def _call(self, before: str, name: str) -> str:
+        made = self.node("callActivity", "", f'calledElement="P_{name}"', "call")
+        self.flow(before, made)
+        return made
+
+    def _guard(self, before: str, body: Steps, trigger: str, handler: Steps, interrupting: bool = True) -> str:
+        host = self.step(before, body[0]) if body in (["work"], ["fail c"]) else self._sub(before, body)
+        how = f'attachedToRef="{host}" name="{trigger}"' + ("" if interrupting else ' cancelActivity="false"')
+        event = self.node("boundaryEvent", self.trigger(trigger), how, "boundary")
+        if not interrupting:
+            self._inside(event, handler)
+            return host
+        end, merge = self.steps(event, handler), self.node("exclusiveGateway", "", "", "merge")
+        for one in (host, end):
+            if one is not None:
+                self.flow(one, merge)
+        return merge
+
+    def _watch(self, before: str, body: Steps, trigger: str, handler: Steps) -> str:
+        return self._guard(before, body, trigger, handler, interrupting=False)
 
     def _inside(self, begin: str, steps: Steps) -> None:
         end = self.steps(begin, steps)
@@ -171,7 +276,7 @@ class _Process:
             self.flow(end, self.node("endEvent", "", "", "end"))
 
     def _loop(self, before: str, body: Steps) -> str | None:
-        probe = self.script("unknown = robot.now", "look")
+        probe = self.script(self.unknown(), "look")
         begin = self.node("exclusiveGateway", "", "", "again")
         self.flow(before, begin)
         end = self.steps(begin, body)
@@ -197,15 +302,18 @@ def text_of(
     several: Sequence[str] = (),
     accept: dict[str, str] | None = None,
     single: Sequence[str] = (),
+    calls: Sequence[str] = (),
+    drawn: Random | None = None,
 ) -> str:
     """A collaboration as BPMN text; `several` names multi-instance pools, `accept` gives that property to robots.
 
-    `single` names robots that run one instance at a time, and drop further triggers.
+    `single` names robots that run one instance at a time, and drop further triggers; `calls` names processes that are
+    called instead of being robots.
     """
     declared = " ".join(f'xmlns{":" if prefix else ""}{prefix}="{uri}"' for prefix, uri in NAMESPACES.items())
-    processes, pools, signals = [], [], set[str]()
+    processes, pools, signals, messages = [], [], set[str](), set[str]()
     for robot, steps in robots.items():
-        made = _Process(robot)
+        made = _Process(robot, drawn)
         first = steps[0] if steps and isinstance(steps[0], str) else ""
         if first.startswith("start "):
             begin = made.node("startEvent", made.signal(first[6:]), f'name="{first[6:]}"', "start")
@@ -216,14 +324,19 @@ def text_of(
         if end is not None:
             made.flow(end, made.node("endEvent", "", "", "end"))
         signals |= made.signals
+        messages |= made.messages
         given = {"accept": (accept or {}).get(robot, ""), "instances": "1" if robot in single else ""}
         kept = "".join(f'<camunda:property name="{name}" value="{value}"/>' for name, value in given.items() if value)
         extra = (f"<extensionElements><camunda:properties>{kept}</camunda:properties></extensionElements>"
                  if kept else "")  # fmt: skip
         processes.append(f'<process id="P_{robot}" isExecutable="true">{extra}{"".join(made.text)}</process>')
+        if robot in calls:
+            continue
         many = '<participantMultiplicity minimum="2"/>' if robot in several else ""
         pools.append(f'<participant id="Pool_{robot}" name="{robot}" processRef="P_{robot}">{many}</participant>')
     named = "".join(f'<signal id="Signal_{name}" name="{name}"/>' for name in sorted(signals))
+    named += "".join(f'<message id="Message_{name}" name="{name}"/>' for name in sorted(messages))
+    named += "".join(f'<error id="Error_{code}" errorCode="{code}"/>' for code in CODES)
     team = f'<collaboration id="Team">{"".join(pools)}</collaboration>'
     return (f'<?xml version="1.0" encoding="UTF-8"?><definitions {declared} id="Definitions" '
             f'targetNamespace="http://fame">{named}{team}{"".join(processes)}</definitions>')  # fmt: skip
@@ -315,3 +428,67 @@ def generated(
                 return "work"
 
     return {f"R{n}": ["run n = 0", *steps(0)] for n in range(random.randint(2, 3))}
+
+
+def varied(seed: int) -> tuple[dict[str, Steps], dict[str, Any]]:
+    """A collaboration made at random with most of what BPMN has, and the other arguments of `text_of`.
+
+    Somebody throws each signal, and sends each message, that somebody waits for.
+    """
+    random = Random(seed)
+    signals, messages, calls = ("a", "b", "c"), ("m", "o"), ("Help", "Move")
+    simple = ["throw", "throw", "send", "catch", "receive", "work", "work", "queue", "timer", "set", "count", "fail"]
+    nested = ["and", "or", "some", "race", "if", "each", "turns", "scope", "beside", "guard", "watch", "guard", "call"]
+
+    def steps(depth: int, called: bool = False) -> Steps:
+        made = [step(depth, called) for _ in range(random.randint(1, 3 if depth < 2 else 2))]
+        return [*made, random.choice(("error c", "error d", "end", "stop"))] if random.random() < 0.06 else made
+
+    def trigger() -> str:
+        codes = [f"error {random.choice(CODES)}"] * 2
+        return random.choice([*signals, *(f"message {name}" for name in messages), "timer PT4S", *codes])
+
+    def step(depth: int, called: bool) -> Step:
+        kind = random.choice(simple if depth > 1 else [*simple, *nested])
+        match kind:
+            case "throw" | "catch" | "queue":
+                return f"{kind} {random.choice(signals)}"
+            case "send" | "receive":
+                return f"{kind} {random.choice(messages)}"
+            case "timer" | "fail":
+                return {"timer": "timer PT5S", "fail": f"fail {random.choice(CODES)}"}[kind]
+            case "set":
+                return f"run {random.choice(SETS)}"
+            case "count":
+                return "run n = (n + 1) % 3"
+            case "and" | "or" | "some":
+                return (kind, steps(depth + 1, called), steps(depth + 1, called))
+            case "if":
+                return (kind, "n == 1", steps(depth + 1, called), steps(depth + 1, called))
+            case "each" | "turns":
+                return (kind, 2, steps(2, called))
+            case "race":
+                first = random.choice((f"catch {random.choice(signals)}", f"receive {random.choice(messages)}"))
+                return ("race", [first, *steps(depth + 1, called)], ["timer PT9S"])
+            case "scope" | "guard":
+                return (kind, steps(depth + 1, called), trigger(), steps(2, called))
+            case "beside" | "watch":
+                when = random.choice((*signals, *(f"message {name}" for name in messages), "timer PT4S"))
+                handler = steps(2, called)  # in no time handlers could trigger themselves, more of them each time
+                if "throw" in repr(handler) or "send" in repr(handler):
+                    handler = ["work", *handler]
+                return (kind, steps(depth + 1, called), when, handler)
+            case "call" if not called:
+                return ("call", random.choice(calls))
+            case _:
+                return "work"
+
+    robots = {f"R{n}": ["run n = 0", *steps(0)] for n in range(random.randint(2, 3))}
+    if random.random() < 0.25:
+        robots["R1"] = ["start a", *robots["R1"]]
+    called = {name: steps(1, True) for name in calls}
+    used = repr((robots, called))
+    given = [f"throw {name}" for name in signals if f"'throw {name}'" not in used]
+    given += [f"send {name}" for name in messages if f"'send {name}'" not in used]
+    robots["R0"] = [*robots["R0"][:1], *given[:1], "work", *given[1:], *robots["R0"][1:]]
+    return {**robots, **called}, {"calls": calls, "several": ("R1",) if seed % 5 == 0 else ()}

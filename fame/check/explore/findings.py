@@ -426,10 +426,9 @@ class Report:
         visited: dict[str, set[str]] = defaultdict(set)
         for pool, local in zip(self.pools, self.product.locals, strict=True):
             visited[pool] |= local.states.visited
-        failed = {what.partition("\n")[0] for kind, _, what in self.product.flags if kind == "error"}
         for pool in dict.fromkeys(self.pools):
             robot = self.pools.index(pool)
-            missing = [one for one in sorted(self.elements[robot]) if one not in visited[pool] | failed]
+            missing = [one for one in sorted(self.elements[robot]) if one not in visited[pool]]
             if missing and visited[pool]:
                 places = tuple(self.runs.place(one) for one in missing)
                 names = ", ".join(place.display_name for place in places)

@@ -24,6 +24,7 @@ from fame.check.explore.views import View
 from fame.engine import Engine, compile_program
 from fame.engine.canonical import Forms
 from fame.engine.host import Host
+from fame.engine.program import UNCOUNTED
 from fame.engine.snapshot import Data
 
 MOST_MOVES = 20_000
@@ -69,6 +70,11 @@ class Local:
         self.body = explored.body
         file = definitions.file
         self.program = compile_program(explored, host=host, library=model.find, file=file, observed=observed)
+        elements = self.program.elements
+        for node in self.program.nodes:
+            if node.index == UNCOUNTED:  # it is counted when it completes; here also when a token comes
+                node.index = len(elements)
+                elements.append(node.id)
         catches = [node.catch for node in self.program.nodes if node.catch is not None]
         self.topics: frozenset[str] = frozenset(catch.topic for catch in catches if catch.topic)
         self.host.own_topics = self.topics

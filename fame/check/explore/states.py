@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from fame.bpmn.model import SubProcess
 from fame.check.explore.footprints import Effect
 from fame.check.explore.growth import growth
 from fame.check.explore.host import ExplorationHost
@@ -18,7 +19,6 @@ from fame.check.explore.values import UNKNOWN
 from fame.check.explore.views import Interned, View, view_of
 from fame.engine import Engine, Instance, Program
 from fame.engine.canonical import Form, Forms, Keys, Stimuli, stimuli
-from fame.engine.state import Wait, scopes_of
 
 MOST_VALUES = 64
 """Values of one variable, after which further ones are unknown."""
@@ -129,7 +129,6 @@ class States:
         """
         known = self._views.get((form[0], timers))
         if known is None:
-            self._note_entered(engine)
             made = view_of(engine, keys, found or stimuli(engine), self.host, self._outside, self._topic_sets)
             known = self._views[form[0], timers] = made
         return known
@@ -138,18 +137,13 @@ class States:
     def visited(self) -> set[str]:
         """The elements that a token has entered so far."""
         elements = self.program.elements
-        return self._entered | {elements[slot] for slot, count in enumerate(self.forms.counts) if count}
+        found = self._entered | {elements[slot] for slot, count in enumerate(self.forms.counts) if count}
+        handlers = [node for source in self.program.sources for node in source.body.walk()
+                    if isinstance(node, SubProcess) and node.triggered_by_event]  # fmt: skip
+        return found | {one.id for one in handlers if any(inner.id in found for inner in one.body.walk())}
 
     def note_begun(self, begun: Iterable[Instance]) -> None:
         """Count what instances that have begun have passed; all others count together."""
         elements = self.program.elements
         for instance in begun:
             self._entered |= {elements[slot] for slot, count in enumerate(instance.counts) if count}
-
-    def _note_entered(self, engine: Engine) -> None:
-        """Note where the tokens of a new state are."""
-        for instance in engine.instances.values():
-            for scope in scopes_of(instance.root):
-                for child in scope.children:
-                    if child.node is not None and not (isinstance(child, Wait) and not child.token):
-                        self._entered.add(child.node.id)

@@ -1,0 +1,161 @@
+"""Compare explorations with runs of random collaborations. ``python -m tests.compare_explorations --models 500``
+
+A model is explored, and run by real engines with several draws of what the exploration does not know: times, decisions,
+failures. No run may come to what the exploration has not found (a deadlock, an uncaught error), nor enter what it calls
+unreachable. Each run that it reports, played by real engines, has to end in the reported state.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass, field
+from itertools import repeat
+from pathlib import Path
+from random import Random
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from collaborations import text_of, varied
+
+import fame
+from fame.check.explore import Exploration, Finding
+from fame.check.explore.findings import FAILING
+from fame.engine.canonical import stimuli
+from fame.robot.events import Event
+from fame.robot.node import RobotNode
+from fame.scenario import Scenario
+from fame.scenario.exploration import cast_of, explore
+from fame.scenario.run import Run
+from fame.testing.by_hand import MissionByHand
+from fame.testing.explored_runs import play
+
+LIMIT = 2_000
+"""States of a model; larger ones are not explored whole, and compared as far as they were."""
+DRAWS = 5
+"""Runs of each model."""
+EVENTS = 20_000
+"""Events of a run, after which it counts as endless: robots may answer each other for ever in no time."""
+
+
+class EndlessError(BaseException):
+    """A run does not end. No Exception, so that no engine takes it for an error of its model."""
+
+
+CALLED = ("Help_", "Move_")
+"""Beginnings of ids in called processes."""
+
+
+@dataclass(slots=True)
+class Drawn:
+    """What a run came to: where tokens are left, which elements were entered, and where errors were not caught."""
+
+    waiting: frozenset[str] = frozenset()
+    entered: set[str] = field(default_factory=set)
+    errors: set[str] = field(default_factory=set)
+
+
+def scenario_of(text: str) -> Scenario:
+    """The same team as is explored."""
+    definitions, library, cast = cast_of(fame.read(text.encode()), {}, ())
+    return Scenario(file=definitions.file, definitions=definitions, library=library, cast=cast, world=None, seed=0,
+                    duration=300.0)  # fmt: skip
+
+
+def waiting(nodes: list[RobotNode]) -> frozenset[str]:
+    """The elements at which tokens are."""
+    running = (node.engine for node in nodes if node.engine.instances)
+    return frozenset(element for engine in running for element, _ in stimuli(engine).waiting)
+
+
+def run(text: str) -> Drawn | None:
+    """Run a team until nothing can move; None if it goes on."""
+    drawn, events = Drawn(), 0
+
+    def observe(event: Event) -> None:
+        nonlocal events
+        events += 1
+        if events > EVENTS:
+            raise EndlessError
+        if event.what == "enter":
+            drawn.entered.add(event.element)
+
+    made = Run(scenario_of(text), False, observe, None)
+    try:
+        result = made.result()
+    except EndlessError:
+        return None
+    drawn.waiting = waiting(made.nodes)
+    drawn.errors = {error.element for robot in result.robots for error in robot.errors}
+    return None if result.simulated >= 300 else drawn
+
+
+def missed(result: Exploration, drawn: Drawn) -> Iterator[str]:
+    """What a run shows and the exploration does not."""
+    found = {kind: [{place.element for place in one.places} for one in result.findings if one.kind == kind]
+             for kind in (*FAILING, "error", "unreachable")}  # fmt: skip
+    for one in found["unreachable"]:
+        if one & drawn.entered:
+            yield f"is called unreachable and entered: {sorted(one & drawn.entered)}"
+    if result.exhaustive:
+        known = set().union(*found["error"])
+        inside = any("_call_" in element for element in known)  # the exploration does not look into all behaviours
+        if any(one not in known and not (inside and one.startswith(CALLED)) for one in drawn.errors):
+            yield f"an error is not caught, and not found: {sorted(drawn.errors)}"
+        stuck = [one for kind in FAILING for one in found[kind]]
+        if drawn.waiting and not drawn.errors and not any(one <= drawn.waiting for one in stuck):
+            yield f"a deadlock is not found: {sorted(drawn.waiting)}"
+
+
+def replayed(text: str, finding: Finding, folder: Path) -> Iterator[str]:
+    """Why the run of a finding does not lead to what it says."""
+    with closing(play(MissionByHand(scenario_of(text), folder, lenient=True), finding.run)) as mission:
+        if mission.skipped:
+            yield f"its run cannot be replayed: {finding.text}: {mission.skipped}"
+        elif finding.kind in ("deadlock", "lost"):
+            left, said = waiting(mission.run.nodes), {place.element for place in finding.places}
+            if left != said:
+                yield f"its run leads to {sorted(left)}: {finding.text}"
+        elif finding.kind == "error":
+            failed = {error.element for robot in mission.run.result().robots for error in robot.errors}
+            if not failed & {place.element for place in finding.places}:
+                yield f"its run leads to errors at {sorted(failed)}: {finding.text}"
+
+
+def compare(seed: int, folder: Path) -> tuple[bool, list[str]]:
+    """Compare a model with its runs: whether it was explored whole, and all differences."""
+    robots, options = varied(seed)
+    text = text_of(robots, **options)
+    result = explore(fame.read(text.encode()), delivery="run", limit=LIMIT)
+    found = []
+    for draw in range(DRAWS):
+        drawn = run(text_of(robots, **options, drawn=Random(f"{seed} {draw}")))
+        found += [f"draw {draw}: {one}" for one in missed(result, drawn)] if drawn is not None else []
+    for finding in result.findings:
+        if finding.kind in ("deadlock", "lost", "error"):
+            found += replayed(text, finding, folder)
+    return result.exhaustive, [f"seed {seed}: {one}" for one in found]
+
+
+def main() -> int:
+    """Compare many models; exit code 1 if one differs."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--models", type=int, default=500)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--jobs", type=int, default=2)
+    arguments = parser.parse_args()
+    seeds, whole, bad = range(arguments.first, arguments.first + arguments.models), 0, 0
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(arguments.jobs) as pool:
+        for exhaustive, found in pool.map(compare, seeds, repeat(Path(folder))):
+            whole, bad = whole + exhaustive, bad + bool(found)
+            print(*found, sep="\n", end="\n" if found else "", flush=True)
+    print(f"{arguments.models} models, {whole} explored whole, {bad} differ")
+    return int(bad > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
