@@ -227,16 +227,6 @@ def test_a_request_has_two_numbers_before_its_fields_and_the_response_the_same(
 # ---- what goes wrong -------------------------------------------------------------------------------------------------
 
 
-def test_another_type_on_the_topic_elsewhere_is_told_on_both_sides(here: WallWorld) -> None:
-    seen: list[Any] = []
-    here.node("a").subscription("/x", TEXT, seen.append)
-    here.node("b").publisher("/x", INT).publish(create(INT, 1))
-    text = f"/x: /a receives nothing from /b: type: offered {INT}, requested {TEXT}"
-    here.until(lambda: [list(map(str, middleware.warnings)) for middleware in here.middlewares] == [[text], [text]])
-    assert here.middlewares[0].graph()[0].types == (INT, TEXT)
-    assert seen == []
-
-
 def test_bytes_that_are_no_message_are_dropped_and_reported(here: WallWorld) -> None:
     seen: list[Any] = []
     here.node("a").subscription("/x", TEXT, seen.append)

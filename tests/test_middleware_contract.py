@@ -212,6 +212,20 @@ def test_ends_that_do_not_match_hear_nothing_and_a_warning_says_why(
     assert seen == []
 
 
+@pytest.mark.parametrize("here", [each for each in BACKENDS if "apart" in str(each)], indirect=True)
+def test_another_type_on_the_topic_elsewhere_is_a_mismatch_told_on_both_sides(here: World) -> None:
+    seen: list[Any] = []
+    here.node("a").subscription("/x", TEXT, seen.append)
+    here.node("b").publisher("/x", INT).publish(create(INT, 1))
+    text = f"/x: /a receives nothing from /b: type: offered {INT}, requested {TEXT}"
+    here.until(lambda: [list(map(str, each.warnings)) for each in middlewares(here)] == [[text], [text]])
+    assert next(info for info in middlewares(here)[0].graph() if info.name == "/x").types == (INT, TEXT)
+    here.node("c").publisher("/x", INT)
+    later = text.replace("/b", "/c")
+    here.until(lambda: list(map(str, middlewares(here)[0].warnings)) == [text, later])
+    assert seen == []
+
+
 @pytest.mark.parametrize(
     ("qos", "expected"),
     [

@@ -547,6 +547,26 @@ def test_processes_of_one_run_end_together(tmp_path, field, how):
     field.until(lambda: not any(b"engine" in command_of(pid) for pid in children), "the engines to end")
 
 
+def test_a_team_of_a_run_with_a_key_is_redeployed_with_it_and_refuses_what_is_not_signed(tmp_path, field):
+    for name, text in (("both.bpmn", BOTH_WAIT), ("new.bpmn", BOTH_WAIT.replace('"wait_', '"later_'))):
+        (tmp_path / name).write_text(text)
+    assert field.start("keys", "new", str(tmp_path / "team")).wait(LIMIT) == 0
+    key, new = str(tmp_path / "team.key"), str(tmp_path / "new.bpmn")
+    for robot in "AB":
+        field.said[robot] = []
+        field.node.subscription(f"/{robot}/bpmn_status", STRING, partial(field._hear, robot), STATUS_QOS)
+    run = field.start("run", str(tmp_path / "both.bpmn"), "--middleware", "dds", "--key", key)
+    field.until(lambda: (field.at("A"), field.at("B")) == (["wait_a"], ["wait_b"]), "the team to run")
+    code, said = field.fame("deploy", new)
+    assert (code, "of a team of fame run: its --key" in json.dumps(said)) == (1, True), said
+    assert (field.at("A"), field.at("B")) == (["wait_a"], ["wait_b"])
+    code, said = field.fame("deploy", new, "--key", key)
+    assert code == 0, said
+    field.until(lambda: (field.at("A"), field.at("B")) == (["later_a"], ["later_b"]), "the team to run the new model")
+    run.send_signal(signal.SIGINT)
+    assert run.wait(LIMIT) == 130
+
+
 def children_of(parent: int) -> list[int]:
     return [int(pid) for pid in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
 

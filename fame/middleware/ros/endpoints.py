@@ -97,6 +97,15 @@ def from_profile(found: QoSProfile) -> QoS:
     )
 
 
+class RosEndpoint:
+    """An endpoint of any process, as `fame.middleware.qos.mismatch` takes it."""
+
+    def __init__(self, info: Any) -> None:
+        self.type: str = info.topic_type
+        self.type_hash: str = ""  # most middlewares of ROS connect endpoints whatever the hashes are
+        self.qos: QoS = from_profile(info.qos_profile)
+
+
 def owner(end: Any) -> str:
     """The full name of the node of an endpoint of the graph (rclpy's TopicEndpointInfo)."""
     if end.node_name == UNKNOWN_NODE.strip("/"):

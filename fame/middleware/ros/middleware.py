@@ -18,14 +18,15 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
-from fame.clock import WallScheduler
+from fame.clock import SECOND, WallScheduler
 from fame.errors import ConfigError
 from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.errors import mismatch_warning
 from fame.middleware.interface import EndpointWarning, Message, QoS, TopicInfo, resolve
-from fame.middleware.qos import compatible
+from fame.middleware.qos import compatible, mismatch
 from fame.middleware.ros.endpoints import (
     RosClient,
+    RosEndpoint,
     RosHandle,
     RosPublisher,
     RosService,
@@ -37,6 +38,8 @@ from fame.middleware.ros.endpoints import (
 from fame.middleware.wire_base import NAMING_DELAY, WireMiddleware, WireNode
 
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_LOOK = SECOND
+"""How often topics of several types are looked for: rclpy reports endpoints of other types on no topic."""
 _OF_EVERY_NODE = ("/rosout", "/parameter_events")
 """Topics that every node of ROS has; the graph leaves them out."""
 
@@ -76,8 +79,10 @@ class RosMiddleware(WireMiddleware):
         self.waiter: SubscriptionWaiter | None = None
         if isinstance(scheduler, DataScheduler) and scheduler.waiter is None:
             scheduler.waiter = self.waiter = SubscriptionWaiter(self.context)
+        self._mixed: dict[str, tuple[int, int]] = {}
         self._thread = threading.Thread(target=self._spin, name="ros", daemon=True)
         self._thread.start()
+        scheduler.after(_LOOK, self._look)
 
     @property
     def use_sim_time(self) -> bool:
@@ -146,6 +151,19 @@ class RosMiddleware(WireMiddleware):
         readers = self.observer.get_subscriptions_info_by_topic(topic)
         return TopicInfo(topic, tuple(sorted(types)), tuple(map(owner, writers)), tuple(map(owner, readers)))
 
+    def _look(self) -> None:
+        """Report topics that have several types, whenever the number of their endpoints has changed."""
+        if self.closed:
+            return
+        count, topics = self.observer, self.observer.get_topic_names_and_types()
+        mixed = {
+            name: (count.count_publishers(name), count.count_subscribers(name)) for name, types in topics if types[1:]
+        }
+        for topic in [topic for topic, ends in mixed.items() if self._mixed.get(topic) != ends]:
+            self.on_mismatch(topic)
+        self._mixed = mixed
+        self.scheduler.after(_LOOK, self._look)
+
     def _report(self, topic: str) -> None:
         if self.closed:
             return
@@ -153,9 +171,9 @@ class RosMiddleware(WireMiddleware):
         for writer in self.observer.get_publishers_info_by_topic(topic):
             for reader in self.observer.get_subscriptions_info_by_topic(topic):
                 nodes = owner(reader), owner(writer)
-                mismatch = compatible(from_profile(writer.qos_profile), from_profile(reader.qos_profile))
-                if mismatch is not None and own.intersection(nodes) and nodes[0] != nodes[1]:
-                    self.warn(mismatch_warning(topic, *nodes, mismatch))
+                reason = mismatch(RosEndpoint(writer), RosEndpoint(reader))
+                if reason is not None and own.intersection(nodes) and nodes[0] != nodes[1]:
+                    self.warn(mismatch_warning(topic, *nodes, reason))
 
     def _spin(self) -> None:
         while self.context.ok():
