@@ -7,7 +7,15 @@ import pytest
 from scipy.stats import binomtest
 
 from fame.errors import ConfigError
-from fame.monitor.calibration import Calibration, calibrate, interval, left_out_alarms, rank, runs_needed
+from fame.monitor.calibration import (
+    Calibration,
+    calibrate,
+    calibrate_runs,
+    interval,
+    left_out_alarms,
+    rank,
+    runs_needed,
+)
 
 
 def scores(seed: int, runs: int, channels: int = 12) -> np.ndarray:
@@ -98,3 +106,26 @@ def test_a_calibration_comes_back_from_plain_data():
     found = calibrate(scores(6, 20), 0.1)
     again = Calibration.from_plain(found.to_plain())
     assert (again.thresholds, again.promised, again.text) == (found.thresholds, found.promised, found.text)
+
+
+@pytest.mark.parametrize("margin", [None, 0.5, 3.0])
+@pytest.mark.parametrize("runs", [3, 5, 16, 19, 60])
+def test_a_lower_rate_never_gives_a_lower_threshold(runs: int, margin: float | None):
+    rates = (0.9, 0.5, 0.3, 0.2, 0.1, 0.06, 0.05, 0.02, 0.01, 1e-6)
+    for seed in range(40):
+        every = scores(seed, runs, channels=6)
+        if seed % 2:
+            every[0] *= 30.0  # an outlier
+        limits = np.array([calibrate(every, rate, margin).thresholds for rate in rates])
+        assert (np.diff(limits, axis=0) >= 0).all(), seed
+        for column in (every[:, 0], -every[:, 0]):
+            whole = [calibrate_runs(column, rate, margin or 1.5, least=-np.inf).thresholds[0] for rate in rates]
+            assert (np.diff(whole) >= 0).all(), seed
+
+
+def test_a_promise_is_said_to_be_an_average_with_the_share_of_models_that_exceed_it():
+    text = calibrate(scores(1, 16), 0.06).text
+    assert "on average over trainings" in text
+    assert text.endswith("38 % of models trained so exceed it")
+    drawn = np.random.default_rng(0).beta(1, 16, 4000)  # the rate of a model whose threshold is the largest of 16
+    assert (drawn > 1 / 17).mean() == pytest.approx(calibrate(scores(1, 16), 0.06).exceeding, abs=0.03)

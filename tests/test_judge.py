@@ -11,7 +11,8 @@ import own_data
 import pytest
 
 from fame.cli import main
-from fame.monitor.data_files import LabelledRun
+from fame.errors import ConfigError
+from fame.monitor.data_files import LabelledRun, read_labelled_runs
 from fame.monitor.drift import Drift, DriftMonitor
 from fame.monitor.judge import areas, judge_trained
 from fame.monitor.model_card import card_of, to_markdown
@@ -95,6 +96,77 @@ def test_a_run_without_a_whole_window_is_told(model: TrainedModel) -> None:
     run = LabelledRun(Samples(short.values[:10], short.stamps[:10], short.names), np.ones(10, dtype=np.int64), "a.csv")
     (judged,) = judge_trained(model, [run], "m", labelled=False).runs
     assert judged.notes == ("no whole window of 40 samples at 100 Hz: not judged",)
+    assert (judged.verdict, judged.share) == ("not judged", 0.0)
+
+
+def slower(run: Samples) -> Samples:
+    """The same at half the rate."""
+    return run.replace(run.values, stamps=2 * run.stamps)
+
+
+def test_runs_that_were_not_judged_are_never_benign(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good, bad = own_data.run(1003), own_data.run(5001, "stuck")
+    write(tmp_path / "mixed.csv", [good, slower(good)], None)
+    code, found = told(capsys, "judge", folder / "monitor.skops", tmp_path / "mixed.csv")
+    assert (code, found["status"]) == (3, "partial")
+    assert [(run["verdict"], run["share judged"]) for run in found["runs"]] == [("benign", 1.0), ("not judged", 0.0)]
+    assert (found["figures"]["not judged"], found["figures"]["share judged"]) == (1, pytest.approx(1 / 3, abs=0.01))
+    assert main(["judge", str(folder / "monitor.skops"), str(tmp_path / "mixed.csv")]) == 3
+    assert "not judged: 1" in capsys.readouterr().out
+    write(tmp_path / "worse.csv", [slower(good), bad], None)
+    assert told(capsys, "judge", folder / "monitor.skops", tmp_path / "worse.csv")[0] == 1
+
+
+def test_empty_cells_are_told_and_what_they_leave_out_is_not_benign(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path / "gaps.csv", [own_data.run(1003), own_data.run(1004)], None)
+    head, *lines = (tmp_path / "gaps.csv").read_text().splitlines()
+    lines[500:900] = [line.rpartition(",")[0] + "," for line in lines[500:900]]
+    lines[2000:] = [line.rpartition(",")[0] + "," for line in lines[2000:]]
+    (tmp_path / "gaps.csv").write_text("\n".join([head, *lines]) + "\n")
+    code, found = told(capsys, "judge", folder / "monitor.skops", tmp_path / "gaps.csv")
+    assert code == 3
+    assert [run["verdict"] for run in found["runs"]] == ["not judged", "not judged"]
+    assert 0.7 < found["runs"][0]["share judged"] < 0.85
+    assert any("rows have an empty cell: left out" in note for note in found["runs"][0]["notes"])
+
+
+@pytest.mark.parametrize("separator", [";", "\t", "|"])
+def test_decimal_commas_separators_and_dates_are_understood(
+    separator: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path / "plain.csv", [own_data.run(1003)], None)
+    head, *lines = (tmp_path / "plain.csv").read_text().splitlines()
+    rows = [head.split(",")]
+    for line in lines:
+        stamp, *rest = line.split(",")
+        seconds = float(stamp)
+        rows.append([f"2026-01-31T12:00:{seconds:09.6f}", *(cell.replace(".", ",") for cell in rest)])
+    (tmp_path / "local.csv").write_text("\n".join(separator.join(row) for row in rows) + "\n")
+    plain, local = (
+        told(capsys, "judge", folder / "monitor.skops", tmp_path / f"{name}.csv") for name in ("plain", "local")
+    )
+    assert plain[0] == local[0] == 0
+    assert local[1]["runs"][0]["score"] == pytest.approx(plain[1]["runs"][0]["score"], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("row", "text"),
+    [
+        ("31.1.2026 12:00:33,1", "runs.csv:2: expected a number (s) or a date such as 2026-01-31T12:00:00.5 in column "
+         "'stamp', got '31.1.2026 12:00:33'"),
+        ("0.1,high", "runs.csv:2: expected a number in column 'a', got 'high'"),
+        ("0,1,2,5", "runs.csv:2: expected 2 cells, got 4; a decimal comma needs another separator, such as ;"),
+    ],
+)  # fmt: skip
+def test_cells_that_are_no_numbers_are_named_with_their_column(row: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / "runs.csv").write_text(f"stamp,a\n{row}\n")
+    with pytest.raises(ConfigError) as found:
+        read_labelled_runs([tmp_path / "runs.csv"])
+    assert str(found.value).endswith(text)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, command, group
 from fame.cli.output import note, print_json, table
+from fame.errors import NOT_KNOWN
 
 if TYPE_CHECKING:
     from fame.monitor.data_files import LabelledRun
@@ -44,7 +45,7 @@ def add_judge(commands: Commands) -> None:
 
 
 def run_judge(arguments: Namespace) -> int:
-    """Judge; exit code 1 if a run is anomalous."""
+    """Judge; exit code 1 if a run is anomalous, otherwise 3 if one was not judged."""
     from fame.monitor.judge import judge_recordings, judge_trained
     from fame.monitor.model_card import card_of, load_any
     from fame.monitor.pipeline.trained_model import TrainedModel
@@ -52,7 +53,7 @@ def run_judge(arguments: Namespace) -> int:
     model = load_any(arguments.model)
     if isinstance(model, TrainedModel):
         runs = _read(arguments.data, arguments.config, model)
-        labelled = any((run.labels == -1).any() for run in runs) or any(map(_has_labels, arguments.data))
+        labelled = any(run.labelled for run in runs)
         judgement = judge_trained(model, runs, str(arguments.model), labelled=labelled)
     else:
         judgement = judge_recordings(model, arguments.data, str(arguments.model), arguments.topic)
@@ -61,21 +62,13 @@ def run_judge(arguments: Namespace) -> int:
 
         write_report(judgement, card_of(model), arguments.output)
     if arguments.json:
-        print_json({"status": "completed", **judgement.to_plain(), "report": str(arguments.output or "")})
+        status = "partial" if judgement.exit_code == NOT_KNOWN else "completed"
+        print_json({"status": status, **judgement.to_plain(), "report": str(arguments.output or "")})
     else:
         _print(judgement)
         if arguments.output is not None:
             note(f"report: {arguments.output}")
-    return 1 if any(run.anomalous for run in judgement.runs) else 0
-
-
-def _has_labels(path: Path) -> bool:
-    from fame.monitor.data_files import LABEL
-
-    if path.suffix != ".csv":
-        return False
-    with path.open(encoding="utf-8-sig", errors="replace") as stream:
-        return LABEL in stream.readline().strip().split(",")
+    return judgement.exit_code
 
 
 def _read(paths: Sequence[Path], config: Path | None, model: TrainedModel) -> list[LabelledRun]:
@@ -111,13 +104,13 @@ def _of_bag(path: Path, config: Path, model: TrainedModel) -> list[LabelledRun]:
 def _print(judgement: Judgement) -> None:
     rows = [
         (
-            str(run.number), Path(run.file).name, "anomalous" if run.anomalous else "benign", f"{run.score:.3g}",
-            f"{run.seconds:.1f} s", "" if run.latency is None else f"{run.latency:.3g} s",
-            _event(run.events) if run.events else "; ".join(run.notes),
+            str(run.number), Path(run.file).name, run.verdict, f"{run.score:.3g}" if run.ratios.size else "-",
+            f"{100 * run.share:.0f} %", f"{run.seconds:.1f} s", "" if run.latency is None else f"{run.latency:.3g} s",
+            "; ".join((*map(_event, [run.events] if run.events else []), *run.notes)),
         )
         for run in judgement.runs
     ]  # fmt: skip
-    print(table(("run", "file", "verdict", "score", "length", "latency", "first event"), rows))
+    print(table(("run", "file", "verdict", "score", "judged", "length", "latency", "first event, notes"), rows))
     print()
     for name, value in judgement.figures.items():
         print(f"{name}: {_value(value)}")

@@ -126,9 +126,12 @@ def _configured(path: Path, arguments: Namespace) -> Configuration:
     from dataclasses import replace
 
     from fame.config.values import ConfigValue
+    from fame.errors import ConfigError
     from fame.monitor.pipeline.configuration import hertz, load, stages_of
 
     configuration = load(path)
+    if not (configuration.inputs or configuration.outputs):
+        raise ConfigError("has no Inputs or Outputs to process", file=str(path))
     if arguments.processor:
         stages = stages_of(ConfigValue(list(arguments.processor), "--processor"))
         own = configuration.stages

@@ -6,6 +6,8 @@ calibration is treated as a future run is. The score of a run is its largest z. 
 one more run is equally likely to fall between any two of the n scores; so the k-th smallest, with
 k = ceil((n + 1) (1 - rate)), is exceeded in at most that `rate` of future runs (split conformal prediction: Vovk,
 Gammerman and Shafer 2005; Angelopoulos and Bates 2023, section 1). n runs cannot promise less than 1 / (n + 1).
+This is an average over trainings: the rate of one model is Beta(n + 1 - k, k) distributed, and is often higher. A lower
+rate never gives lower thresholds: without a promise they are at least the highest that could be promised.
 
 The promise is for all channels together; each channel keeps a threshold of its own. The scores are those of
 cross-validation, while the model in use learned from all runs: this makes the promise approximate, on the safe side as
@@ -68,7 +70,18 @@ class Calibration:
         if self.promised is None:
             needed = max(runs_needed(self.asked), FEWEST)
             return f"no promise: {self.asked:g} false alarms per run were asked for, {best}, {needed} are needed"
-        return f"at most {self.promised:.2g} false alarms per run, by {self.runs} runs (asked for: {self.asked:g})"
+        return (
+            f"at most {self.promised:.2g} false alarms per run on average over trainings, by {self.runs} runs "
+            f"(asked for: {self.asked:g}); {100 * self.exceeding:.0f} % of models trained so exceed it"
+        )
+
+    @property
+    def exceeding(self) -> float:
+        """The share of trainings whose model has more false alarms than promised: marginal coverage is a mean."""
+        from scipy.stats import beta
+
+        above = round((self.promised or 0.0) * (self.runs + 1))  # scores above the threshold, and one more
+        return float(beta.sf(above / (self.runs + 1), above, self.runs + 1 - above)) if above else 0.0
 
     def to_plain(self) -> dict[str, Any]:
         """Give all values as plain data and arrays."""
@@ -136,8 +149,14 @@ def calibrate(scores: Floats, rate: float = RATE, margin: float | None = None) -
     place = rank(runs, rate) if runs >= FEWEST else None
     promised = None if place is None else 1 - place / (runs + 1)
     factor = margin if margin is not None else MARGIN if place is None else 1.0
-    limit = float(((logs - levels) / deviations).max() if place is None else np.sort(_run_scores(logs))[place - 1])
-    thresholds = np.maximum(factor * np.exp(levels + limit * deviations), LEAST)
+    if runs < FEWEST:
+        limits = factor * np.exp(levels + ((logs - levels) / deviations).max() * deviations)
+    else:
+        ordered = np.sort(_run_scores(logs))
+        limits = (margin or 1.0) * np.exp(levels + ordered[(place or runs) - 1] * deviations)
+        if place is None:  # never below what a higher rate gives
+            limits = np.maximum(limits, factor * np.exp(levels + ((logs - levels) / deviations).max() * deviations))
+    thresholds = np.maximum(limits, LEAST)
     return Calibration(
         tuple(thresholds.tolist()), rate, promised, runs, factor, scores,
         tuple(levels.tolist()), tuple(deviations.tolist()),
@@ -148,7 +167,8 @@ def calibrate_runs(scores: Floats, rate: float = RATE, margin: float = MARGIN, l
     """Set the threshold on the score of a whole run from the scores of runs (runs,), which a run must exceed.
 
     Split conformal prediction as above, without a scale: equal scores, such as many zeros, keep the promise. The
-    threshold is `least` or more, and `margin` multiplies the largest score where there is no promise. Raises
+    threshold is `least` or more, and `margin` multiplies the largest score where there is no promise (a margin below 1
+    does not lower it: a lower rate never gives a lower threshold). Raises
     ConfigError as `calibrate`.
     """
     runs = len(scores)
@@ -157,7 +177,8 @@ def calibrate_runs(scores: Floats, rate: float = RATE, margin: float = MARGIN, l
     place = rank(runs, rate) if runs >= FEWEST else None
     promised = None if place is None else 1 - place / (runs + 1)
     factor = margin if place is None else 1.0
-    limit = factor * float(scores.max()) if place is None else float(np.sort(scores)[place - 1])
+    largest = float(scores.max())
+    limit = max(largest, factor * largest) if place is None else float(np.sort(scores)[place - 1])
     return Calibration((max(limit, least),), rate, promised, runs, factor, scores[:, None], least=least)
 
 

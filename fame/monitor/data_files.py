@@ -1,8 +1,9 @@
 """Files of recorded data: CSV tables, the runs that `fame record` wrote, and bags of ROS 1 and 2.
 
 Runs need a column ``stamp`` (s). A column ``run`` divides a file into runs, and every file begins a new one. In a
-recorded table a cell may be empty: a row holds the message of one topic. A bag is a folder of rosbag2 in either
-storage, a single MCAP file or a rosbag1.
+recorded table a cell may be empty: a row holds the message of one topic. Cells are separated by a semicolon, tab, comma
+or |; a decimal comma needs another separator than the comma. Stamps may be dates of ISO 8601. A bag is a folder of
+rosbag2 in either storage, a single MCAP file or a rosbag1.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import csv
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,11 +33,17 @@ class Table(NamedTuple):
 
 
 class LabelledRun(NamedTuple):
-    """A run with a label per sample, -1 anomalous or 1 benign; all 1 if its file has no labels."""
+    """A run with a label per sample, -1 anomalous or 1 benign; all 1 if its file has no labels (`labelled`).
+
+    `gaps` rows with an empty cell were left out of it; with them it lasted `seconds` (-1: as long as its samples).
+    """
 
     samples: Samples
     labels: Whole
     file: str
+    gaps: int = 0
+    seconds: float = -1.0
+    labelled: bool = False
 
 
 def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = (), *, undisturbed: bool = False) -> list[Samples]:
@@ -49,7 +57,7 @@ def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = (), *, undis
         if (run.labels == -1).any():
             text = f"expected undisturbed runs (label 1), got label -1 in run {number}"
             raise ConfigError(text, file=run.file)
-    return [run.samples for run in runs]
+    return [run.samples for run in runs if len(run.samples)]
 
 
 def read_labelled_runs(paths: Sequence[str | Path], columns: Sequence[str] = ()) -> list[LabelledRun]:
@@ -72,10 +80,15 @@ def read_labelled_runs(paths: Sequence[str | Path], columns: Sequence[str] = ())
         labels = _labels(cells[:, names.index(LABEL)], path) if LABEL in names else np.ones(len(cells), dtype=np.int64)
         if not whole.any():
             raise ConfigError(f"has no row with all of {', '.join(columns)}", file=str(path))
-        values, stamps, numbers, labels = values[whole], stamps[whole], numbers[whole], labels[whole]
         for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1):
-            order = rows[np.argsort(stamps[rows], kind="stable")]
-            runs.append(LabelledRun(Samples(values[order], stamps[order], tuple(columns)), labels[order], str(path)))
+            kept = rows[whole[rows]]
+            order = kept[np.argsort(stamps[kept], kind="stable")]
+            known = stamps[rows][np.isfinite(stamps[rows])]
+            samples = Samples(values[order], stamps[order], tuple(columns))
+            runs.append(LabelledRun(
+                samples, labels[order], str(path), len(rows) - len(kept),
+                float(np.ptp(known)) if len(known) else 0.0, LABEL in names,
+            ))  # fmt: skip
     return runs
 
 
@@ -117,8 +130,9 @@ def read_table(path: Path, *, recorded: bool = False) -> Table:
     """
     text = _text(path)
     lines = text.splitlines()
-    head = _row(lines[0], path, 1) if lines else []
-    header = not all(map(_is_number, head))
+    separator = _separator(lines[0]) if lines else ","
+    head = _row(lines[0], path, 1, separator) if lines else []
+    header = not all(_is_number(cell.replace(",", ".")) for cell in head)
     names = tuple(name.strip() for name in head) if header else ()
     if recorded and (not names or any(map(_is_number, names))):
         raise ConfigError("has no header; expected stamp,effort_0,...", file=str(path), line=1)
@@ -132,7 +146,7 @@ def read_table(path: Path, *, recorded: bool = False) -> Table:
     first = 2 if header else 1
     if len(lines) < first:
         raise ConfigError("has no rows of numbers", file=str(path))
-    return Table(names, _numbers(lines[first - 1 :], first, len(head), path, recorded), first)
+    return Table(names, _numbers(lines[first - 1 :], first, head, path, recorded, separator), first)
 
 
 def _text(path: Path) -> str:
@@ -144,30 +158,50 @@ def _text(path: Path) -> str:
         raise ConfigError("is not UTF-8 text", file=str(path)) from None
 
 
-def _numbers(lines: Sequence[str], first: int, width: int, path: Path, gaps: bool) -> Floats:
-    """Parse rows at once, or cell by cell where some are empty or wrong."""
+def _separator(line: str) -> str:
+    """Give what parts the cells of the first line; a comma beside another one is a decimal comma."""
+    return next((sign for sign in ";\t,|" if len(next(csv.reader([line], delimiter=sign), [])) > 1), ",")
+
+
+def _numbers(lines: Sequence[str], first: int, head: Sequence[str], path: Path, gaps: bool, separator: str) -> Floats:
+    """Parse rows at once, or cell by cell where some are empty or wrong, or dates."""
+    width = len(head)
+    if separator != ",":
+        lines = [line.replace(",", ".") for line in lines]
     try:
-        cells = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
+        cells = np.loadtxt(lines, delimiter=separator, ndmin=2, comments=None)
         if cells.shape == (len(lines), width):
             return np.asarray(cells)
     except ValueError:
         pass
-    rows = []
+    rows: list[list[float]] = []
     for number, line in enumerate(lines, start=first):
-        row = _row(line, path, number)
-        try:
-            rows.append([np.nan if gaps and not cell.strip() else float(cell) for cell in row])
-        except ValueError as error:
-            text = f"expected a number, got {str(error).rpartition(':')[2].strip()}"
-            raise ConfigError(text, file=str(path), line=number) from None
+        row = _row(line, path, number, separator)
         if len(row) != width:
-            raise ConfigError(f"expected {width} cells, got {len(row)}", file=str(path), line=number)
+            comma = "; a decimal comma needs another separator, such as ;" if separator == "," else ""
+            raise ConfigError(f"expected {width} cells, got {len(row)}{comma}", file=str(path), line=number)
+        rows.append([])
+        for name, cell in zip(head, row, strict=True):
+            try:
+                rows[-1].append(np.nan if gaps and not cell.strip() else _number(cell, date=name.strip() == STAMP))
+            except ValueError:
+                right = "a number (s) or a date such as 2026-01-31T12:00:00.5" if name.strip() == STAMP else "a number"
+                where = f" in column {name.strip()!r}" if not _is_number(name) else ""
+                raise ConfigError(f"expected {right}{where}, got {cell!r}", file=str(path), line=number) from None
     return np.array(rows, dtype=np.float64)
 
 
-def _row(line: str, path: Path, number: int) -> list[str]:
+def _number(cell: str, *, date: bool) -> float:
+    """Read a number, or where a `date` may stand also one of ISO 8601, in s since 1970. Raises ValueError."""
+    if not date or _is_number(cell):
+        return float(cell)
+    moment = datetime.fromisoformat(cell.strip())
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def _row(line: str, path: Path, number: int, separator: str) -> list[str]:
     try:
-        return next(csv.reader([line]), [])
+        return next(csv.reader([line], delimiter=separator), [])
     except csv.Error as error:
         raise ConfigError(f"is not a row of a table: {error}", file=str(path), line=number) from None
 

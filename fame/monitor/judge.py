@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fame.errors import ConfigError
+from fame.errors import NOT_KNOWN, ConfigError
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.calibration import interval
 
@@ -27,6 +27,8 @@ RESAMPLINGS = 500
 """Of the runs, for the intervals of the areas under the curves."""
 FREQUENCY = 50.0
 """Of the calls of the processors, Hz, as in a processing node."""
+WHOLE = 0.99
+"""Share of a run that has to be judged to call it benign: a window may end before the last samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,7 @@ class JudgedRun:
 
     stamps, ratios  of the losses: (n,) s from the start, (n, channels) divided by the thresholds
     label           -1 anomalous, 1 benign, None without labels; `onset` and `latency` in s
+    share           of the run that has been judged
     """
 
     number: int
@@ -58,6 +61,12 @@ class JudgedRun:
     label: int | None = None
     onset: float | None = None
     notes: tuple[str, ...] = ()
+    share: float = 1.0
+
+    @property
+    def verdict(self) -> str:
+        """``anomalous`` after an alarm, ``benign`` if all of the run was judged, otherwise ``not judged``."""
+        return "anomalous" if self.anomalous else "benign" if self.share >= WHOLE else "not judged"
 
     @property
     def score(self) -> float:
@@ -89,15 +98,26 @@ class Judgement:
     notes: tuple[str, ...] = ()
 
     @property
+    def exit_code(self) -> int:
+        """1 if a run is anomalous, otherwise 3 if one is not judged or there is none, otherwise 0."""
+        verdicts = {run.verdict for run in self.runs}
+        return 1 if "anomalous" in verdicts else 0 if verdicts == {"benign"} else NOT_KNOWN
+
+    @property
     def figures(self) -> dict[str, Any]:
-        """Counts, rates with 95 % intervals, latencies, and areas under the curves where there are labels."""
-        benign = [run for run in self.runs if run.label != -1]
-        hours = sum(run.seconds for run in benign) / 3600
+        """Counts, rates with 95 % intervals, latencies, and areas under the curves where there are labels.
+
+        False alarms are those of runs that have been judged.
+        """
+        benign = [run for run in self.runs if run.label != -1 and run.verdict != "not judged"]
+        hours = sum(run.seconds * run.share for run in benign) / 3600
+        seconds = sum(run.seconds for run in self.runs)
         false_alarms = sum(run.anomalous for run in benign)
         events = sum(len(run.events) for run in benign)
         values: dict[str, Any] = {
             "runs": len(self.runs), "with an alarm": sum(run.anomalous for run in self.runs),
-            "hours": round(sum(run.seconds for run in self.runs) / 3600, 4),
+            "not judged": sum(run.verdict == "not judged" for run in self.runs), "hours": round(seconds / 3600, 4),
+            "share judged": round(sum(run.seconds * run.share for run in self.runs) / seconds, 4) if seconds else None,
         }  # fmt: skip
         if all(run.label is None for run in self.runs):
             return {**values, "alarms per hour": events / hours if hours else None}
@@ -115,11 +135,15 @@ class Judgement:
         }
         if found:
             values["latency s"] = {"median": float(np.median(found)), "largest": max(found)}
-        if anomalous and benign:
-            values |= areas(
-                np.array([run.score for run in self.runs]), np.array([run.label == -1 for run in self.runs])
-            )
+        scored = self.scored
+        if len({run.label == -1 for run in scored}) == 2:
+            values |= areas(np.array([run.score for run in scored]), np.array([run.label == -1 for run in scored]))
         return values
+
+    @property
+    def scored(self) -> tuple[JudgedRun, ...]:
+        """The runs that have been judged at least in part."""
+        return tuple(run for run in self.runs if run.ratios.size)
 
     def to_plain(self) -> dict[str, Any]:
         """Give everything but the losses as plain data."""
@@ -127,8 +151,9 @@ class Judgement:
             "model": self.model, "figures": self.figures, "drifting": list(self.drifting), "notes": list(self.notes),
             "runs": [
                 {
-                    "run": run.number, "file": run.file, "verdict": "anomalous" if run.anomalous else "benign",
-                    "score": run.score, "seconds": run.seconds, "label": run.label, "onset": run.onset,
+                    "run": run.number, "file": run.file, "verdict": run.verdict, "share judged": run.share,
+                    "score": run.score if run.ratios.size else None, "seconds": run.seconds,
+                    "label": run.label, "onset": run.onset,
                     "latency": run.latency, "notes": list(run.notes),
                     "events": [
                         {"kind": each.kind, "start": each.start, "end": each.end, "peak": each.peak,
@@ -231,10 +256,26 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: boo
     events = spans(stamps, active.values if active is not None else np.zeros(0, dtype=bool), ratios, model.columns)
     if not len(loss):
         notes.append(f"no whole window of {model.window} samples at {model.rate:.4g} Hz: not judged")
+    if run.gaps:
+        notes.append(f"{run.gaps} of {run.gaps + len(samples)} rows have an empty cell: left out")
+    seconds = _seconds(samples.stamps) if run.seconds < 0 else run.seconds
+    share = _share(stamps, model.window / model.rate, seconds, stride / model.rate)
     judged = JudgedRun(
-        number, run.file, _seconds(samples.stamps), events, stamps, ratios, model.columns, notes=tuple(notes)
+        number, run.file, seconds, events, stamps, ratios, model.columns, notes=tuple(notes), share=share
     )
     return _labelled(judged, run.labels, samples.stamps - begin) if labelled else judged
+
+
+def _share(stamps: Floats, window: float, seconds: float, stride: float) -> float:
+    """Give the share of a run that lies in a window, which ends at one of `stamps` (s).
+
+    What is left at the end for lack of a whole `stride` counts as judged.
+    """
+    if not len(stamps):
+        return 0.0
+    covered = float(np.minimum(np.diff(stamps, prepend=stamps[0] - window), window).sum())
+    missing = seconds - covered
+    return 1.0 if missing < 1.5 * stride else max(0.0, 1 - missing / seconds)
 
 
 def spans(stamps: Floats, active: Any, ratios: Floats, channels: Sequence[str]) -> tuple[Event, ...]:
@@ -345,4 +386,5 @@ def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> 
     return JudgedRun(
         number, run.source, _seconds(np.asarray(stamps)), events, np.asarray(stamps[: len(scores)]), scores,
         ("score",), label, float(stamps[wrong[0]]) if label == -1 else None, notes,
+        len(scores) / len(run) if len(run) else 0.0,
     )  # fmt: skip

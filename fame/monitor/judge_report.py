@@ -97,16 +97,17 @@ def _shown(value: Any) -> str:
 
 def _runs(runs: Sequence[JudgedRun]) -> str:
     labelled = any(run.label is not None for run in runs)
-    heads = ("run", "file", "verdict", *(("label", "latency") if labelled else ()), "score", "length", "")
+    heads = ("run", "file", "verdict", *(("label", "latency") if labelled else ()), "score", "judged", "length", "")
     rows = []
     for run in runs:
         right = run.label is None or (run.label == -1) == run.anomalous
-        verdict = _cell("anomalous" if run.anomalous else "benign", "good" if right else "bad")
+        verdict = _cell(run.verdict, "good" if right and run.verdict != "not judged" else "bad")
         label = {None: "", 1: "benign", -1: "anomalous"}[run.label]
         latency = "" if run.latency is None else f"{run.latency:.3g} s"
         more = (_cell(label), _cell(latency, "n")) if labelled else ()
         rows.append([
-            _cell(run.number, "n"), _cell(Path(run.file).name), verdict, *more, _cell(f"{run.score:.3g}", "n"),
+            _cell(run.number, "n"), _cell(Path(run.file).name), verdict, *more,
+            _cell(f"{run.score:.3g}" if run.ratios.size else "-", "n"), _cell(f"{100 * run.share:.0f} %", "n"),
             _cell(f"{run.seconds:.1f} s", "n"), _cell("; ".join(run.notes)),
         ])  # fmt: skip
     return '<p class="quiet">The score is the largest loss divided by its threshold: above 1 there is an alarm.</p>' + (

@@ -105,8 +105,8 @@ def load(path: str | Path) -> Configuration:
     policies = _policies(sections["QoS"], {}) if "QoS" in sections else {}
     inputs = _ports(sections, "Inputs", imports, policies, INPUT)
     outputs = _ports(sections, "Outputs", imports, policies, SIGNAL)
-    if not inputs and not outputs:
-        raise document.error("expected the key Inputs or Outputs with at least one entry")
+    if not inputs and not outputs and "Training" not in sections:
+        raise document.error("expected the key Inputs or Outputs with at least one entry, or Training with Files")
     return Configuration(
         file=path,
         name=_node_name(sections["Name"]) if "Name" in sections else re.sub(r"\W", "_", path.stem),
