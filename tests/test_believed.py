@@ -328,7 +328,7 @@ def test_a_splitter_with_keys_takes_signed_diagrams_alone_and_each_once(keys, tm
     reasons = [text for text in told if text.startswith("refused")]
     assert [reason.split(":")[1].split(";")[0] for reason in reasons] == [
         " not signed",
-        " not signed by a key that this robot trusts",
+        " not signed by a key that this robot trusts (a team of fame run trusts its --key)",
         " the signature belongs to another message",
         " signed 301 s ago",
     ]

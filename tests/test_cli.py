@@ -125,7 +125,7 @@ def test_commands_colour_what_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("stdout", "stderr"):
         monkeypatch.setattr(sys, name, Terminal())
     assert main(["run", "none.yaml"]) == 2
-    assert main(["check", str(ROOT / "models" / "convoy.bpmn")]) == 0
+    assert main(["check", "--guidelines", str(ROOT / "models" / "convoy.bpmn")]) == 0
     assert sys.stderr.getvalue().startswith("fame: \x1b[1;31merror\x1b[0m: none.yaml: ")
     assert ": \x1b[1;36mnote\x1b[0m: " in sys.stdout.getvalue()
 

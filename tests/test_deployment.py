@@ -82,6 +82,7 @@ def test_an_engine_tells_whoever_looks_at_it_what_it_refused_and_the_others_why_
     assert sent.failed
     assert {event.detail for event in told} == {
         "refused: not signed; this robot runs only deployments signed with a trusted key"
+        " (of a team of fame run: its --key)"
     }
     assert sent.robots["B"].reason in ("had not answered yet", "called off because of A")
 

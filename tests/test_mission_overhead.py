@@ -74,8 +74,8 @@ def test_what_missions_need_is_imported_before_the_first_of_them(
 
 def test_a_called_process_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     searched: list[object] = []
-    is_file = os.path.isfile
-    monkeypatch.setattr(os.path, "isfile", lambda path: searched.append(path) or is_file(path))
+    list_folder = os.listdir
+    monkeypatch.setattr(os, "listdir", lambda path: searched.append(path) or list_folder(path))
     library, definitions = Library(), read(VEHICLES)
     found = [library.closure(definitions, process) for process in definitions.processes]
     first = len(searched)

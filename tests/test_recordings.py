@@ -251,7 +251,7 @@ def test_a_damaged_recording_is_read_or_refused_in_one_line(
         data[chance.randrange(len(data))] = chance.randrange(256)
     path.write_bytes(data)
     with suppress(ConfigError), Recording(path) as recording:  # no other error
-        assert list(recording.events())
+        assert list(recording.events()) or recording.warnings  # nothing is left out in silence
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a full disk to try")
