@@ -11,6 +11,7 @@ from fame.errors import DeploymentError
 from fame.log.live_team import LiveTeam
 from fame.log.wait_reasons import explain
 from fame.middleware import messages
+from fame.middleware.interface import SENSOR_DATA
 from tests.test_live_team import Field
 
 SIGNALS = '<signal id="S" name="order"/><message id="M" name="part"/>'
@@ -79,6 +80,13 @@ def test_a_message_that_came_too_early_is_told_with_its_publisher(field: Field) 
     lines = why(field, CATCH, "Order", before="seven bolts")
     assert lines[1] == "  /order is published by /shop"
     assert "did not count: nothing waited for it then" in lines[2]
+
+
+def test_a_publisher_that_is_not_connected_is_told_with_the_reason(field: Field) -> None:
+    field.middleware.node("shop").publisher("/order", STRING, SENSOR_DATA)
+    why_not = "/REX/fame_engine receives nothing from /shop: reliability: offered best_effort, requested reliable"
+    lines = why(field, CATCH, "Order")
+    assert lines[1:3] == ["  /order is published by /shop", f"  /order: {why_not}"]
 
 
 def test_an_element_where_no_token_waits_is_refused(field: Field) -> None:

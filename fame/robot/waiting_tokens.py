@@ -113,6 +113,7 @@ class WaitingTokens:
         self._robot, self._mission, self._node, self._runner = robot, mission, node, runner
         self._middleware, self._scheduler = middleware, scheduler
         self._topics: Sequence[TopicInfo] = ()  # what these were taken from
+        self._warned = 0  # how many warnings there were then
         self._gaps = PublisherGaps()
         self._seen: dict[Hashable, int] = {}  # waiting token -> when `list` saw it first
         self._suspended: dict[int, int] = {}  # key of a handler that suspends its scope -> since when
@@ -148,13 +149,14 @@ class WaitingTokens:
         return min(now, self._seen.get(wait.key, now))
 
     def refresh_publishers(self) -> bool:
-        """Look up the publishers. Returns whether they have changed; `details` differ then."""
-        topics = self._middleware.graph()
-        if topics is self._topics:
+        """Look up the publishers. Returns whether they or the warnings have changed; `details` differ then."""
+        topics, warned = self._middleware.graph(), len(self._middleware.warnings)
+        if topics is self._topics and warned == self._warned:
             return False
-        before, self._topics = self._graph, topics
+        before, self._topics = (self._graph, self._warned), topics
+        self._warned = warned
         self._graph = {topic: tuple(sorted(set(names))) for topic, names in self._publishers().items() if names}
-        return self._graph != before
+        return (self._graph, warned) != before
 
     def list(self, engine: Engine) -> list[WaitingToken]:
         """Every token that waits. Call it regularly: times and gaps are those between calls."""
@@ -254,6 +256,8 @@ class WaitingTokens:
         if topics:
             found["topics"] = list(topics)
             found["publishers"] = {topic: list(self._graph.get(topic, ())) for topic in topics}
+            if apart := self._apart(topics):
+                found["mismatches"] = apart
         if wait.paused:
             found["suspended"], found["by"] = True, self._label(suspender(wait))
         request = self._runner.request(wait.key)
@@ -286,6 +290,13 @@ class WaitingTokens:
             return []
         name = resolve(request.action if isinstance(request, Act) else request.service, self._node.namespace)
         return [str(each) for each in warnings if each.kind == "mismatch" and f"{each.topic}/".startswith(f"{name}/")]
+
+    def _apart(self, topics: Iterable[str]) -> Sequence[str]:
+        """What keeps publishers of awaited topics, if they are still there, from this robot."""
+        mine = f"{self._node.full_name} receives nothing from"
+        starts = tuple(f"{topic}: {mine} {by}: " for topic in topics for by in self._graph.get(topic, ()))
+        warnings = (str(each) for each in self._middleware.warnings if each.kind == "mismatch")
+        return [text for text in warnings if text.startswith(starts)]
 
     def _note(self, keys: Iterable[Hashable], now: int) -> None:
         self._seen = {key: self._seen.get(key, now) for key in keys}
