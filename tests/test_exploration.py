@@ -509,3 +509,27 @@ def test_an_award_that_is_lost_leaves_nobody_waiting() -> None:
     result = explore("models/warehouse.bpmn", robots={"Carrier": 1}, delivery="run", faults=True)
     outcomes = {name: outcome for search in result.searches for name, _, outcome in search.faults}
     assert outcomes["/parcel_awarded to Carrier_1 is lost"] == "the others complete"
+
+
+@pytest.mark.parametrize(
+    "around",
+    ["{0}<boundaryEvent id='b' attachedToRef='t'><errorEventDefinition/></boundaryEvent>",
+     "<subProcess id='sub'><startEvent id='i'/>{0}<sequenceFlow id='k' sourceRef='i' targetRef='t'/></subProcess>"
+     "<boundaryEvent id='b' attachedToRef='sub'><errorEventDefinition/></boundaryEvent>"],
+)  # fmt: skip
+def test_an_activity_that_is_left_through_its_boundary_has_been_entered(around: str) -> None:
+    script = "<scriptTask id='t' scriptFormat='python'><script>x = 1 // 0</script></scriptTask>"
+    first = "sub" if "sub" in around else "t"
+    model = process(
+        f"<startEvent id='s'/>{around.format(script)}<endEvent id='e'/><sequenceFlow id='f' sourceRef='s' "
+        f"targetRef='{first}'/><sequenceFlow id='g' sourceRef='b' targetRef='e'/>"
+    )
+    assert not explore(fame.read(model.encode())).findings
+
+
+def test_states_with_successors_that_are_not_explored_are_neither_stuck_nor_doomed() -> None:
+    """B could end once more instances run than are explored."""
+    robots: dict[str, Steps] = {"A": [("while", ["work", "throw go"])], "B": ["start go", "person"]}
+    result = found(robots, delivery="run")
+    assert "growth" in kinds(result)
+    assert not kinds(result) & {"deadlock", "lost"}

@@ -62,6 +62,7 @@ class Abstraction:
     needed   variables without which a script or expression that decides something could not run; None: not yet known
     timed    plain and send tasks take time
     once     a second token that comes to an end event of a process fails
+    caught   scripts with an error event at their task, at a sub-process around it, or in one
     """
 
     library: Library
@@ -76,6 +77,7 @@ class Abstraction:
     needed: frozenset[str] | None = None
     timed: bool = False
     once: bool = False
+    caught: set[str] = field(default_factory=set)
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _reduced: dict[tuple[str, str], model.Process] = field(default_factory=dict)
 
@@ -113,18 +115,23 @@ class Abstraction:
             pending += [self.library.find(home, call) for call in calls]
         return found
 
-    def _body(self, body: model.Body, home: model.Definitions) -> model.Body:
+    def _body(self, body: model.Body, home: model.Definitions, around: bool = False) -> model.Body:
         nodes: list[model.FlowNode] = []
-        caught = {node.attached_to for node in body.nodes if isinstance(node, model.Event)}
+        caught = {node.attached_to for node in body.nodes if isinstance(node, model.Event) and _catches_errors(node)}
+        around |= any(_catches_errors(start) for node in body.nodes
+                      if isinstance(node, model.SubProcess) and node.triggered_by_event
+                      for start in node.body.nodes)  # fmt: skip
         for node in body.nodes:
             if isinstance(node, model.SubProcess):
-                node = replace(node, body=self._body(node.body, home))
+                node = replace(node, body=self._body(node.body, home, around or node.id in caught))
             elif isinstance(node, model.CallActivity):
                 node = self._call(node, body, home)
             elif isinstance(node, model.Gateway):
                 node = _with_way_out(node, body)
             elif isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
-                node = replace(node, script=self._script(node.script, node.id in caught))
+                if around or node.id in caught:
+                    self.caught.add(node.id)
+                node = replace(node, script=self._script(node.script, node.id in self.caught))
             nodes.append(node)
         made = replace(body, nodes=tuple(nodes))
         if self.timed:
@@ -190,6 +197,10 @@ def abstraction(
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
     _keep_what_decides(found, bodies)
     return found
+
+
+def _catches_errors(node: model.FlowNode) -> bool:
+    return isinstance(node, model.Event) and any(isinstance(one, model.ErrorDefinition) for one in node.definitions)
 
 
 def _with_way_out(gateway: model.Gateway, body: model.Body) -> model.Gateway:
@@ -391,12 +402,14 @@ def _flow_of(found: Abstraction, bodies: Sequence[model.Body], *, divided: bool 
                     flow.needed |= use.reads
                 case "script":
                     loud = set(emitted(use.expression)) & (found.shared | found.types.keys())
-                    if loud or any(word in use.expression.text for word in ("raise", "throw", "assert", "signal(")):
+                    caught = use.element.id in found.caught
+                    if (
+                        loud
+                        or caught
+                        or any(word in use.expression.text for word in ("raise", "throw", "assert", "signal("))
+                    ):
                         flow.needed |= use.reads
                     whole = (use.reads, use.writes | script_writes(use.expression))
-                    caught = any(
-                        isinstance(node, model.Event) and node.attached_to == use.element.id for node in body.nodes
-                    )
                     flow.links += links(use.expression) if divided and not caught else (whole,)
         for node in body.nodes:
             _flow_of_topics(flow, node, body)

@@ -346,6 +346,8 @@ def _explored(team: Team, begun: float) -> Exploration:
             searched, found = team.search(delivery, left, stop)
         searches.append(searched)
         left -= searched.states
+        for other in [key for key, one in findings.items() if one.kind == "unreachable"]:
+            del findings[other]  # what one delivery did not enter another may have; the last one knows all
         for one in found:
             key = _cause(one)
             findings[key] = min(findings.get(key, one), one, key=_rank)

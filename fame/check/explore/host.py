@@ -102,6 +102,9 @@ class ExplorationHost:
         self.place = ""
         self.stop: Callable[[], bool] = never
         """Whether the time of the search is over."""
+        self.entered: set[str] = set()
+        self.caught: Set[str] = frozenset()
+        """Scripts whose failures may decide something, as an error event catches them."""
         self.traceable = True
         """Whether `Watched` variables note all that texts read and write."""
         self.kept: Callable[[str], bool] = lambda name: True
@@ -146,7 +149,7 @@ class ExplorationHost:
         if ":=" in expression.text:  # within a comprehension it sets a variable past all methods of the dict
             self.traceable = False
         if script:
-            return self._script(expression, element, file)
+            return self._noted(self._script(expression, element, file), element)
         if expression.language == "javascript":
             return self._uncomputed(element)
         if expression.language == "python":
@@ -211,7 +214,11 @@ class ExplorationHost:
             return lambda variables: running
         quiet = not step.emits and not step.codes and "signal" not in script.text
         computable = is_computable(script, self.fields)
-        if quiet and not any(map(self.kept, step.writes if computable else (*step.writes, *step.changes))):
+        if (
+            quiet
+            and element not in self.caught
+            and not any(map(self.kept, step.writes if computable else (*step.writes, *step.changes)))
+        ):
             return lambda variables: None
         if not computable:
             return lambda variables: self._abstract(step, element, variables)
@@ -267,7 +274,16 @@ class ExplorationHost:
 
     def service(self, operation: str, *, element: str, file: str) -> Callable[..., Any]:
         running = Running(self.steps.get(operation, Step()))
-        return lambda variables: running
+        return self._noted(lambda variables: running, element)
+
+    def _noted(self, run: Callable[..., Any], element: str) -> Callable[..., Any]:
+        """What runs at an element that a token has entered, even if it fails."""
+
+        def noted(variables: dict[str, Any]) -> Any:
+            self.entered.add(element)
+            return run(variables)
+
+        return noted
 
     # ---- messages ------------------------------------------------------------------------------------
 

@@ -67,6 +67,7 @@ class Local:
         self.host.kept = kept.__contains__
         host: Host = self.host
         explored = model.process(definitions, process)
+        self.host.caught = model.caught
         self.body = explored.body
         file = definitions.file
         self.program = compile_program(explored, host=host, library=model.find, file=file, observed=observed)

@@ -137,7 +137,11 @@ class States:
     def visited(self) -> set[str]:
         """The elements that a token has entered so far."""
         elements = self.program.elements
-        found = self._entered | {elements[slot] for slot, count in enumerate(self.forms.counts) if count}
+        found = (
+            self._entered
+            | self.host.entered
+            | {elements[slot] for slot, count in enumerate(self.forms.counts) if count}
+        )
         handlers = [node for source in self.program.sources for node in source.body.walk()
                     if isinstance(node, SubProcess) and node.triggered_by_event]  # fmt: skip
         return found | {one.id for one in handlers if any(inner.id in found for inner in one.body.walk())}
