@@ -205,7 +205,7 @@ def test_rows_without_a_value_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("stamp,x\n0.1,1\n0.2,two\n", "a.csv:3: expected a number, got 'two'"),
+        ("stamp,x\n0.1,1\n0.2,two\n", "a.csv:3: expected a number in column 'x', got 'two'"),
         ("stamp,x\n0.1,1\n0.2\n", "a.csv:3: expected 2 cells, got 1"),
         ("0.1,1\n", "a.csv:1: has no header"),
         ("stamp,x\n", "a.csv: has no rows"),
@@ -300,7 +300,7 @@ def test_tables_of_other_programs_are_read_as_they_are_meant(
     ("text", "why"),
     [
         ("stamp,a,a\n0,1,2\n", "several columns 'a'"),
-        ("stamp,a\n0,1#2\n", ":2: expected a number, got '1#2'"),
+        ("stamp,a\n0,1#2\n", ":2: expected a number in column 'a', got '1#2'"),
         ("stamp\n0\n", "no columns but stamp"),
         ("stamp,a\n\n\n", "no rows"),
         ("stamp," + "a" * 200_000 + "\n0,1\n", ":1: is not a row of a table"),
@@ -310,3 +310,30 @@ def test_a_table_that_cannot_be_meant_is_refused_with_its_line(text: str, why: s
     (tmp_path / "runs.csv").write_text(text)
     with pytest.raises(ConfigError, match=why):
         read_runs([tmp_path / "runs.csv"])
+
+
+def test_a_run_that_is_unlike_the_others_is_refused_unless_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A robot that stood still in one of the runs."""
+    import yaml
+
+    from fame.cli import main
+
+    random = np.random.default_rng(3)
+    lines = ["stamp,run,a,b"]
+    for number in range(4):
+        for n in range(400):
+            wave = 0.0 if number == 2 else np.sin(n / 7)
+            a, b = np.array([5 * wave, 2 * wave]) + random.normal(0, 1e-3, 2)
+            lines.append(f"{n / 100 + number * 10},{number},{a},{b + (100 if number == 2 else 0)}")
+    (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
+    section = {"Files": ["runs.csv"], "Detector": "pca", "Window": 20}
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump({"Training": section}))
+    assert main(["train", str(tmp_path / "c.yaml")]) == 2
+    error = capsys.readouterr().err
+    assert "run 2: its left-out loss of" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "model.skops").exists()
+    assert main(["train", str(tmp_path / "c.yaml"), "--keep"]) == 0
+    assert "warning: run 2: its left-out loss" in capsys.readouterr().err

@@ -170,7 +170,9 @@ def add_record(commands: Commands) -> None:
         metavar="TOPIC",
         help="a message (std_msgs/msg/Empty) on this topic begins the next run",
     )
-    parser.add_argument("--duration", type=positive, metavar="S", help="end after this many seconds")
+    parser.add_argument(
+        "--duration", type=positive, metavar="S", help="end after this many s of the robot's time (stamps)"
+    )
     parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of relative topics")
     add_types(parser)
     add_network(parser)
@@ -197,7 +199,7 @@ def run_record(arguments: Namespace) -> int:
         nodes.append(node)
         note(f"{configuration.name}: recording to {', '.join(arguments.output)}")
         if arguments.duration:
-            scheduler.after(round(arguments.duration * SECOND), scheduler.stop)
+            node.end_after(arguments.duration, scheduler.stop)
         return node
 
     if arguments.bag is not None:
@@ -234,6 +236,9 @@ def add_train(commands: Commands) -> None:
     parser.add_argument(
         "--check", action="store_true", help="only check that the stored model was trained on these data"
     )
+    parser.add_argument(
+        "--keep", action="store_true", help="train also if runs are outliers: left-out losses far above the others"
+    )
     add_json(parser)
 
 
@@ -246,7 +251,7 @@ def run_train(arguments: Namespace) -> int:
     from fame.monitor.data_files import hash_files
     from fame.monitor.model_card import write_card
     from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.train import train, training_of, warnings_of
+    from fame.monitor.pipeline.train import outliers, train, training_of, warnings_of
     from fame.monitor.pipeline.trained_model import TrainedModel
 
     if arguments.onnx is not None:
@@ -268,6 +273,9 @@ def run_train(arguments: Namespace) -> int:
         if compared and not arguments.json:
             print(_comparison(compared))
         model = train(training, report=progress)
+        if (strange := outliers(model)) and not arguments.keep:
+            text = f"{'; '.join(strange)}; look at these runs and leave them out, or train with --keep"
+            raise ConfigError(text, file=file, element="Training.Files")
         model.save(path)
         write_card(model, path)
     if arguments.onnx is not None:

@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from random import Random
 
     from fame.bpmn.library import Library
+    from fame.engine.state import Instance
     from fame.robot import Event as RobotEvent, RobotNode, Service
     from fame.robot.journal import StateDirectory
     from fame.robot.live import FeedLog, LiveFeed
@@ -133,6 +134,7 @@ class EngineNode:
             "library": library,
             "services": services,
             "on_report": on_report,
+            "on_end": self._on_end,
             "safe_state": safe_state,
             "safe_suspended": safe_suspended,
             "epoch": epoch,
@@ -140,7 +142,6 @@ class EngineNode:
             "durable": state is not None,
             "hold_errors": hold_errors,
             "files": files,
-            "on_end": lambda instance: self.status.publish(),
         }
         self._on_report = on_report or (lambda event: None)
         self.born: int = round(wall_time() * SECOND)
@@ -255,6 +256,11 @@ class EngineNode:
             self._note(f"refused: {reason}")
         else:
             self._refusals["report" if deployment.startswith(PLAIN) else "answer"](f"refused: {reason}", cause)
+
+    def _on_end(self, instance: Instance) -> None:
+        self.status.publish()
+        if instance.status == "failed":
+            self._note(f"the mission has failed: {instance.error or 'without a reason'}", "answer")
 
     def _note(self, text: str, kind: str = "report") -> None:
         """Report an event to the observer of this engine; an ``answer`` goes to the sender as well."""

@@ -130,7 +130,7 @@ def read_table(path: Path, *, recorded: bool = False) -> Table:
     """
     text = _text(path)
     lines = text.splitlines()
-    separator = _separator(lines[0]) if lines else ","
+    separator = _separator(lines[0], path) if lines else ","
     head = _row(lines[0], path, 1, separator) if lines else []
     header = not all(_is_number(cell.replace(",", ".")) for cell in head)
     names = tuple(name.strip() for name in head) if header else ()
@@ -158,9 +158,9 @@ def _text(path: Path) -> str:
         raise ConfigError("is not UTF-8 text", file=str(path)) from None
 
 
-def _separator(line: str) -> str:
+def _separator(line: str, path: Path) -> str:
     """Give what parts the cells of the first line; a comma beside another one is a decimal comma."""
-    return next((sign for sign in ";\t,|" if len(next(csv.reader([line], delimiter=sign), [])) > 1), ",")
+    return next((sign for sign in ";\t,|" if len(_row(line, path, 1, sign)) > 1), ",")
 
 
 def _numbers(lines: Sequence[str], first: int, head: Sequence[str], path: Path, gaps: bool, separator: str) -> Floats:

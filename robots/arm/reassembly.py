@@ -23,6 +23,8 @@ from sim2d.randomness import generator
 
 RATE = 500.0
 ABOVE = np.array([0.0, 0.0, 0.12])
+START = np.array([0.492, 0.193, 0.338])
+"""Where the fingertips begin and end, m."""
 PAUSE = 0.4
 """Pause after each movement and each gripper command, s."""
 HELD = 1.0
@@ -51,6 +53,7 @@ PROGRAM = (
     Step(MOTOR + ABOVE),
     Step(MOTOR, False),
     Step(MOTOR + ABOVE),
+    Step(START),
 )
 ASIDE = 3
 """The step that moves the lid sideways."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -61,6 +62,8 @@ class RecordingNode:
             raise ConfigError("has no Inputs to record", file=str(configuration.file), element="Inputs")
         self._scheduler = scheduler
         self.rows, self.run, self._begun = 0, 0, False
+        self._first, self._length = inf, inf
+        self._stop: Callable[[], object] = lambda: None
         self.report = ThrottledReport(lambda text: report(f"{configuration.name}: {text}"))
         ports = configuration.inputs
         topics = [resolve(port.topic, namespace) for port in ports]
@@ -80,6 +83,17 @@ class RecordingNode:
             raise
         self._entry: Entry = scheduler.after(round(FLUSH * SECOND), self._flush, Kind.TIMER)
         self._watched = scheduler.now
+
+    def end_after(self, seconds: float, stop: Callable[[], object]) -> None:
+        """Call `stop` when stamps of that length have been recorded, or when nothing has come for as long."""
+        self._length, self._stop = seconds, stop
+        self._scheduler.after(round(seconds * SECOND), partial(self._look, self.rows, seconds), Kind.TIMER)
+
+    def _look(self, rows: int, seconds: float) -> None:
+        if self.rows == rows:
+            self._stop()
+        else:
+            self._scheduler.after(round(seconds * SECOND), partial(self._look, self.rows, seconds), Kind.TIMER)
 
     def begin(self) -> None:
         """Begin the next run."""
@@ -138,6 +152,9 @@ class RecordingNode:
         row = Row(stamp, self.run, ports, values, tuple(names))
         self.rows += 1
         self._begun = True
+        self._first = min(self._first, stamp)
+        if stamp - self._first >= self._length:
+            self._stop()
         for sink in self._sinks:
             sink.put(row)
 

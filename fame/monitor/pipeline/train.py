@@ -85,6 +85,10 @@ class Training:
 
 
 Report = Callable[[str], object]
+OUTLIER = 30.0
+"""A run whose left-out loss is this many times those of the others, or of the training, is not one of them."""
+UNLIKE = 1.2
+"""Longest run over shortest, above which lengths are told."""
 
 
 def train(config: Training, report: Report = lambda text: None) -> TrainedModel:
@@ -203,9 +207,38 @@ def warnings_of(model: TrainedModel) -> list[str]:
     if short:
         notes.append(f"{short} of {model.conditions['runs']} runs are shorter than a window: they set no threshold")
     shortest, longest = model.conditions.get("seconds", (1.0, 1.0))
-    if longest > 2 * shortest:
+    if _trend(model.calibration.scores):
+        notes.append("losses grow or fall from run to run: the promise needs runs that could come in any order")
+    notes += outliers(model)
+    if longest > UNLIKE * shortest:
         notes.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
     return notes
+
+
+def outliers(model: TrainedModel) -> list[str]:
+    """Name the runs whose left-out loss is far above those of the other runs, or of the training, a line each."""
+    if model.calibration is None:
+        return []
+    scores, lines = model.calibration.scores, []
+    for number, row in enumerate(scores):
+        usual = np.minimum(
+            np.median(np.delete(scores, number, axis=0), axis=0), np.array(model.metrics["training_max"])
+        )
+        times = row / np.maximum(usual, 1e-4)  # losses are of scaled channels: less than this is nothing
+        worst = int(times.argmax())
+        if times[worst] > OUTLIER:
+            lines.append(
+                f"run {number}: its left-out loss of {model.columns[worst]} is {times[worst]:.0f} times the usual"
+            )
+    return lines
+
+
+def _trend(scores: Floats) -> bool:
+    """Whether losses grow or fall from run to run, so that the runs are not exchangeable."""
+    from scipy.stats import spearmanr
+
+    level = np.log(np.maximum(scores, 1e-12)).mean(axis=1)
+    return len(level) >= 6 and bool(np.ptp(level) > 0) and float(spearmanr(np.arange(len(level)), level).pvalue) < 0.002
 
 
 def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:
