@@ -319,15 +319,16 @@ def test_markup_in_a_model_is_text(chromium: Browser, tmp_path: Path) -> None:
         assert page.evaluate("document.querySelectorAll('img, script:not([src])').length") == 0
 
 
-def test_a_drawing_is_taken_apart_into_known_shapes(page: Page) -> None:
-    page.evaluate(
-        """(() => {
-          const svg = `<svg xmlns="http://www.w3.org/2000/svg"><g id="a" onload="window.hit=1"><script>window.hit=1</script>
-            <foreignObject><b onclick="window.hit=1">x</b></foreignObject><a href="javascript:window.hit=1"><rect fill="url(https://evil)" width="5"/></a></g></svg>`;
-          const made = fame.diagram.built({svg, shapes: {}, edges: {}, frames: [], width: 1, height: 1});
-          document.body.append(made.drawing);
-          window.names = [...made.drawing.querySelectorAll('*')].map((one) => [one.localName, [...one.attributes].map((each) => each.name).join()]);
-        })()"""
-    )
-    assert page.evaluate("window.names") == [["g", "data-id"]]
-    assert page.evaluate("window.hit") is None
+def test_a_drawing_is_taken_apart_into_known_shapes(chromium: Browser, recording: Path) -> None:
+    with Replay(recording) as replay, opened(chromium, replay, blocked=True) as page:
+        page.evaluate(
+            """(() => {
+              const svg = `<svg xmlns="http://www.w3.org/2000/svg"><g id="a" onload="window.hit=1"><script>window.hit=1</script>
+                <foreignObject><b onclick="window.hit=1">x</b></foreignObject><a href="javascript:window.hit=1"><rect fill="url(https://evil)" width="5"/></a></g></svg>`;
+              const made = fame.diagram.built({svg, shapes: {}, edges: {}, frames: [], width: 1, height: 1});
+              document.body.append(made.drawing);
+              window.names = [...made.drawing.querySelectorAll('*')].map((one) => [one.localName, [...one.attributes].map((each) => each.name).join()]);
+            })()"""
+        )
+        assert page.evaluate("window.names") == [["g", "data-id"]]
+        assert page.evaluate("window.hit") is None

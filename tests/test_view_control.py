@@ -20,7 +20,8 @@ from urllib.request import urlopen
 import pytest
 from view_page import beyond, eventually, opened, until
 
-from fame.cli import main
+from fame.cli import main, parser
+from fame.cli.view import _compared, _recorded_command, _source
 from fame.clock import SECOND
 from fame.errors import ConfigError, FameError
 from fame.log import About, Recording, logging_to
@@ -237,6 +238,51 @@ def test_a_branch_at_the_end_is_refused(
         assert capsys.readouterr().err.endswith(expected)
 
 
+@pytest.fixture
+def own_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A recording of a scenario whose world names code, which leaves a file `ran` where it is imported."""
+    (tmp_path / "porter.bpmn").write_text(PORTER, encoding="utf-8")
+    (tmp_path / "world.yaml").write_text("size: [5, 5]\nrobots: {PORTER: {type: 'own.py:Own', at: [2, 2]}}\n")
+    code = "from pathlib import Path\nfrom sim2d.robot import robot_class\nPath(__file__).with_name('ran').touch()\n"
+    (tmp_path / "own.py").write_text(f"{code}Own = robot_class('carrier')\n")
+    (tmp_path / "run.yaml").write_text("model: porter.bpmn\nworld: world.yaml\nduration: 2\n")
+    words = ["run", str(tmp_path / "run.yaml"), "--quiet", "--log", str(tmp_path / "run.mcap")]
+    monkeypatch.setattr(sys, "argv", ["fame", *words])
+    assert main(words) == 1
+    (tmp_path / "ran").unlink()
+    for name in [name for name in sys.modules if name.startswith("fame_user_own_")]:
+        del sys.modules[name]
+    return tmp_path
+
+
+def test_a_branch_names_what_it_runs_before_it_is_imported_and_refuses_what_differs(
+    own_code: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["view", str(own_code / "run.mcap"), "--branch", "0.5", "--no-open"]
+    capsys.readouterr()
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    for name in ("run.yaml", "porter.bpmn", "world.yaml", "own.py"):
+        assert f"{own_code / name} (as recorded)" in said
+    with (own_code / "own.py").open("a") as file:
+        file.write("# other\n")
+    assert main([*words, "--yes"]) == 2
+    assert f"as they are now: {own_code / 'own.py'} (differs); --changed runs" in capsys.readouterr().err
+    assert not (own_code / "ran").exists()
+
+
+def test_what_a_recording_does_not_have_is_not_compared(own_code: Path) -> None:
+    with Recording(own_code / "run.mcap") as recording:
+        del recording.attachments["code/own.py"]  # type: ignore[attr-defined]
+        files = dict(_compared(recording, _recorded_command(recording)))
+        assert files[str(own_code / "own.py")] == "not compared: not in the recording"
+        (own_code / "run.yaml").write_text("model: porter.bpmn\n")
+        files = dict(_compared(recording, _recorded_command(recording)))
+        assert files[str(own_code / "run.yaml")] == "differs"
+        assert files["world/world.yaml"] == "recorded, not used now"
+
+
 # ---- in the browser --------------------------------------------------------------------------------------------------
 
 
@@ -254,6 +300,23 @@ def test_the_page_follows_a_run_and_controls_it(chromium: Browser, porter: Scena
         assert result().status == "completed"
         until(page, "document.querySelector('.chip.completed') !== null")
         assert page.get_by_role("button", name="Pause run").count() == 0
+
+
+def test_the_page_asks_before_it_branches_and_opens_the_tab_at_once(chromium: Browser, own_code: Path) -> None:
+    arguments = parser("view").parse_args(["view", str(own_code / "run.mcap"), "--no-open"])
+    with _source(own_code / "run.mcap", arguments) as replay, opened(chromium, replay) as page:
+        page.evaluate("fame.player.seek(0.5e9)")
+        page.get_by_role("button", name="Branch here").click()
+        said = page.locator("dialog[open]").inner_text()
+        assert f"{own_code / 'own.py'}\nas recorded" in said
+        if folder := os.environ.get("SCREENSHOTS"):
+            page.screenshot(path=f"{folder}/branch.png")
+        page.get_by_role("button", name="Cancel").click()
+        assert not (own_code / "ran").exists()
+        page.get_by_role("button", name="Branch here").click()
+        with page.expect_popup() as popup:
+            page.get_by_role("button", name="Run", exact=True).click()
+        until(popup.value, "document.querySelector('.chip.live') !== null && fame.control.status.time === 0.5e9")
 
 
 def test_the_page_shows_the_speed_of_the_command_line_and_fits_a_phone(porter: Scenario, chromium: Browser) -> None:

@@ -16,16 +16,16 @@ READY = "!!(window.fame && fame.mission.kind && fame.mission.reading >= 1 && fam
 
 
 @contextmanager
-def opened(browser: Browser, source: Source, **options: Any) -> Iterator[Page]:
+def opened(browser: Browser, source: Source, *, blocked: bool = False, **options: Any) -> Iterator[Page]:
     """A page with everything loaded. Fails if the page had an error or loaded something from elsewhere.
 
-    That its policy has blocked a script of a drawing is no error of the page.
+    `blocked`: that its policy has blocked a script of a drawing is no error.
     """
     with Server(source) as server:
         context = browser.new_context(viewport={"width": 1280, "height": 720}, reduced_motion="reduce", **options)
         page, wrong = context.new_page(), []
         page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda message: wrong.append(message.text) if _is_error(message) else None)
+        page.on("console", lambda message: wrong.append(message.text) if _is_error(message, blocked) else None)
         page.on("request", lambda one: None if server.address[:17] in one.url else wrong.append(one.url))
         page.goto(server.address)
         until(page, READY)
@@ -68,8 +68,8 @@ _ATTEMPT = """(condition) => {
 }"""
 
 
-def _is_error(message: Any) -> bool:
-    return message.type == "error" and not message.text.startswith(_BLOCKED)
+def _is_error(message: Any, blocked: bool) -> bool:
+    return message.type == "error" and not (blocked and message.text.startswith(_BLOCKED))
 
 
 def eventually(condition: Callable[[], Any], seconds: float = 60.0) -> Any:

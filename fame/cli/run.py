@@ -7,7 +7,7 @@ import shlex
 import shutil
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +21,6 @@ from fame.errors import ConfigError
 if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
     from fame.log import About
-    from fame.log.recorder import LogTopics
     from fame.robot.events import Observer
     from fame.scenario import Result, Scenario, TeamStatus
 
@@ -140,7 +139,7 @@ def run(arguments: Namespace) -> int:
     _check_drawings(arguments, scenario)
     quiet = arguments.quiet or arguments.json
     with (
-        _logs(arguments.log, scenario, arguments.log_topics) as writes,
+        _logs(arguments, scenario) as writes,
         progress_line(sys.stderr, wanted=not quiet) as line,
         viewed(arguments, scenario) as page,
     ):
@@ -202,7 +201,9 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
         for robot in scenario.cast:  # before anything is started
             StateDirectory(arguments.state / robot).close()
     quiet, drawings = arguments.quiet or arguments.json, arguments.picture is not None or arguments.animate is not None
-    with team_logs(scenario, arguments.log, _about(scenario), arguments.log_topics, drawings=drawings) as logs:
+    with team_logs(
+        scenario, arguments.log, _about(arguments, scenario), arguments.log_topics, drawings=drawings
+    ) as logs:
         with live_table(sys.stderr, wanted=not quiet) as live:
             result = Team(
                 scenario,
@@ -239,22 +240,26 @@ def _seen(sight: TeamStatus) -> str:
 
 
 @contextmanager
-def _logs(paths: Sequence[Path], scenario: Scenario, topics: LogTopics) -> Iterator[list[Observer]]:
+def _logs(arguments: Namespace, scenario: Scenario) -> Iterator[list[Observer]]:
     """The writers of the requested logs, open while the block runs."""
-    if not paths:
+    if not arguments.log:
         yield []
         return
     from fame.log import logging_to
 
-    files, about = scenario.closures(), _about(scenario)
+    files, about, topics = scenario.closures(), _about(arguments, scenario), arguments.log_topics
     with ExitStack() as stack:
-        yield [stack.enter_context(logging_to(path, files, about, topics=topics, own_process=True)) for path in paths]
+        yield [
+            stack.enter_context(logging_to(path, files, about, topics=topics, own_process=True))
+            for path in arguments.log
+        ]
 
 
-def _about(scenario: Scenario) -> About:
-    """The metadata of a run for its recording."""
+def _about(arguments: Namespace, scenario: Scenario) -> About:
+    """The metadata of a run for its recording, and its files besides the models."""
     from fame.clock import date_text
     from fame.log import About
+    from fame.scenario.plan import named_files
 
     metadata = {
         "command": shlex.join(["fame", *sys.argv[1:]]),
@@ -263,9 +268,11 @@ def _about(scenario: Scenario) -> About:
         "epoch": date_text(scenario.epoch),
         "scenario": Path(scenario.file).name,
     }
-    path = Path(scenario.file)
-    yaml = path.suffix.lower() in (".yaml", ".yml")
-    attachments = [(f"scenario/{path.name}", "application/yaml", path.read_bytes())] if yaml else []
+    media = {"scenario": "application/yaml", "world": "application/yaml", "code": "text/x-python"}
+    files = named_files(Path(scenario.file), dict(arguments.change))
+    attachments = [
+        (f"{folder}/{path.name}", media[folder], path.read_bytes()) for folder, path in files if folder in media
+    ]
     return About(metadata=metadata, attachments=attachments)
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import atexit
+import re
 import shlex
 import sys
 import threading
 from argparse import ArgumentTypeError, Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, Parser, add_library, command, positive
 from fame.cli.network import add_network
@@ -49,6 +50,10 @@ def add(commands: Commands) -> None:
         "--branch", type=positive, metavar="S",
         help="repeat the recorded run to simulated second S, and continue it differently in the browser",
     )  # fmt: skip
+    parser.add_argument("--yes", action="store_true", help="--branch: run the files that the recording names, unasked")
+    parser.add_argument(
+        "--changed", action="store_true", help="--branch: also run files that differ from those in the recording"
+    )
     parser.add_argument(
         "--robot", action="append", default=[], metavar="NAME", help="team: show this robot only; repeatable"
     )
@@ -98,7 +103,7 @@ def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay:
     if kind != ".mcap":
         expected = "a recording (.mcap), a model (.bpmn) or a scenario (.yaml)"
         raise ConfigError(f"expected {expected}, got {kind!r}", file=str(path))
-    replay = Replay(path, branch=partial(_in_a_process, arguments))
+    replay = Replay(path, branch=partial(_branch_of_page, arguments))
     for notice in replay.notices:
         print(f"fame: {notice}", file=sys.stderr, flush=True)
     return replay
@@ -165,11 +170,24 @@ def wait_for_interrupt() -> None:
 # ---- branches --------------------------------------------------------------------------------------------------------
 
 
-def _in_a_process(arguments: Namespace, time: int) -> str:
+def _branch_of_page(arguments: Namespace, command: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Say what a branch would run; start it once the page has agreed (`yes`, and `changed` to what differs)."""
+    from fame.log import Recording
+
+    time, agreed = int(command["time"]), [f"--{word}" for word in ("yes", "changed") if command.get(word) is True]
+    if "--yes" in agreed:
+        return {"address": _in_a_process(arguments, time, agreed), "said": "The run is at the cursor, in another page."}
+    with Recording(arguments.subject) as recording:
+        files = _compared(recording, _recorded_command(recording))
+        return {"command": recording.metadata["command"], "files": files, "changed": bool(_changed(files))}
+
+
+def _in_a_process(arguments: Namespace, time: int, agreed: Sequence[str]) -> str:
     """Start a branch of the recording at a time (ns) in a process of its own; gives the address of its page."""
     from subprocess import PIPE, Popen
 
-    words = ["view", str(arguments.subject), "--branch", repr(time / SECOND), "--no-open", "--host", arguments.host]
+    words = ["view", str(arguments.subject), "--branch", repr(time / SECOND), "--no-open", *agreed]
+    words += ["--host", arguments.host]
     process = Popen([sys.executable, "-m", "fame", *words], stdout=PIPE, stderr=PIPE, text=True)
     assert process.stdout is not None
     assert process.stderr is not None
@@ -183,15 +201,18 @@ def _in_a_process(arguments: Namespace, time: int) -> str:
 
 def _branch(arguments: Namespace) -> int:
     """Run a recorded run again to a time, stop there, and hand it over to the page."""
+    from fame.cli.scenarios import scenario_of
     from fame.log import Recording
     from fame.view import LiveRun, RunControl, SameRun
 
     with Recording(arguments.subject) as recording:
-        again, scenario = _recorded_run(recording)
+        again = _recorded_command(recording)
         time = round(arguments.branch * SECOND)
         if time >= recording.end:
             text = f"expected a second before the end of the recording at {recording.end / SECOND:g} s"
             raise ConfigError(f"{text}, got {arguments.branch:g}", file=recording.file)
+        _agree(arguments, recording, _compared(recording, again))
+        scenario = scenario_of(again)
         live = LiveRun(
             scenario, RunControl(pause_at=time), title=f"{Path(scenario.file).stem} from {time / SECOND:g} s"
         )
@@ -211,15 +232,88 @@ def _branch(arguments: Namespace) -> int:
     return 0
 
 
-def _recorded_run(recording: Recording) -> tuple[Namespace, Scenario]:
-    """The command line of a recorded run, and its scenario. Raises ConfigError for what cannot be run again."""
+def _recorded_command(recording: Recording) -> Namespace:
+    """The command line of a recorded run. Raises ConfigError for what cannot be run again."""
     from fame.cli import parser
-    from fame.cli.scenarios import scenario_of
 
     command = shlex.split(recording.metadata.get("command", ""))
     if command[:2] != ["fame", "run"]:
         raise ConfigError("cannot be run again: it is not a recording of fame run", file=recording.file)
-    again = parser("run").parse_args(command[1:])
+    try:
+        again = parser("run").parse_args(command[1:])
+    except SystemExit:
+        raise ConfigError(f"cannot be run again: {shlex.join(command)} is no run", file=recording.file) from None
     if again.middleware != "local" or again.real_time:
         raise ConfigError("cannot be run again: only simulated runs in one process repeat exactly", file=recording.file)
-    return again, scenario_of(again)
+    return again
+
+
+_SAME, _DIFFERS, _GONE, _UNKNOWN = (
+    "as recorded",
+    "differs",
+    "recorded, not used now",
+    "not compared: not in the recording",
+)
+
+
+def _compared(recording: Recording, again: Namespace) -> list[tuple[str, str]]:
+    """The files that a recorded command runs now, each with how it compares. None of their code is run for that.
+
+    Raises ConfigError and ModelError for files that cannot be read.
+    """
+    from fame.bpmn.library import Library
+    from fame.bpmn.pools import pools_of
+    from fame.bpmn.reader import read
+    from fame.config.loader import read_document
+    from fame.scenario.plan import named_files
+
+    named = named_files(again.scenario, dict(again.change))
+    found = [(folder, path) for folder, path in named if folder != "models"]
+    folders = [*again.library]
+    if found and found[0][0] == "scenario":
+        own = read_document(again.scenario).mapping().get("library")
+        folders += [again.scenario.parent / folder.text() for folder in own.items()] if own is not None else []
+    library = Library(folders)
+    for mission in (read(path) for folder, path in named if folder == "models"):
+        homes = [mission, *(home for pool in pools_of(mission) for home, _ in library.closure(mission, pool.process))]
+        found += [("models", path) for path in dict.fromkeys(Path(home.file) for home in homes)]
+    left, states = {*recording.attachments}, list[tuple[str, str]]()
+    for folder, path in found:
+        try:
+            state = _UNKNOWN if folder == "module" else _state(recording, folder, path, left)
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
+        states.append((str(path) if folder == "module" else str(path.resolve()), state))
+    ours = ("scenario/", "models/", "world/", "code/")
+    return states + [(name, _GONE) for name in sorted(left) if name.startswith(ours)]
+
+
+def _state(recording: Recording, folder: str, path: Path, left: set[str]) -> str:
+    """How a file compares with those of its name in a recording, which are taken from `left`."""
+    content = path.read_bytes()
+    numbered = re.compile(rf"{folder}/{re.escape(path.stem)}(-\d+)?{re.escape(path.suffix)}")
+    known = [name for name in recording.attachments if numbered.fullmatch(name)]
+    same = [name for name in known if recording.attachments[name] == content]
+    left.difference_update(same or known)
+    return _SAME if same else _DIFFERS if known else _UNKNOWN
+
+
+def _changed(files: Sequence[tuple[str, str]]) -> list[str]:
+    return [f"{path} ({state})" for path, state in files if state in (_DIFFERS, _GONE)]
+
+
+def _agree(arguments: Namespace, recording: Recording, files: Sequence[tuple[str, str]]) -> None:
+    """Ask whether to run these files. Raises ConfigError if not, or if nobody can be asked."""
+    changed = _changed(files)
+    if changed and not arguments.changed:
+        text = f"is not of the files as they are now: {', '.join(changed)}; --changed runs them all the same"
+        raise ConfigError(text, file=recording.file)
+    if arguments.yes:
+        return
+    listed = [f"{path} ({state})" for path, state in files]
+    if not sys.stdin.isatty():
+        raise ConfigError(f"would run {', '.join(listed)}: --yes runs them unasked", file=recording.file)
+    print("\n  ".join([f"The recording names: {recording.metadata['command']}", *listed]), file=sys.stderr)
+    print("Run these files? [y/N] ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise ConfigError("is not run again, as you said", file=recording.file)

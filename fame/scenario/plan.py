@@ -196,6 +196,36 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
     )
 
 
+def named_files(path: Path, changes: Mapping[str, Any] = MappingProxyType({})) -> list[tuple[str, Path]]:
+    """The files that a scenario (or a model alone) names, each with its folder in recordings; nothing is imported.
+
+    ``scenario``, ``models``, ``world``, ``code`` (own types of robots); ``module`` is a module by its name, no file.
+    Raises ConfigError.
+    """
+    from fame.config.loader import read_document
+    from fame.scenario.variation import changed
+
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        return [("models", path)]
+    document = read_document(path, "scenario")
+    if changes:
+        document = replace(document, data=changed(document.data, changes, str(path)))
+    keys = document.mapping()
+    found = [("scenario", path), ("models", _beside(path, document.required("model", "FILE.bpmn")))]
+    world, folder = keys.get("world"), path.parent
+    if world is not None and isinstance(world.data, str):
+        file = _beside(path, world)
+        found.append(("world", file))
+        world, folder = read_document(file, "world"), file.parent
+    robots = world.mapping().get("robots") if world is not None else None
+    for robot in robots.mapping().values() if robots is not None else ():
+        kind = robot.mapping().get("type")
+        name, colon, _ = kind.data.rpartition(":") if kind is not None and isinstance(kind.data, str) else ("", "", "")
+        if colon:
+            found.append(("code", folder / name) if name.endswith(".py") else ("module", Path(name)))
+    return list(dict.fromkeys(found))
+
+
 def _registered(path: Path, folder: ConfigValue) -> Path:
     """A folder of message types, or a file of one, which is registered now."""
     from fame.middleware.messages import register_files

@@ -46,12 +46,15 @@ class _Run(NamedTuple):
 class Replay(Closing):
     """The source of a page that shows a recording. Raises ConfigError for a file that cannot be shown.
 
-    `branch` starts a run again to a time (ns) and gives the address of its page; it raises FameError.
+    `branch` answers the command *Branch here* of the page: with the files that would run, or, once these are agreed to,
+    with the address of the page of the new run. It raises FameError.
     """
 
     catalogue: Catalogue
 
-    def __init__(self, path: str | Path, *, branch: Callable[[int], str] | None = None) -> None:
+    def __init__(
+        self, path: str | Path, *, branch: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None
+    ) -> None:
         self._branch, self._path = branch, Path(path)
         with ExitStack() as opened:
             try:
@@ -300,7 +303,7 @@ class Replay(Closing):
         if command.get("do") != "branch" or not self._can_branch:
             raise FameError("a recording cannot be controlled")
         assert self._branch is not None
-        return {"address": self._branch(int(command["time"])), "said": "The run is at the cursor, in another page."}
+        return self._branch(command)
 
     @property
     def _can_branch(self) -> bool:

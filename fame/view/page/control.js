@@ -46,8 +46,26 @@ export class Control {
   }
 
   branchButton() {
-    return h("button", { cls: "text", title: "Repeat the run up to the cursor, and continue it differently from there", onclick: () =>
-      this.send({ do: "branch", time: this.app.player.time }).then((answer) => answer?.address && window.open(answer.address, "_blank", "noopener")) }, icon("branch"), "Branch here");
+    return h("button", { cls: "text", title: "Repeat the run up to the cursor, and continue it differently from there", onclick: () => this.branch() }, icon("branch"), "Branch here");
+  }
+
+  /** Ask whether to run what the recording names; its tab opens at once, and says what it waits for. */
+  async branch() {
+    const command = { do: "branch", time: this.app.player.time }, found = await this.send(command);
+    if (!found) return;
+    const files = h("ul", { cls: "files" }, found.files.map(([path, state]) => h("li", null, path, h("br"), h("small", { cls: "quiet" }, state))));
+    const agreed = await this.ask("Run these files?", [], found.changed ? "Run although they differ" : "Run", [h("p", null, "The recording names: ", h("code", null, found.command)), files]);
+    if (!agreed) return;
+    const tab = window.open("", "_blank");
+    if (tab) {
+      tab.opener = null;
+      tab.document.title = "Branch";
+      tab.document.body.textContent = `The run is repeated up to ${this.app.player.time / 1e9} s …`;
+    }
+    const answer = await this.send({ ...command, yes: true, changed: found.changed });
+    if (answer && tab) tab.location = answer.address;
+    else if (answer) this.app.toast(`The browser has blocked the tab of ${answer.address}`, true);
+    else tab?.close();
   }
 
   speed(now) {
@@ -60,14 +78,14 @@ export class Control {
   // ---- asking ------------------------------------------------------------------------------------
 
   /** A form in a dialog; gives the values, or null. */
-  ask(title, fields, action) {
+  ask(title, fields, action, text = []) {
     return new Promise((resolve) => {
       const inputs = fields.map(({ label, options, value, hint }) => {
         const input = options ? h("select", null, options.map(([of, text]) => h("option", { value: of }, text))) : h("input", { type: "text", autocomplete: "off", spellcheck: "false", placeholder: hint ?? "" });
         if (value !== undefined) input.value = value;
         return [label, input];
       });
-      const form = h("form", { method: "dialog" }, h("h2", null, title), inputs.map(([label, input]) => h("label", null, label, input)),
+      const form = h("form", { method: "dialog" }, h("h2", null, title), text, inputs.map(([label, input]) => h("label", null, label, input)),
         h("div", { cls: "row end" }, h("button", { value: "", type: "submit", cls: "text" }, "Cancel"), h("button", { value: "ok", type: "submit", cls: "text strong" }, action)));
       const dialog = h("dialog", { cls: "ask", onclose: () => {
         resolve(dialog.returnValue === "ok" ? inputs.map(([, input]) => input.value) : null);
