@@ -217,3 +217,10 @@ def test_a_wrong_request_is_refused_in_one_line(
 def test_the_name_of_an_engine_is_one_that_ros_allows(name, capsys):
     assert main(["engine", name]) == 2
     assert "a letter first" in capsys.readouterr().err
+
+
+def test_an_endless_file_is_told_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "/dev/zero"]) != 0
+    told = "".join(capsys.readouterr())
+    assert "expected at most 20 MB" in told
+    assert "bug in FAME" not in told

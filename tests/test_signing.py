@@ -1,8 +1,10 @@
 """A robot that trusts keys runs what they signed, for it, now, and nothing else."""
 
 import json
+import os
 import stat
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import pytest
 
@@ -15,6 +17,7 @@ from fame.cli import main
 from fame.deploy import STRING, EngineNode
 from fame.deploy.authentication import ReportReader
 from fame.deploy.signing import FRESH, Identity, new_keys, read_private, read_trusted, sign, verify
+from fame.errors import ConfigError
 from fame.middleware import messages
 
 NOW = 1_000_000.0
@@ -225,3 +228,16 @@ def test_a_report_of_any_depth_is_ignored_by_who_uses_keys(keys, depth):
     text = '{"robot":"A","state":"waiting","key":"%s","signature":"AAAA","migration":{"state":{"x":%s}}}'
     reader = ReportReader.of_sender("A", keys[0])
     assert reader.read(text % (Identity.new().key, deep)) is None
+
+
+def test_keys_follow_no_link_that_leads_nowhere_and_no_umask(tmp_path: Path) -> None:
+    (tmp_path / "team.key").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ConfigError, match="exists already"):
+        new_keys(tmp_path / "team")
+    assert not (tmp_path / "elsewhere").exists()
+    before = os.umask(0)
+    try:
+        paths = new_keys(tmp_path / "other")
+    finally:
+        os.umask(before)
+    assert [path.stat().st_mode & 0o777 for path in paths] == [0o600, 0o644]

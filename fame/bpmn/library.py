@@ -247,11 +247,11 @@ def _entries(folder: Path) -> list[str]:
 
 def _content(path: Path) -> bytes:
     """The content of a file; nothing if it cannot be read."""
-    from fame.bpmn.reader.xml import LIMIT
+    from fame.bpmn.reader.xml import read_file
 
     try:
-        return path.read_bytes() if path.stat().st_size <= LIMIT else b""
-    except OSError:
+        return read_file(path)
+    except (OSError, ModelError):
         return b""
 
 

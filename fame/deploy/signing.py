@@ -23,6 +23,9 @@ from fame.errors import ConfigError, DeploymentError, UnavailableError
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
+PUBLIC_MODE = 0o644
+"""The mode of a file that others may read, but not write, whatever the umask is."""
+
 FRESH = 300.0
 """How old a signature may be (s)."""
 
@@ -33,13 +36,25 @@ def new_keys(stem: Path) -> tuple[Path, Path]:
     private = ed25519.Ed25519PrivateKey.generate()
     secret, public = stem.with_name(stem.name + ".key"), stem.with_name(stem.name + ".pub")
     for path in (secret, public):
-        if path.exists():
-            raise ConfigError("exists already; a key is never overwritten", file=str(path))
+        if os.path.lexists(path):  # a link that leads nowhere, too
+            raise _exists(path)
     encoding, none = serialization.Encoding.PEM, serialization.NoEncryption()
-    secret.touch(mode=0o600)
-    secret.write_bytes(private.private_bytes(encoding, serialization.PrivateFormat.PKCS8, none))
-    write_public(private, public)
+    _create(secret, private.private_bytes(encoding, serialization.PrivateFormat.PKCS8, none), 0o600)
+    _create(public, _public_pem(private), PUBLIC_MODE)
     return secret, public
+
+
+def _create(path: Path, content: bytes, mode: int) -> None:
+    """Write a file that is not there yet, not through a link either. Raises ConfigError."""
+    try:
+        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode), "wb") as file:
+            file.write(content)
+    except FileExistsError:
+        raise _exists(path) from None
+
+
+def _exists(path: Path) -> ConfigError:
+    return ConfigError("exists already; a key is never overwritten", file=str(path))
 
 
 def new_run_key(public: Path) -> Ed25519PrivateKey:
@@ -96,13 +111,10 @@ class Identity:
 def new_identity(robot: str, team: Ed25519PrivateKey, path: Path) -> None:
     """Make an identity for a robot's engine, for which the key of the team vouches. Raises ConfigError."""
     _, serialization = _cryptography()
-    if path.exists():
-        raise ConfigError("exists already; a key is never overwritten", file=str(path))
     new = Identity.new()
     encoding, none = serialization.Encoding.PEM, serialization.NoEncryption()
     secret = new.private.private_bytes(encoding, serialization.PrivateFormat.PKCS8, none)
-    path.touch(mode=0o600)
-    path.write_bytes(f"# {robot} {sign(_name_of(robot, new.key), team)}\n".encode() + secret)
+    _create(path, f"# {robot} {sign(_name_of(robot, new.key), team)}\n".encode() + secret, 0o600)
 
 
 def read_identity(path: Path, robot: str) -> Identity:
@@ -196,10 +208,15 @@ def verify(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now:
 
 def write_public(private: Ed25519PrivateKey, path: Path) -> Ed25519PrivateKey:
     """Write the public key of a secret key, which is returned, to a file."""
+    with open(path, "wb", opener=lambda name, flags: os.open(name, flags, PUBLIC_MODE)) as file:
+        file.write(_public_pem(private))
+    return private
+
+
+def _public_pem(private: Ed25519PrivateKey) -> bytes:
     _, serialization = _cryptography()
     info = serialization.PublicFormat.SubjectPublicKeyInfo
-    path.write_bytes(private.public_key().public_bytes(serialization.Encoding.PEM, info))
-    return private
+    return private.public_key().public_bytes(serialization.Encoding.PEM, info)
 
 
 def _signed_part(content: Mapping[str, Any]) -> bytes:

@@ -42,12 +42,12 @@ from fame.bpmn.reader.xml import (
     DI,
     Node,
     attributes,
-    check_size,
     children,
     line_of,
     local_name,
     parse,
     parts_of,
+    read_file,
     resolve,
     text_of,
 )
@@ -72,8 +72,7 @@ def read(source: str | PathLike[str] | bytes | Definitions, *, file: str = "") -
     expect(a_path, "source", source, "a path, bytes, or fame.bpmn.read_text(text)")
     path = Path(source)
     try:
-        check_size(path.stat().st_size, str(path))
-        content = path.read_bytes()
+        content = read_file(path)
     except OSError as error:
         raise ModelError(f"cannot be read: {error.strerror}", file=str(path)) from None
     return _read_content(content, file or str(path))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import TypeVar
 
 from lxml import etree
@@ -87,6 +88,16 @@ def _tree(source: bytes, keep_all: bool, recover: bool = False) -> Node:
         if any(one.type != etree.ErrorTypes.WAR_NS_URI for one in parser.error_log):
             raise
     return _tree(source, keep_all, recover=True)  # only warnings about namespace names, which need not be URIs here
+
+
+def read_file(path: Path) -> bytes:
+    """The content of a file, however little its size says of it. Raises OSError, and ModelError if it is too large."""
+    check_size(path.stat().st_size, str(path))
+    with path.open("rb") as file:
+        content = file.read(LIMIT + 1)
+    if len(content) > LIMIT:
+        raise ModelError(f"expected at most {LIMIT // 1_000_000} MB, got more", file=str(path))
+    return content
 
 
 def check_size(size: int, file: str) -> None:
