@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from bpmn_text import process
-from collaborations import Steps, philosophers, team
+from collaborations import Steps, philosophers, team, text_of
 
 import fame
 from fame.check.explore import Exploration
@@ -533,3 +533,34 @@ def test_states_with_successors_that_are_not_explored_are_neither_stuck_nor_doom
     result = found(robots, delivery="run")
     assert "growth" in kinds(result)
     assert not kinds(result) & {"deadlock", "lost"}
+
+
+def test_what_is_lost_in_one_delivery_and_taken_in_another_is_not_always_lost() -> None:
+    robots: dict[str, Steps] = {"A": ["throw x", "throw y"], "B": ["catch y", ("race", ["catch x"], ["timer PT1S"])]}
+    assert "always-lost" in kinds(found(robots, delivery="run"))
+    assert "always-lost" not in kinds(found(robots))
+
+
+def test_a_signal_that_nothing_throws_has_a_named_source() -> None:
+    robots: dict[str, Steps] = {"A": ["catch order"], "B": ["work"]}
+    text = text_of(robots)
+    (one,) = explore(fame.read(text.encode())).findings
+    assert (one.kind, one.level) == ("outside", "warning")
+    assert "no robot throws /order" in one.text
+    source = '<extensionElements><camunda:properties><camunda:property name="outside" value="the office"/></camunda:properties></extensionElements>'  # noqa: E501
+    named = text.replace('<signalEventDefinition signalRef="Signal_order"/>', f'{source}<signalEventDefinition signalRef="Signal_order"/>')  # noqa: E501  # fmt: skip
+    assert not explore(fame.read(named.encode())).findings
+    assert not found({"A": ["catch order"]}).findings
+
+
+def test_a_signal_of_the_scenario_has_a_source(tmp_path: Path) -> None:
+    (tmp_path / "m.bpmn").write_text(text_of({"A": ["catch order"], "B": ["work"]}))
+    scenario = tmp_path / "s.yaml"
+    scenario.write_text("model: m.bpmn\nsignal: [{name: order, at: 3}]\n")
+    assert not explore(scenario).findings
+
+
+def test_the_first_line_says_that_only_one_order_was_explored() -> None:
+    robots: dict[str, Steps] = {"A": ["throw x"], "B": ["work"]}
+    assert "delivery run, only the order of fame run)" in found(robots, delivery="run").summary()
+    assert "only" not in found(robots).summary()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
@@ -84,7 +85,14 @@ def explore(
         progress=progress,
     )
     definitions, found, cast = cast_of(model, robots, library)
+    if _is_scenario(model):
+        signals = Scenario.load(model, robots=robots, library=library).signals
+        request = replace(request, sources=frozenset(one.topic for one in signals))
     return explore_team(definitions, found, cast, request)
+
+
+def _is_scenario(model: str | Path | Definitions) -> TypeGuard[str | Path]:
+    return not isinstance(model, Definitions) and Path(model).suffix.lower() in (".yaml", ".yml")
 
 
 def explore_found(definitions: Definitions, library: Library, found: Mapping[str, Pool]) -> Exploration:
@@ -123,7 +131,7 @@ def cast_of(
     """The model, its library, and robot -> pool. Raises ModelError and ConfigError."""
     for name, count in robots.items():
         expect(0 < count <= MOST, f"robots of {name}", count, f"1 to {MOST}")
-    if not isinstance(model, Definitions) and Path(model).suffix.lower() in (".yaml", ".yml"):
+    if _is_scenario(model):
         plan = Scenario.load(model, robots=robots, library=library)
         return plan.definitions, plan.library, dict(plan.cast)
     from fame.bpmn.reader import read

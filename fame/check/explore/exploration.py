@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
@@ -37,7 +37,7 @@ LIMIT = 200_000
 """States of all deliveries together, by default."""
 DELIVERIES: tuple[Delivery, ...] = ("run", "fast")
 """What is explored by default, one after the other."""
-OF_WHOLE_MISSIONS: tuple[Kind, ...] = ("always-lost", "unneeded", "unstarted", "unreachable")
+OF_WHOLE_MISSIONS: tuple[Kind, ...] = ("always-lost", "outside", "unneeded", "unstarted", "unreachable")
 """Kinds of findings that mean nothing if a mission is explored from its middle."""
 _YOUNG = 50_000
 """New objects after which garbage is collected: states stay, and engines are freed without it."""
@@ -59,6 +59,7 @@ class Request:
     weak      report that a mission may go round forever, though it could leave (``endless``)
     limit     states, of all deliveries together; also ways of one step
     seconds   time for all deliveries together, None for no bound
+    sources   topics on which somebody outside of the team publishes
     progress  called now and then with the number of states of a delivery, and of those still to be explored
     """
 
@@ -72,6 +73,7 @@ class Request:
     weak: bool = False
     limit: int = LIMIT
     seconds: float | None = None
+    sources: frozenset[str] = frozenset()
     progress: Callable[[int, int], object] = silent
 
 
@@ -139,6 +141,7 @@ class Exploration:
         """The first line of a report."""
         spent = f"{self.states} states in {self.seconds:.1f} s"
         modes = " and ".join(search.delivery for search in self.searches)
+        modes += ", only the order of fame run" if modes == "run" else ""
         if self.exhaustive:
             return f"{self.file}: all states explored ({', '.join(self.robots)}; delivery {modes}): {spent}"
         return f"{self.file}: NOT all states explored ({', '.join(self.cuts)}; delivery {modes}): {spent}"
@@ -170,6 +173,7 @@ class Team:
             definitions, self.pools, library, types, timed=request.timed, once=request.once, given=bool(snapshots)
         )
         self.values = Values()
+        self.received = set[tuple[str, str]]()  # (process, topic) in any search so far
         self.robots: tuple[str, ...] = tuple(cast)
         self.places = dict(_places(definitions, self.pools, library))
         self.alike: dict[str, bool] = {pool.name: not self._knows_itself(pool) for pool in self.pools}
@@ -225,6 +229,9 @@ class Team:
         """Explore with one delivery. Single faults are explored by themselves: they are ways out of a deadlock."""
         begun = time.perf_counter()
         report, cuts = self._report(delivery, limit, stop, faults=False)
+        self.received |= {
+            (report.processes[robot], what) for kind, robot, what in report.product.flags if kind == "received"
+        }
         found, rows = report.findings(), list[tuple[str, str, Finding | None]]()
         if self.request.faults:
             report, more = self._report(delivery, limit, stop, faults=True)
@@ -267,8 +274,21 @@ class Team:
             elements=tuple(frozenset(local.program.elements) & self.places.keys() for local in self.locals),
             exhaustive=not cuts,
             weak=request.weak,
+            sourceless=tuple(self._sourceless()),
         )
         return report, cuts
+
+    def _sourceless(self) -> Iterator[tuple[int, str]]:
+        """Signals in a collaboration that no robot throws, and of which neither model nor scenario has a source."""
+        named = {one.id for home, process in _closure(self.definitions, self.pools, self.library)
+                 for one in _elements(process) if one.properties.get("outside")}  # fmt: skip
+        nodes = [(place, node.id, node.catch.topic, local) for place, local in enumerate(self.locals)
+                 for node in local.program.nodes if node.catch is not None]  # fmt: skip
+        known = self.request.sources | {topic for _, element, topic, _ in nodes if element in named}
+        found = {(self.cast[self.robots[place]].name, topic): place for place, _, topic, local in reversed(nodes)
+                 if topic[:1] == "/" and topic in local.outside
+                 and topic not in known | local.program.messages}  # fmt: skip
+        return ((place, topic) for (_, topic), place in found.items() if len(self.pools) > 1)
 
     def _cuts(self, product: Product, explored: Explored) -> Iterator[str]:
         """What was left out."""
@@ -354,7 +374,7 @@ def _explored(team: Team, begun: float) -> Exploration:
     unreachable = [one for one in findings.values() if one.kind == "unreachable"]
     if any(search.cuts for search in searches):  # what one search did not enter another may
         unreachable = []
-    kept = [one for one in findings.values() if one.kind != "unreachable"] + unreachable
+    kept = [_never(one, team.received) for one in findings.values() if one.kind != "unreachable"] + unreachable
     return Exploration(
         file=team.definitions.file,
         robots={robot: pool.name for robot, pool in team.cast.items()},
@@ -367,6 +387,13 @@ def _explored(team: Team, begun: float) -> Exploration:
             (local.robot, name) for local in dict.fromkeys(team.locals) for name in sorted(local.states.widened)
         ),
     )
+
+
+def _never(finding: Finding, received: Set[tuple[str, str]]) -> Finding:
+    """A finding; what is always lost in one delivery is only sometimes lost if another one brings it."""
+    if finding.kind != "always-lost" or (finding.processes[0], finding.text.partition(" ")[0]) not in received:
+        return finding
+    return replace(finding, kind="unneeded", text=finding.text.replace(" is always lost ", " is sometimes lost "))
 
 
 def _cause(finding: Finding) -> tuple[str, str]:

@@ -3,9 +3,9 @@
 The first three kinds fail a check: a ``deadlock``, a mission that can ``never`` complete, a ``lost`` signal that a
 robot waits for afterwards; and an ``error`` that nothing catches, unless whether it is raised is unknown and a run may
 complete without it. What waits forever after such an error is part of its finding. Warnings are signals that are
-``always-lost``, ``dropped`` triggers, pools that may not have started at the end (``unstarted``), ``unreachable``
-elements, other errors, conditions that fail (``condition``), ``growth`` without bound, and a single ``fault`` that
-leaves others waiting forever. What has no consequence is a note.
+``always-lost`` or that nothing throws (``outside``), ``dropped`` triggers, pools that may not have started at the end
+(``unstarted``), ``unreachable`` elements, other errors, conditions that fail (``condition``), ``growth`` without bound,
+and a single ``fault`` that leaves others waiting forever. What has no consequence is a note.
 
 An element or process with property ``accept`` = ``<kind>: <reason>`` accepts a finding about it. If robots wait
 forever, something at which each of them waits, or its process, has to accept that.
@@ -25,8 +25,8 @@ from fame.check.explore.semantics import SECOND_TOKEN, counted, cycle
 from fame.check.explore.trace import Place, Run, Runs, Step, waiting
 
 Kind = Literal[
-    "deadlock", "never", "lost", "always-lost", "dropped", "unstarted", "unreachable", "error", "condition", "growth",
-    "fault", "unneeded", "unsafe", "endless",
+    "deadlock", "never", "lost", "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition",
+    "growth", "fault", "unneeded", "unsafe", "endless",
 ]  # fmt: skip
 FAILING: tuple[Kind, ...] = ("deadlock", "never", "lost")
 """The kinds that always make a check fail: robots wait forever."""
@@ -37,7 +37,7 @@ Cause = frozenset[tuple[str, str]]
 _ERROR: Kind = "error"
 _UNSAFE: Kind = "unsafe"
 KINDS: tuple[Kind, ...] = (
-    *FAILING, "always-lost", "dropped", "unstarted", "unreachable", "error", "condition", "growth", "fault",
+    *FAILING, "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition", "growth", "fault",
     "unsafe", "endless", "unneeded",
 )  # fmt: skip
 
@@ -90,6 +90,7 @@ class Report:
     processes  the process of each robot
     accepts    element or process -> the kinds of findings that its property `accept` names, and why
     elements   ids of the elements of each robot's program
+    sourceless signals that nothing throws and of which the model names no source, with the place of a robot that waits
     """
 
     runs: Runs
@@ -98,6 +99,7 @@ class Report:
     processes: tuple[str, ...]
     accepts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     elements: tuple[frozenset[str], ...] = ()
+    sourceless: tuple[tuple[int, str], ...] = ()
     exhaustive: bool = True
     weak: bool = False
 
@@ -120,6 +122,7 @@ class Report:
             *self._signals(),
             *self._errors(circling, good),
             *self._growth(),
+            *self._from_nowhere(),
         ]
         found += self._circles() if self.weak else ()
         found += self._unreachable() if self.exhaustive and self.explored.states else ()
@@ -315,6 +318,14 @@ class Report:
                 element, _, why = what.partition("\n")
                 place = self.runs.place(element)
                 yield Finding("condition", f"{who}: {place.display_name}: {why}", (place,), process, run)
+
+    def _from_nowhere(self) -> Iterator[Finding]:
+        """Signals that come from outside at any time, as far as is known; nobody has said from where."""
+        for robot, topic in self.sourceless:
+            places = self._catchers(robot, topic)
+            where = ", ".join(place.display_name for place in places)
+            text = f"{self.pools[robot]}: no robot throws {topic} for {where}; its property outside would name a source"
+            yield Finding("outside", text, places, (self.processes[robot],))
 
     def _catchers(self, robot: int, topic: str) -> tuple[Place, ...]:
         nodes = self.product.locals[robot].program.nodes
