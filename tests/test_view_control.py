@@ -316,6 +316,7 @@ def test_the_page_asks_before_it_branches_and_opens_the_tab_at_once(chromium: Br
         page.get_by_role("button", name="Branch here").click()
         with page.expect_popup() as popup:
             page.get_by_role("button", name="Run", exact=True).click()
+        popup.value.wait_for_url("http://**", timeout=60_000)  # at first it is empty
         until(popup.value, "document.querySelector('.chip.live') !== null && fame.control.status.time === 0.5e9")
 
 
