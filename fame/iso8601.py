@@ -127,6 +127,8 @@ def parse_duration(text: str) -> Duration:
         raise ValueError(f"{text!r} is a negative duration: a timer cannot run backwards")
     match = _DURATION.fullmatch(text)
     if match is None:
+        if re.fullmatch(r"[0-9]+([.,][0-9]+)?", text):
+            raise ValueError(f"{text!r} is not an ISO 8601 duration: {text} seconds are PT{text}S")
         raise ValueError(f"{text!r} is not an ISO 8601 duration such as PT1.5S, PT10M or P1DT12H")
     parts = {unit: number.replace(",", ".") for unit, number in match.groupdict().items() if number}
     if any("." in number for number in list(parts.values())[:-1]):

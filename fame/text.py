@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterable
 from typing import Any
+from unicodedata import combining, normalize
 
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 _STRING = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)  # possessive: linear in the text
@@ -60,3 +61,17 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 def is_ros_name(name: str) -> bool:
     """Whether ROS 2 accepts the full name of a topic or service."""
     return _ROS_NAME.fullmatch(name) is not None
+
+
+def ros_name(text: str) -> str:
+    """A label as the name of a topic: accents are dropped, and what ROS 2 refuses in a name becomes ``_``.
+
+    >>> ros_name("has arrived!"), ros_name("~/Fläche 2"), ros_name("2 done"), ros_name("/done")
+    ('has_arrived', '~/Flache_2', '_2_done', '/done')
+    """
+    if is_ros_name("/" + text.removeprefix("~").lstrip("/")):
+        return text
+    plain = "".join(each for each in normalize("NFKD", text) if not combining(each))
+    parts = [re.sub(r"[^A-Za-z0-9_]+", "_", part.strip()).strip("_") for part in plain.lstrip("~/").split("/")]
+    parts = [f"_{part}" if part[:1].isdigit() else part for part in parts if part]
+    return text[: len(text) - len(text.lstrip("~/"))] + "/".join(parts)

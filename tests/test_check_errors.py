@@ -66,6 +66,10 @@ ERRORS = {
         row(catch("a", type=BOOL), script('robot.publish("/done", "std_msgs/msg/String", data="x")')),
         f't: topic /done has type std_msgs/msg/String here, but "done" (a) says {BOOL}: a topic has one type',
     ),
+    "a topic that no middleware makes": (
+        row(script('robot.publish("/has arrived!", "std_msgs/msg/Empty")')),
+        "t: /has arrived! is not a valid ROS 2 topic name: expected letters, digits and _, not starting with a digit",
+    ),
     "a payload and no type": (
         row(throw("a", payload="true"), catch("b")),
         "a: topic /done has a payload but no type: set property type on one of its events",

@@ -109,10 +109,6 @@ WARNINGS = {
         row(script("x = 1")) + timer("boundaryEvent", "timeCycle", "R/PT1S", 'attachedToRef="t"') + flows("w e"),
         "w: fires only once, so only the first time of its cycle counts: use a duration",
     ),
-    "a signal that ROS cannot name": (
-        row('<intermediateCatchEvent id="a" name="weed found"><signalEventDefinition/></intermediateCatchEvent>'),
-        "a: /weed found is not a valid ROS 2 topic name: expected letters, digits and _, not starting with a digit",
-    ),
     "a topic of the robot without a type": (
         row(catch("a", "odom", scope="robot")),
         "a: no event declares the type of the robot's topic ~/odom: set property type",

@@ -52,6 +52,7 @@ def test_a_duration_reads_back_as_it_was_written(months: int, rest: int) -> None
     [
         ("", "is not an ISO 8601 duration"),
         ("P", "is not an ISO 8601 duration"),
+        ("30", "is not an ISO 8601 duration: 30 seconds are PT30S"),
         ("PT", "is not an ISO 8601 duration"),
         ("P1DT", "is not an ISO 8601 duration"),
         ("5s", "such as PT1.5S"),

@@ -53,12 +53,12 @@ ROOT = '<message id="M" name="mine"/><message id="N" name="yours"/>'
 @pytest.mark.parametrize(
     ("sends", "receives", "flow", "topic"),
     [
-        (throws(), waits(), "", "/load is there"),
+        (throws(), waits(), "", "/load_is_there"),
         (throws("M"), waits(), "", "/mine"),
         (throws(), waits("N"), "", "/yours"),
         (throws("M"), waits("N"), "", "/yours"),
         (throws(), waits(), ' messageRef="N"', "/yours"),
-        ('<sendTask id="x"/>', waits(), "", "/load is there"),
+        ('<sendTask id="x"/>', waits(), "", "/load_is_there"),
         ('<sendTask id="x"/>', '<receiveTask id="y"/>', "", "/y"),
         ('<sendTask id="x"/>', '<receiveTask id="y" messageRef="N"/>', "", "/yours"),
     ],

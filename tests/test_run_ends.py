@@ -202,3 +202,12 @@ def test_messages_that_no_event_took_are_counted(tmp_path: Path) -> None:
     assert result.to_json()["robots"]["Worker"]["untaken"] == {"/order": 2}
     report = Report.from_json(Report(robot="Worker", state="idle", untaken={"/order": 2}).to_json())
     assert reported_result("Worker", report).untaken == {"/order": 2}
+
+
+def test_dropped_triggers_of_an_element_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one = '<extensionElements><camunda:properties><camunda:property name="instances" value="1"/></camunda:properties>'
+    head = f"{one}</extensionElements>"
+    path = write(tmp_path, pool("A", started_by("timeCycle", "R4/PT2S"), work="await sleep(30)", head=head))
+    assert main(["run", str(path), "--duration", "50"]) == 0
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "trigger dropped" in line]
+    assert line == "    4.0 s   A: A_s0: trigger dropped: 1 instance(s) of A_b are already running (3 times)"

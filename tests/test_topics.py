@@ -8,6 +8,7 @@ from bpmn_text import document, properties
 from fame.bpmn import read_text, topic_table
 from fame.bpmn.model import Definitions
 from fame.errors import ModelError
+from fame.simulation import Simulation
 
 ROOTS = '<signal id="S" name="weed_found"/><message id="M" name="order"/>'
 
@@ -104,3 +105,31 @@ def test_some_processes_of_some_files_may_be_asked_for() -> None:
     both = topic_table([definitions, mission(throw("u", properties(type="std_msgs/msg/Bool")))])
     assert [end.node.id for end in both["/weed_found"].throws] == ["t", "u"]
     assert both["/weed_found"].type == "std_msgs/msg/Bool"
+
+
+@pytest.mark.parametrize(
+    ("label", "topic"), [("has arrived!", "/has_arrived"), ("Fl\u00e4che 2", "/Flache_2"), ("done", "/done")]
+)
+def test_a_label_becomes_a_name_that_ros_2_allows(label: str, topic: str) -> None:
+    model = read_text(
+        document(f'<process id="A"><endEvent id="e" name="{label}"><signalEventDefinition/></endEvent></process>')
+    )
+    assert list(topic_table(model)) == [topic]
+    text = f"the topic is {topic[1:]!r}: ROS 2 allows no name like the label {label!r}"
+    assert (text in [note.text for note in model.notes]) is (topic[1:] != label)
+
+
+def test_a_signal_with_a_name_that_ros_2_does_not_allow_is_not_loaded() -> None:
+    wrong = document(f'<process id="A"><startEvent id="s"/>{throw("t")}</process>{ROOTS}').replace(
+        "weed_found", "has arrived!"
+    )
+    with pytest.raises(ModelError, match="t: /has arrived! is not a valid ROS 2 topic name: expected letters"):
+        Simulation(read_text(wrong, file="m.bpmn"))
+
+
+def test_the_name_of_a_message_is_told_as_such() -> None:
+    said = '<messageEventDefinition messageRef="M"/>'
+    event = f'<endEvent id="t" name="Send it">{properties(type="std_msgs/msg/Bool")}{said}</endEvent>'
+    assert [note.text for note in mission(event).notes] == [
+        "the topic is 'order', the name of the message, not the label 'Send it'"
+    ]

@@ -71,10 +71,10 @@ def _judged(topics: Topics, remote: bool) -> Iterator[Finding]:
 
 
 def _names(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
-    """Topics that are not valid in ROS 2; simulations accept any name."""
+    """Topics that are not valid in ROS 2: no middleware makes them."""
     if not is_ros_name(name.removeprefix("~")):
         text = f"{name} is not a valid ROS 2 topic name: expected {NAMES}"
-        yield ends[0].finding("warning", text)
+        yield ends[0].finding("error", text)
 
 
 def _types(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:

@@ -331,9 +331,10 @@ def _print_summary(result: Result, *, quiet: bool, reports: bool) -> None:
     from fame.scenario.result import HEADS
 
     if not quiet:
-        for event in result.reports if reports else ():
+        for event, count in result.told if reports else ():
             place = f"{event.robot}: {event.element}" if event.element else event.robot
-            note(f"{event.time / 1e9:7.1f} s   {place}: {event.detail}")
+            times = f" ({count} times)" if count > 1 else ""
+            note(f"{event.time / 1e9:7.1f} s   {place}: {event.detail}{times}")
         print(table(HEADS, [robot.row for robot in result.robots]), end="\n\n")
         ended = f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}"
         print(coloured(ended, sys.stdout), flush=True)

@@ -244,14 +244,14 @@ class Node(Protocol):
 class EndpointWarning:
     """A warning about an endpoint; `topic` is its full name, or that of its service.
 
-    kind  ``name`` (ROS 2 would refuse it), ``mismatch`` (two endpoints are not connected), ``unanswered`` (a service
+    kind  ``mismatch`` (two endpoints are not connected), ``unanswered`` (a service
           closed before it answered), ``dropped`` (a message that cannot be read), ``slow`` (a subscriber or client
           does not keep up), ``clock`` (simulated time jumps), ``backend`` (an error of the backend itself)
     """
 
     topic: str
     text: str
-    kind: Literal["name", "mismatch", "unanswered", "dropped", "slow", "clock", "backend"]
+    kind: Literal["mismatch", "unanswered", "dropped", "slow", "clock", "backend"]
 
     def __str__(self) -> str:
         return f"{self.topic}: {self.text}" if self.topic else self.text

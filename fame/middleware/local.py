@@ -23,6 +23,7 @@ from typing import Any
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.errors import (
+    check_name,
     lost_text,
     mismatch_warning,
     publish_error,
@@ -44,7 +45,6 @@ from fame.middleware.interface import (
 )
 from fame.middleware.network import Channel, Network, NetworkedSubscription, matched_end
 from fame.middleware.qos import compatible, counts_losses
-from fame.text import NAMES, is_ros_name
 
 
 class LocalMiddleware:
@@ -103,8 +103,7 @@ class LocalMiddleware:
         type = messages.message_type(type).__msgtype__
         topic = self.topics.get(name)
         if topic is None:
-            if not is_ros_name(name):
-                self.warn(EndpointWarning(name, f"ROS 2 would refuse this name: {NAMES}", "name"))
+            check_name(name)
             topic = self.topics[name] = Topic(name, type)
         if topic.type != type:
             info = topic.info()

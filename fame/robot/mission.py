@@ -9,7 +9,9 @@ from typing import Any, Literal
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Expression, FlowNode, Process, Task
 from fame.bpmn.topics import TopicUse, topics_of_processes
+from fame.errors import ModelError
 from fame.robot.timers import Missed
+from fame.text import NAMES, is_ros_name
 
 Retry = Literal["safe", "never", "ask"]
 RETRIES: tuple[Retry, ...] = ("safe", "never", "ask")
@@ -70,10 +72,15 @@ def make_mission(
 ) -> Mission:
     """The mission of one process. `shared` are the topics of the whole collaboration.
 
-    Raises ModelError for calls of unknown processes, and for topics without exactly one type.
+    Raises ModelError for calls of unknown processes, and for topics without exactly one type or with a wrong name.
     """
     library = library or Library()
     closure = library.closure(definitions, process)
     elsewhere = {name: use.declared for name, use in (shared or {}).items() if use.declared and name[0] == "/"}
     types = topics_of_processes(closure, types=elsewhere)
+    for name, use in types.items():
+        if not is_ros_name(name.removeprefix("~")):
+            end = (*use.throws, *use.catches)[0]
+            text = f"{name} is not a valid ROS 2 topic name: expected {NAMES}"
+            raise ModelError.at(end.node, text, file=end.file)
     return Mission(definitions=definitions, process=process, library=library, types=types, services=services or {})

@@ -139,6 +139,16 @@ class Result:
         lines += [f"weed {name} was not cut" for name, weed in weeds.items() if weed["by"] is None]
         return lines
 
+    @property
+    def told(self) -> list[tuple[Event, int]]:
+        """The reports in order; of those that say the same of one element, the first, with their number."""
+        found: dict[object, tuple[Event, int]] = {}
+        for place, event in enumerate(self.reports):
+            alike = event.what == "report" and event.element
+            key = (event.robot, event.element, event.detail) if alike else place
+            found[key] = (found.get(key, (event, 0))[0], found.get(key, (event, 0))[1] + 1)
+        return list(found.values())
+
     def to_json(self) -> dict[str, Any]:
         """Return everything but the record, JSON-serialisable."""
         return {

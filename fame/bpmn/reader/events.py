@@ -109,12 +109,14 @@ def read_topic(
     referred = node.context.root(reference)
     if referred is not None and local_name(referred) != kind:
         node.fault(f"{kind}Ref {reference!r} is a {local_name(referred)}: expected a {kind}")
-    name = _topic_name(node, referred, properties)
+    name = _topic_name(node, kind, referred, properties)
     if has_placeholders(name) or name.startswith("="):
         text = f"the name {name!r} is computed: give a fixed name, since topics are created before the process runs"
         node.fault(text)
     if not name or (reference and name == node.label and not (referred is not None and _name(referred))):
         name = _default_topic_name(node, kind, reference, referred)
+    if not (node.extensions.topic or (referred is not None and name == _name(referred))):
+        name = node.context.name_of_label(node.element, name)
     return Topic(
         name=name,
         type=properties.type or _item_type(node.context, referred),
@@ -155,18 +157,18 @@ def _name(element: Node) -> str:
     return element.get("name", "").strip()
 
 
-def _topic_name(node: NodeReader, referred: Node | None, properties: TopicProperties) -> str:
+def _topic_name(node: NodeReader, kind: str, referred: Node | None, properties: TopicProperties) -> str:
     name, label = _name(referred) if referred is not None else "", node.label
     if node.extensions.topic:
         return node.extensions.topic
     if node.process.labels and label:
         if name and name != label:
-            text = f"the topic is the label {label!r}, not the name of the signal {name!r} (topics=labels)"
+            text = f"the topic is the label {label!r}, not the name of the {kind} {name!r} (topics=labels)"
             node.context.quirk(node.element, text)
         return label
     if name and label and name != label and (properties.type or properties.payload or node.context.original):
         level: Literal["warning", "note"] = "warning" if node.context.original else "note"
-        text = f"the topic is {name!r}, the name of the signal, not the label {label!r}"
+        text = f"the topic is {name!r}, the name of the {kind}, not the label {label!r}"
         node.context.note(node.element, text, level, quirk=True)
     return name or label
 

@@ -131,7 +131,8 @@ def _use_one_message(context: Context, root: Node, flow: Node, sender: Node, rec
     if not message:
         message = f"{_element(receiver).get('id')}_message"
         label = " ".join(_element(receiver).get("name", "").split()) or _element(receiver).get("id", "")
-        root.insert(0, etree.Element(f"{{{BPMN}}}message", {"id": message, "name": label}))
+        name = context.name_of_label(_element(receiver), label)
+        root.insert(0, etree.Element(f"{{{BPMN}}}message", {"id": message, "name": name}))
     sent = sender.get("messageRef")
     if sent and sent != message:
         text = f"sends {sent} to {_element(receiver).get('id')}, which waits for {message}: it is sent as {message}"
