@@ -486,7 +486,7 @@ def varied(seed: int) -> tuple[dict[str, Steps], dict[str, Any]]:
     robots = {f"R{n}": ["run n = 0", *steps(0)] for n in range(random.randint(2, 3))}
     if random.random() < 0.25:
         robots["R1"] = ["start a", *robots["R1"]]
-    called = {name: steps(1, True) for name in calls}
+    called = {name: steps(1, True) for name in calls if repr(("call", name)) in repr(robots)}
     used = repr((robots, called))
     given = [f"throw {name}" for name in signals if f"'throw {name}'" not in used]
     given += [f"send {name}" for name in messages if f"'send {name}'" not in used]

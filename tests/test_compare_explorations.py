@@ -14,6 +14,5 @@ _PARTS = 10
 @pytest.mark.parametrize("part", range(_PARTS))
 def test_exploration_and_runs_agree(part: int, tmp_path: Path) -> None:
     compared = [compare(seed, tmp_path) for seed in range(part, _MODELS, _PARTS)]
-    texts = [text for _, found in compared for text in found]
-    assert [text for text in texts if "is called unreachable" not in text] == []  # what is left at once is not noted
+    assert [text for _, found in compared for text in found] == []
     assert sum(whole for whole, _ in compared) >= len(compared) // 2

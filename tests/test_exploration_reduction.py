@@ -34,9 +34,9 @@ def test_reduced_and_full_search_agree(part: int) -> None:
     for seed in range(part, _SEEDS, _PARTS):
         model = team(generated(seed), several=("R0",) if seed % 3 == 0 else ())
         delivery = ("run", "fast", "any")[seed // 3 % 3]
-        full = explore(model, delivery=delivery, reduced=False, limit=_LIMIT)
+        full = explore(model, delivery=delivery, reduced=False, limit=_LIMIT, samples=False)
         if full.exhaustive:
-            reduced = explore(model, delivery=delivery, limit=_LIMIT)
+            reduced = explore(model, delivery=delivery, limit=_LIMIT, samples=False)
             assert verdicts(reduced) == verdicts(full), f"seed {seed}, delivery {delivery}"
             assert reduced.states <= full.states
             compared += 1
@@ -56,9 +56,9 @@ def test_robots_that_drop_triggers_while_they_run(part: int) -> None:
         robots["R0"] = ["throw a", "work", *robots["R0"]]
         model = team(robots, several=("R1",) if seed % 3 == 0 else (), single=("R1",))
         delivery = ("run", "fast", "any")[seed // 3 % 3]
-        full = explore(model, delivery=delivery, reduced=False, limit=_LIMIT)
+        full = explore(model, delivery=delivery, reduced=False, limit=_LIMIT, samples=False)
         if full.exhaustive:
-            reduced = explore(model, delivery=delivery, limit=_LIMIT)
+            reduced = explore(model, delivery=delivery, limit=_LIMIT, samples=False)
             assert verdicts(reduced) == verdicts(full), f"seed {seed}, delivery {delivery}"
             compared += 1
             smaller += reduced.states < full.states
@@ -76,14 +76,14 @@ def test_what_decides_nothing_changes_no_verdict(part: int, monkeypatch: pytest.
     """Dead variables, items of counted lists, and statements that decide nothing may as well be kept."""
     models = [(seed, team(told_apart(with_lists(seed)), several=("R0",) if seed % 4 == 0 else ()))
               for seed in range(part, _SEEDS, _PARTS)]  # fmt: skip
-    small = {seed: explore(model, delivery="run", limit=_LIMIT) for seed, model in models}
+    small = {seed: explore(model, delivery="run", limit=_LIMIT, samples=False) for seed, model in models}
     monkeypatch.setattr(Liveness, "dead", lambda self, waiting: (frozenset(), frozenset()))
     monkeypatch.setattr(abstracting, "sliced", lambda script, needed: script)
     monkeypatch.setattr(abstracting, "without_items", lambda script, counted: script)
     monkeypatch.setattr(abstracting, "without_operations", lambda script, unknown: script)
     compared = 0
     for seed, model in models:
-        large = explore(model, delivery="run", limit=_LIMIT)
+        large = explore(model, delivery="run", limit=_LIMIT, samples=False)
         if large.exhaustive:
             assert verdicts(small[seed], "error") == verdicts(large, "error"), f"seed {seed}"
             assert small[seed].states <= large.states

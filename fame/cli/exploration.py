@@ -197,6 +197,8 @@ def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
     yield result.summary()
     if result.outside:
         yield f"  from outside, at any time: {', '.join(result.outside)}"
+    if result.sampled:
+        yield f"  explored besides, in part: {'; '.join(result.sampled)}"
     if result.widened:
         names = ", ".join(f"{name} of {robot}" for robot, name in result.widened)
         yield f"  with too many values to tell apart, so unknown after a while: {names}"
@@ -263,6 +265,7 @@ def as_json(result: Exploration) -> dict[str, Any]:
         "status": result.status,
         "exhaustive": result.exhaustive,
         "cuts": list(result.cuts),
+        "sampled": list(result.sampled),
         "robots": dict(result.robots),
         "states": result.states,
         "seconds": round(result.seconds, 3),

@@ -39,6 +39,7 @@ def explore(
     reduced: bool = True,
     limit: int = 200_000,
     seconds: float | None = None,
+    samples: bool = True,
     progress: Callable[[int, int], object] = lambda states, frontier: None,
 ) -> Exploration:
     """Explore the reachable states of a collaboration, and return the findings.
@@ -56,6 +57,7 @@ def explore(
     reduced   leave out orders of steps that make no difference
     limit     states of all deliveries together
     seconds   time for all of them; the result then depends on the machine
+    samples   if a limit ends a search, also explore the order of `fame run`, fewer robots, and random runs
     progress  called now and then with the number of states of a delivery, and of those still to be explored
 
     Raises ModelError and ConfigError as `fame.Scenario.load` does.
@@ -82,6 +84,7 @@ def explore(
         reduced=reduced,
         limit=limit,
         seconds=seconds,
+        samples=samples,
         progress=progress,
     )
     definitions, found, cast = cast_of(model, robots, library)

@@ -28,6 +28,7 @@
     faults          single faults as transitions
     graph           explored states, and what can be reached from where
     search          all states of the team, breadth first
+    sampling        runs that a search has not reached: the schedule of fame run, random ones
     trace           runs, in the terms of the model
     semantics       semantics of other verifiers, as options
     findings        deadlocks, lost signals, errors ... one per cause

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
@@ -17,12 +19,13 @@ from fame.check.explore.faults import Faults
 from fame.check.explore.findings import FAILING, KINDS, LEVELS, Finding, Kind, Report
 from fame.check.explore.graph import Explored
 from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
-from fame.check.explore.host import field_names, never
+from fame.check.explore.host import OutOfTimeError, field_names, never
 from fame.check.explore.local import Local
 from fame.check.explore.network import Kind as NetworkKind
 from fame.check.explore.product import Delivery, Options, Product, silent
 from fame.check.explore.reduction import Reduction
 from fame.check.explore.running_states import as_explored, real_program
+from fame.check.explore.sampling import STEPS, Sampler, durations
 from fame.check.explore.search import explore
 from fame.check.explore.trace import Place, Runs
 from fame.check.explore.transitions import MASK
@@ -37,6 +40,8 @@ LIMIT = 200_000
 """States of all deliveries together, by default."""
 DELIVERIES: tuple[Delivery, ...] = ("run", "fast")
 """What is explored by default, one after the other."""
+SEARCHING = 0.7
+"""Share of the time after which a search ends, so that some is left for samples."""
 OF_WHOLE_MISSIONS: tuple[Kind, ...] = ("always-lost", "outside", "unneeded", "unstarted", "unreachable")
 """Kinds of findings that mean nothing if a mission is explored from its middle."""
 _YOUNG = 50_000
@@ -57,9 +62,10 @@ class Request:
     timed     plain and send tasks take time, as in verifiers of BPMN
     once      report a second token at an end event (``unsafe``)
     weak      report that a mission may go round forever, though it could leave (``endless``)
-    limit     states, of all deliveries together; also ways of one step
+    limit     states, of all deliveries together
     seconds   time for all deliveries together, None for no bound
     sources   topics on which somebody outside of the team publishes
+    samples   explore some parts besides if a limit ends a search
     progress  called now and then with the number of states of a delivery, and of those still to be explored
     """
 
@@ -74,18 +80,20 @@ class Request:
     limit: int = LIMIT
     seconds: float | None = None
     sources: frozenset[str] = frozenset()
+    samples: bool = True
     progress: Callable[[int, int], object] = silent
 
 
 @dataclass(frozen=True, slots=True)
 class Searched:
-    """One search. `explored` is None for one that was not begun, for want of budget."""
+    """One search. `bound`: the limit of states or time has ended it, or has not let it begin."""
 
     delivery: Delivery
     states: int
     transitions: int
     seconds: float
     cuts: tuple[str, ...]
+    bound: bool = False
     faults: tuple[tuple[str, str, str], ...] = ()
 
 
@@ -101,6 +109,7 @@ class Exploration:
     outside     topics on which anything may come from outside of the team
     widened     variables that have too many values, and so are unknown from some time on: (robot, name)
     seconds     of all searches (wall clock)
+    sampled     what was explored besides, because a limit ended a search
     """
 
     file: str
@@ -111,6 +120,7 @@ class Exploration:
     outside: tuple[str, ...]
     seconds: float
     widened: tuple[tuple[str, str], ...] = ()
+    sampled: tuple[str, ...] = ()
 
     @property
     def exhaustive(self) -> bool:
@@ -185,7 +195,7 @@ class Team:
             if local is None:
                 local = Local(robot, definitions, pool.process, self.model, self.values,
                               kept=self.model.kept[pool.name], fields=fields, robots=self.robots,
-                              ordered=request.ordered, limit=request.limit, observed=observed)  # fmt: skip
+                              ordered=request.ordered, observed=observed)  # fmt: skip
                 made[pool.name] = local
             self.locals.append(local)
         self.given: dict[int, Data] = {
@@ -239,7 +249,66 @@ class Team:
             found += [finding for _, _, finding in rows if finding is not None]
         spent, explored = time.perf_counter() - begun, report.explored
         table = tuple((name, delivery, outcome) for name, outcome, _ in rows)
-        return Searched(delivery, len(explored.states), explored.transitions, spent, cuts, table), found
+        return Searched(delivery, len(explored.states), explored.transitions, spent, cuts,
+                        bool(explored.cut), table), found  # fmt: skip
+
+    def sample(self, stop: Callable[[], bool]) -> Iterator[tuple[str, list[Finding]]]:
+        """Explore parts that a search may not have reached, each with its name, and what was found in it."""
+        request = self.request
+        if request.network == "fifo":
+            yield "the order of fame run", self._sampled("run", Sampler.schedule, stop)
+        counts = Counter(pool.name for pool in self.cast.values() if pool.multi_instance)
+        for number in range(1, 1 if self.given else max(counts.values(), default=1)):
+            if stop():
+                break
+            fewer = ", ".join(f"{name}={min(number, count)}" for name, count in counts.items())
+            found, whole = self._with_fewer(number, stop)
+            yield (
+                f"fewer robots ({fewer})",
+                [replace(one, kind="fewer", text=f"with fewer robots ({fewer}): {one.text}") for one in found],
+            )
+            if found or not whole:
+                break
+        for delivery in request.delivery:
+            yield f"random runs, delivery {delivery}", self._sampled(delivery, Sampler.wander, stop)
+
+    def _sampled(
+        self, delivery: Delivery, follow: Callable[[Sampler], Explored], stop: Callable[[], bool]
+    ) -> list[Finding]:
+        """What happens in some runs."""
+        options = Options(delivery=delivery, network=self.request.network, reduced=False, stop=stop, given=self.given)
+        product = Product(self.robots, self.locals, options)
+        bodies = (_elements(process) for _, process in _closure(self.definitions, self.pools, self.library))
+        sampler = Sampler(product, durations(bodies), stop)
+        with self._until(stop):
+            try:
+                follow(sampler)
+            except OutOfTimeError:
+                sampler.close()
+        found = self._told(product, sampler.explored, exhaustive=False).findings()
+        return [one for one in found if one.kind in (*FAILING, "error", "condition", "dropped")]
+
+    def _with_fewer(self, number: int, stop: Callable[[], bool]) -> tuple[list[Finding], bool]:
+        """The errors of the team with at most so many robots in each multi-instance pool, and whether these are all."""
+        kept, counts = dict[str, Pool](), Counter[str]()
+        for robot, pool in self.cast.items():
+            counts[pool.name] += 1
+            if counts[pool.name] <= number or not pool.multi_instance:
+                kept[robot] = pool
+        request = replace(self.request, faults=False, samples=False)
+        searched, found = Team(self.definitions, self.library, kept, request).search("run", STEPS, stop)
+        return [one for one in found if one.kind in FAILING and not one.accepted], not searched.cuts
+
+    @contextmanager
+    def _until(self, stop: Callable[[], bool]) -> Iterator[None]:
+        """End also a step that goes round for ever."""
+        for local in self.locals:
+            local.host.stop = stop
+        try:
+            yield
+        finally:
+            for local in self.locals:
+                local.host.stop = never
 
     def _report(
         self, delivery: Delivery, limit: int, stop: Callable[[], bool], *, faults: bool
@@ -259,24 +328,23 @@ class Team:
                 product.settled, product.between = reduction.settled, reduction.between
         if faults:
             product.add_faults = Faults(product).add
-        for local in self.locals:
-            local.host.stop = stop
-        explored = explore(product)
-        for local in self.locals:
-            local.host.stop = never
+        with self._until(stop):
+            explored = explore(product)
         cuts = tuple(self._cuts(product, explored))
-        report = Report(
+        return self._told(product, explored, exhaustive=not cuts), cuts
+
+    def _told(self, product: Product, explored: Explored, *, exhaustive: bool) -> Report:
+        return Report(
             Runs(product, explored, self.places),
             pools=tuple(pool.name for pool in self.cast.values()),
             starts=tuple(_starts(local) for local in self.locals),
             processes=tuple(pool.process.id for pool in self.cast.values()),
             accepts=_accepted(self.definitions, self.pools, self.library),
             elements=tuple(frozenset(local.program.elements) & self.places.keys() for local in self.locals),
-            exhaustive=not cuts,
-            weak=request.weak,
+            exhaustive=exhaustive,
+            weak=self.request.weak,
             sourceless=tuple(self._sourceless()),
         )
-        return report, cuts
 
     def _sourceless(self) -> Iterator[tuple[int, str]]:
         """Signals in a collaboration that no robot throws, and of which neither model nor scenario has a source."""
@@ -355,12 +423,15 @@ def _explored(team: Team, begun: float) -> Exploration:
     request = team.request
     left, searches, findings = request.limit, list[Searched](), dict[tuple[str, str], Finding]()
 
+    def over(share: float) -> bool:
+        return request.seconds is not None and time.perf_counter() - begun > share * request.seconds
+
     def stop() -> bool:
-        return request.seconds is not None and time.perf_counter() - begun > request.seconds
+        return over(SEARCHING)
 
     for delivery in request.delivery:
         if left <= 0 or stop():
-            searches.append(Searched(delivery, 0, 0, 0.0, (f"no budget is left for delivery {delivery}",)))
+            searches.append(Searched(delivery, 0, 0, 0.0, (f"no budget is left for delivery {delivery}",), bound=True))
             continue
         with rarely_collected(_YOUNG):
             searched, found = team.search(delivery, left, stop)
@@ -371,6 +442,13 @@ def _explored(team: Team, begun: float) -> Exploration:
         for one in found:
             key = _cause(one)
             findings[key] = min(findings.get(key, one), one, key=_rank)
+    sampled = []
+    if request.samples and any(search.bound for search in searches):
+        for name, found in team.sample(lambda: over(1.0)):
+            sampled.append(name)
+            for one in found:
+                if not _is_known(one, findings.values()):
+                    findings.setdefault(_cause(one), one)
     unreachable = [one for one in findings.values() if one.kind == "unreachable"]
     if any(search.cuts for search in searches):  # what one search did not enter another may
         unreachable = []
@@ -383,6 +461,7 @@ def _explored(team: Team, begun: float) -> Exploration:
         local={local.robot: len(local) for local in dict.fromkeys(team.locals)},
         outside=tuple(sorted({topic for local in team.locals for topic in local.outside})),
         seconds=time.perf_counter() - begun,
+        sampled=tuple(sampled),
         widened=tuple(
             (local.robot, name) for local in dict.fromkeys(team.locals) for name in sorted(local.states.widened)
         ),
@@ -394,6 +473,13 @@ def _never(finding: Finding, received: Set[tuple[str, str]]) -> Finding:
     if finding.kind != "always-lost" or (finding.processes[0], finding.text.partition(" ")[0]) not in received:
         return finding
     return replace(finding, kind="unneeded", text=finding.text.replace(" is always lost ", " is sometimes lost "))
+
+
+def _is_known(finding: Finding, others: Iterable[Finding]) -> bool:
+    """Whether robots wait at all elements of a deadlock that is known and not accepted."""
+    places = set(finding.places)
+    known = (one for one in others if one.kind in FAILING and not one.accepted)
+    return finding.kind in FAILING and any(set(one.places) <= places for one in known)
 
 
 def _cause(finding: Finding) -> tuple[str, str]:

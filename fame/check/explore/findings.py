@@ -26,7 +26,7 @@ from fame.check.explore.trace import Place, Run, Runs, Step, waiting
 
 Kind = Literal[
     "deadlock", "never", "lost", "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition",
-    "growth", "fault", "unneeded", "unsafe", "endless",
+    "growth", "fault", "unneeded", "unsafe", "endless", "fewer",
 ]  # fmt: skip
 FAILING: tuple[Kind, ...] = ("deadlock", "never", "lost")
 """The kinds that always make a check fail: robots wait forever."""
@@ -38,7 +38,7 @@ _ERROR: Kind = "error"
 _UNSAFE: Kind = "unsafe"
 KINDS: tuple[Kind, ...] = (
     *FAILING, "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition", "growth", "fault",
-    "unsafe", "endless", "unneeded",
+    "unsafe", "endless", "fewer", "unneeded",
 )  # fmt: skip
 
 

@@ -348,7 +348,7 @@ class ExplorationHost:
     # ---- timers --------------------------------------------------------------------------------------
 
     def set_timer(self, key: int, kind: str, text: str) -> None:
-        seconds = _seconds(text)
+        seconds = seconds_of(text)
         period = (seconds or 1.0) if kind == "cycle" else None
         if seconds is None or not self.ordered or kind == "date":
             self.timers[key] = Timer(("alone", key), 0.0, period)
@@ -424,7 +424,7 @@ def _inserted_whole(payload: str) -> frozenset[str]:
 
 
 @lru_cache(maxsize=1024)
-def _seconds(text: str) -> float | None:
+def seconds_of(text: str) -> float | None:
     try:
         return parse_duration(text.rsplit("/", 1)[-1]).nanoseconds / 1e9
     except (ValueError, ModelError, FameError, AttributeError):

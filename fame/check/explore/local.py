@@ -60,7 +60,7 @@ class Local:
 
     def __init__(self, robot: str, definitions: Definitions, process: Process, model: Abstraction, values: Values, *,
                  kept: frozenset[str], fields: frozenset[str], robots: tuple[str, ...],
-                 ordered: bool, limit: int, observed: bool = False) -> None:  # fmt: skip
+                 ordered: bool, observed: bool = False) -> None:  # fmt: skip
         self.robot, self.process, self.values = robot, process, values
         self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
         self.kept = kept
@@ -82,7 +82,6 @@ class Local:
         self.outside: tuple[str, ...] = tuple(sorted(self.topics & model.outside))
         self.states = States(self.program, self.host, self.outside, Liveness(definitions, process, model, kept))
         self.forms, self.views = self.states.forms, self.states.views
-        self.limit = limit
         self.cut: bool = False
         """Whether ways were left out, because one step makes too many decisions."""
         self.steps = 0
@@ -212,7 +211,7 @@ class Local:
         keep: Callable[[Way, Outcome], object] | None = None,
     ) -> tuple[Way, ...]:
         """All ways of a step: run it with each list of decisions. Raises OutOfTimeError."""
-        host, found, cut, tried, endless = self.host, dict[Way, None](), False, 0, 0
+        host, found, cut, endless = self.host, dict[Way, None](), False, 0
         pending: list[tuple[int, ...]] = [()]
         while pending:
             host.decisions = pending.pop()
@@ -223,9 +222,8 @@ class Local:
             self.steps += 1
             outcome = host.outcome
             choices = outcome.choices
-            tried += 1
             endless += any(one.error is not None and one.error.code == "livelock" for one in outcome.over)
-            if tried > self.limit or endless > MOST_ENDLESS:
+            if endless > MOST_ENDLESS:
                 cut = True
                 break
             if choices:

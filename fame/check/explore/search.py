@@ -84,11 +84,11 @@ def _follow(product: Product, explored: Explored, at: int, transition: Transitio
         if at >= 0 and explored.open[-1:] != [at]:
             explored.open.append(at)
         if move.flags is not None or reactions:
-            _report(product, at, transition)
+            report(product, at, transition)
         return
     settled = product.settled
     after = settled(transition) if settled else (state,)
-    if (move.flags is not None or reactions or move.failed) and (errors := _report(product, at, transition)):
+    if (move.flags is not None or reactions or move.failed) and (errors := report(product, at, transition)):
         failing.append((at, errors, tuple(after)))
         return
     for new in after:
@@ -111,7 +111,7 @@ def _number(product: Product, explored: Explored, at: int, state: int) -> int:
     return number
 
 
-def _report(product: Product, at: int, transition: Transition) -> Errors:
+def report(product: Product, at: int, transition: Transition) -> Errors:
     """Note what a transition reports for the first time. The errors that nothing catches, which are no single fault."""
     state, robot, move, reactions = transition
     errors: list[tuple[int, str]] = []

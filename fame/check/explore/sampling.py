@@ -1,0 +1,161 @@
+"""Runs through states that a search has not reached: the schedule of `fame run`, and random ones.
+
+The schedule is that of simulated time: what begins first ends first, by the durations that the model names (timers,
+``await sleep(2)``); what has no known duration takes one second, a person waits until nothing else is left. Where
+something is unknown, every way is followed. Messages arrive at once.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from itertools import chain
+from random import Random
+
+from fame.bpmn.model import Element, Task, TimerDefinition
+from fame.check.explore.graph import Explored
+from fame.check.explore.host import seconds_of
+from fame.check.explore.product import Product
+from fame.check.explore.search import report
+from fame.check.explore.transitions import BITS, DEAD, MASK, Transition
+
+STEPS = 10_000
+"""Steps of the schedule, and of all random runs together."""
+LONGEST = 1_000
+"""Steps of one random run."""
+_ORDER = {"end": 1, "timer": 2, "outside": 3, "offer": 4, "person": 5}
+"""Of what is due at one instant: as in `fame.clock.Kind`."""
+_WITHOUT = {"outside": 0.1, "offer": 1e6, "person": 1e6}
+"""When something happens that has no duration, s."""
+_SLEEP = re.compile(r"\bsleep\(\s*(\d+(?:\.\d*)?)\s*\)")
+
+Due = tuple[float, int, int, int, str, str]
+"""What is going to happen: in how many seconds, order at one instant, order of arming, robot, kind, element."""
+
+
+def durations(elements: Iterable[Iterable[Element]]) -> dict[str, float]:
+    """The times that timers and scripts take (s), as far as the model names them."""
+    found = dict[str, float]()
+    for one in chain.from_iterable(elements):
+        if isinstance(one, Task) and one.script is not None:
+            found[one.id] = sum(map(float, _SLEEP.findall(one.script.text))) or 1.0
+        for definition in getattr(one, "definitions", ()):
+            if isinstance(definition, TimerDefinition) and definition.expression is not None:
+                found[one.id] = seconds_of(definition.expression.text) or 1.0
+    return found
+
+
+@dataclass(slots=True)
+class Sampler:
+    """Follows runs of a product that is not reduced. `durations`: of elements that take time, s."""
+
+    product: Product
+    durations: dict[str, float]
+    stop: Callable[[], bool]
+    explored: Explored = field(default_factory=Explored)
+    _armed: int = 0
+    _ended: set[int] = field(default_factory=set)
+
+    def schedule(self) -> Explored:
+        """Follow the schedule of `fame run`, with all decisions."""
+        pending = [(at, self._due(0, self.explored.states[at], ())) for at in self._starts()]
+        seen = set[tuple[int, tuple[tuple[float, int, str, str], ...]]]()
+        for _ in range(STEPS):
+            if not pending or self.stop():
+                break
+            at, due = pending.pop()
+            key = at, tuple((one[0], *one[3:]) for one in due)
+            found = self._ways(at)
+            if key in seen or not found or not due:
+                continue
+            seen.add(key)
+            now, _, _, robot, kind, element = due[0]
+            left = tuple((round(one[0] - now, 6), *one[1:]) for one in due[1:])
+            state = self.explored.states[at]
+            for transition in self._of(found, state, robot, kind, element):
+                new = self._add(at, transition)
+                if new is not None:
+                    pending.append((new, self._due(state, transition[0], left, robot if kind != "outside" else -1)))
+                elif kind == "outside":
+                    pending.append((at, left))
+        return self.close()
+
+    def wander(self) -> Explored:
+        """Follow random runs, the same each time."""
+        starts, left, random = self._starts(), STEPS, Random(0)
+        while starts and left > 0 and not self.stop():
+            at = random.choice(starts)
+            for _ in range(LONGEST):
+                left -= 1
+                ahead = [one for one in self._ways(at) if one[0] != self.explored.states[at]]
+                new = self._add(at, random.choice(ahead)) if ahead else None
+                if new is None or (not left & 255 and self.stop()):
+                    break
+                at = new
+        return self.close()
+
+    def close(self) -> Explored:
+        """Note that nothing follows."""
+        self.explored.begun, self.explored.layers = 0, [len(self.explored.states)]
+        return self.explored
+
+    def _starts(self) -> list[int]:
+        found = [self._add(-1, transition) for transition in self.product.initial()]
+        return list(dict.fromkeys(at for at in found if at is not None))
+
+    def _ways(self, at: int) -> list[Transition]:
+        """The transitions of a state; how it ends is noted."""
+        state = self.explored.states[at]
+        found = self.product.transitions(state)
+        if at not in self._ended:
+            self._ended.add(at)
+            if self.product.is_final(state):
+                self.explored.final.append(at)
+            elif not found:
+                self.explored.stuck.append(at)
+        return found
+
+    def _add(self, at: int, transition: Transition) -> int | None:
+        """The number of the state to which a transition leads; None if it ends in an error, or is not explored."""
+        index, state = self.product.index, transition[0]
+        if report(self.product, at, transition) or self.product.is_cut(state):
+            return None
+        if state not in index:
+            index[state] = len(self.explored.states)
+            self.explored.states.append(state)
+            self.explored.parents.append(at)
+        self.explored.transitions += 1
+        return index[state]
+
+    def _of(self, found: list[Transition], state: int, robot: int, kind: str, element: str) -> list[Transition]:
+        """The transitions in which something happens to one token at an element of a robot."""
+        view = self.product.locals[robot].views[state >> (robot * BITS) & MASK]
+        elements = dict(zip(view.own, view.elements, strict=True))
+        own = [one for one in found if one[1] == robot and one[2].stimulus[0] == kind
+               and elements.get(one[2].stimulus) == element]  # fmt: skip
+        first = min((one[2].stimulus[1] for one in own), default=None)
+        return [one for one in own if one[2].stimulus[1] == first]
+
+    def _due(self, old: int, new: int, left: tuple[Due, ...], moved: int = -1) -> tuple[Due, ...]:
+        """What is due once the team has gone from one state to another; `moved`: the robot that did it."""
+        found = list(left)
+        for robot, local in enumerate(self.product.locals):
+            before, after = (state >> (robot * BITS) & MASK for state in (old, new))
+            if (left and before == after and robot != moved) or after == DEAD:
+                continue
+            view = local.views[after]
+            keys = dict(zip((stimulus[:2] for stimulus in view.own), view.elements, strict=True))
+            wanted = Counter((kind, element) for (kind, _), element in keys.items())
+            for one in [one for one in found if one[3] == robot]:
+                if wanted[one[4:]] > 0:
+                    wanted[one[4:]] -= 1
+                else:
+                    found.remove(one)
+            for (kind, element), count in wanted.items():
+                for _ in range(count):
+                    self._armed += 1
+                    seconds = _WITHOUT.get(kind) or self.durations.get(element, 1.0)
+                    found.append((seconds, _ORDER.get(kind, 6), self._armed, robot, kind, element))
+        return tuple(sorted(found))

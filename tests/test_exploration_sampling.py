@@ -1,0 +1,53 @@
+"""When a limit binds: the schedule of a run, fewer robots, random runs."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+from collaborations import Steps, text_of, varied
+from compare_explorations import run
+
+import fame
+from fame.check.explore import Exploration
+from fame.check.explore.findings import FAILING
+from fame.scenario.exploration import explore
+
+_SEEDS = 60
+LATE: dict[str, Steps] = {"A": ["timer PT1S", "throw go", "catch done"], "B": ["timer PT2S", "catch go", "throw done"]}
+
+
+def cut(robots: dict[str, Steps], several: tuple[str, ...] = (), **options: object) -> Exploration:
+    return explore(fame.read(text_of(robots, several).encode()), limit=1, **options)  # type: ignore[arg-type]
+
+
+def test_what_a_plain_run_shows_is_found_whatever_the_limit() -> None:
+    (error,) = [one for one in cut(LATE).findings if one.level == "error"]
+    assert error.text.startswith("lost signal: A waits at")
+    assert [step.kind for step in error.run] == ["timer", "miss", "timer"]
+
+
+def test_fewer_robots_are_explored_and_a_deadlock_with_them_is_named_as_such() -> None:
+    pair: dict[str, Steps] = {"C": ["throw go", "catch done", "catch done"], "F": ["catch go", "work", "throw done"]}
+    result = explore(fame.read(text_of(pair, ("F",)).encode()), robots={"F": 3}, limit=2, delivery="run")
+    assert "fewer robots (F=1)" in result.sampled
+    (one,) = [one for one in result.findings if one.kind == "fewer"]
+    assert one.text.startswith("with fewer robots (F=1): deadlock: C waits")
+    assert result.status == "partial"  # three robots are enough
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_deadlocks_of_plain_runs_are_not_missed(part: int) -> None:
+    """Models in which all times are named, and nothing else is unknown."""
+    shown = 0
+    for seed in range(part, _SEEDS, 4):
+        robots, options = varied(seed)
+        text = text_of(robots, **options, drawn=Random(seed))
+        drawn = run(text)
+        if drawn is None or drawn.errors or not drawn.waiting:
+            continue
+        shown += 1
+        found = explore(fame.read(text.encode()), limit=1, delivery="run").findings
+        stuck = [{place.element for place in one.places} for one in found if one.kind in FAILING]
+        assert any(one <= drawn.waiting for one in stuck), f"seed {seed}: {sorted(drawn.waiting)}"
+    assert shown
