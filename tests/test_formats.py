@@ -155,7 +155,7 @@ def test_the_topic_is_the_name_of_the_signal_else_the_label() -> None:
 def test_with_topics_labels_it_is_the_label() -> None:
     (process,) = fame.read(FORMATS / "topics_by_labels.bpmn").processes
     topics = [node.definitions[0].topic.name for node in process.body.walk() if getattr(node, "definitions", ())]
-    assert topics == ["one label", "two", "three", "four"]
+    assert topics == ["one_label", "two", "three", "four"]
 
 
 def test_payloads_are_filled_in_at_every_throw_and_become_what_the_type_wants() -> None:

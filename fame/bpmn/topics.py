@@ -10,7 +10,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from fame.bpmn.model import Definitions, Event, FlowNode, MessageDefinition, Process, SignalDefinition, Task, Topic
+from fame.bpmn.model import (
+    Definitions,
+    Event,
+    Expression,
+    FlowNode,
+    MessageDefinition,
+    Process,
+    SignalDefinition,
+    Task,
+    Topic,
+)
 from fame.errors import ModelError
 
 EMPTY_TYPE = "std_msgs/msg/Empty"
@@ -107,6 +117,14 @@ def topics_of(node: FlowNode) -> Iterator[tuple[Topic, bool]]:
                 yield definition.topic, node.place in ("throw", "end")
     elif isinstance(node, Task) and node.topic is not None and node.kind in ("send", "receive"):
         yield node.topic, node.kind == "send"
+
+
+def keys_of(node: FlowNode, topic: Topic) -> tuple[tuple[str, Expression], ...]:
+    """The correlation keys of a caught message: variable -> expression over ``msg``."""
+    if isinstance(node, Event):
+        found = (one for one in node.definitions if isinstance(one, MessageDefinition) and one.topic is topic)
+        return next((one.keys for one in found), ())
+    return node.keys if isinstance(node, Task) else ()
 
 
 def _gather(file: Definitions, process: Process, ends_by_topic: dict[str, _Ends]) -> None:

@@ -38,6 +38,7 @@ COMMON = (
 """Types with templates of their own, in which the fields of the payload are there to be filled in."""
 THROWS = ("bpmn:IntermediateThrowEvent", "bpmn:EndEvent")
 CATCHES = ("bpmn:StartEvent", "bpmn:IntermediateCatchEvent", "bpmn:BoundaryEvent")
+RECEIVES = (*CATCHES, "bpmn:ReceiveTask")
 _QOS = "qos"
 
 
@@ -46,7 +47,7 @@ def templates(behaviours: Iterable[Behaviour]) -> dict[str, list[Template]]:
     known = list(behaviours)
     return {
         "publish": [_publish(), *map(_publish_type, COMMON)],
-        "receive": [_receive()],
+        "receive": [_receive(), _correlate()],
         "data": [*map(_inputs, filter(lambda one: one.inputs, known)), *map(_fields, filter(fields_of, COMMON))],
         "library": [_call(one) for one in known],
     }
@@ -78,10 +79,21 @@ def _publish_type(type: str) -> Template:
 
 
 def _receive() -> Template:
-    queue = _text("queue", "Queue", "how many messages it keeps from the time its scope is entered; nothing: none")
-    queue["constraints"] = {"pattern": {"value": r"\d*", "message": "a whole number"}}
     text = "Catches a message on the topic of the signal's name. The fields go to the data object that it points to."
-    return _template("receive", "ROS 2 receive", text, CATCHES, [_types(), queue, _scope(), *_qos()], qos=True)
+    return _template("receive", "ROS 2 receive", text, CATCHES, [_types(), _queue(), _scope(), *_qos()], qos=True)
+
+
+def _correlate() -> Template:
+    key = _text("correlate", "Correlate by", "variables that the message must match, as order_id or order_id = number")
+    text = "Receives only the message whose field has the value of the variable: the answer to this robot's own order."
+    return _template(
+        "correlate", "ROS 2 receive correlated message", text, RECEIVES, [_types(), key, _queue(), *_qos()], qos=True
+    )
+
+
+def _queue() -> Template:
+    queue = _text("queue", "Queue", "how many messages it keeps from the time its scope is entered; nothing: none")
+    return queue | {"constraints": {"pattern": {"value": r"\d*", "message": "a whole number"}}}
 
 
 def _types() -> Template:

@@ -24,7 +24,7 @@ from fame.bpmn.model import DataObject, Definitions, Element, Expression, FlowNo
 from fame.bpmn.reader.dialects import dialects_of
 from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.reader.xml import children, parse
-from fame.bpmn.topics import EMPTY_TYPE, topics_of
+from fame.bpmn.topics import EMPTY_TYPE, keys_of, topics_of
 from fame.check.endpoints import TopicEndpoint, by_topic, declared_type, message_fields, taken_by_prefix
 from fame.check.expressions import expressions_in
 from fame.check.guidelines import suspending
@@ -106,7 +106,8 @@ def _topic(end: TopicEndpoint, type: str) -> str:
     if end.throws:
         sent = f"payload {_shown(end.payload)}" if end.payload is not None else "a message of default values"
         return f"{head}, {sent}"
-    return f"{head}, {_where_to(end, type)}"
+    keys = [f", correlates {name} = {source.text}" for name, source in keys_of(end.node, end.topic)]
+    return f"{head}, {_where_to(end, type)}{''.join(keys)}"
 
 
 def _where_to(end: TopicEndpoint, type: str) -> str:

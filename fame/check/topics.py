@@ -9,9 +9,10 @@ import ast
 import difflib
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 
 from fame.bpmn.model import Expression, FlowNode, Task, Topic
-from fame.bpmn.topics import EMPTY_TYPE, TopicEnd, topic_table
+from fame.bpmn.topics import EMPTY_TYPE, TopicEnd, keys_of, topic_table
 from fame.check.endpoints import (
     TopicEndpoint,
     Topics,
@@ -63,6 +64,7 @@ def _judged(topics: Topics, remote: bool) -> Iterator[Finding]:
                 yield from payload_findings(end.process, end.node, end.payload, type)
             elif not end.throws and end.topic is not None:
                 yield from _taking(end, end.topic, type)
+                yield from _correlating(end, end.topic, type)
         drawn = [end for end in ends if end.topic is not None]  # a script may do with what is there when it runs
         if type is None and name.startswith("~/") and drawn and not any(end.throws for end in ends):
             yield drawn[0].finding(
@@ -93,6 +95,20 @@ def _unknown(ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
                 messages.fields(end.type)
             except MessageError as error:
                 yield end.finding("warning" if end.tries else "error", f"type {error}")
+
+
+_KEY = re.compile(r"\$\{msg\.(\w+)[\w.]*\}")
+
+
+def _correlating(end: TopicEndpoint, topic: Topic, type: str | None) -> Iterator[Finding]:
+    """Correlation keys that find no field in the caught message: it is never received."""
+    for name, source in keys_of(end.node, topic):
+        match = _KEY.fullmatch(source.text)
+        with suppress(MessageError):  # of a type that nobody knows
+            fields = messages.fields(type or EMPTY_TYPE)
+            if match is not None and match[1] not in fields:
+                text = f"correlates by {name}, but {type or EMPTY_TYPE} has no field {match[1]}: it receives nothing"
+                yield end.finding("error" if type is not None else "warning", text)
 
 
 def _taking(end: TopicEndpoint, topic: Topic, type: str | None) -> Iterator[Finding]:

@@ -19,7 +19,7 @@ from fame.bpmn.model import (
 from fame.bpmn.reader.context import Context, boolean_attribute, whole_number
 from fame.bpmn.reader.dialects import read_extensions
 from fame.bpmn.reader.dialects.extensions import take_topic_properties
-from fame.bpmn.reader.events import TopicSource, message_keys, read_topic
+from fame.bpmn.reader.events import TopicSource, message_keys, note_keys, read_topic
 from fame.bpmn.reader.expressions import code_of, condition_of, mapping_source, variable_name, variable_or_expression
 from fame.bpmn.reader.flow_nodes import NodeReader
 from fame.bpmn.reader.xml import Node, child, children, line_of, local_id, local_name, resolve, text_of
@@ -64,8 +64,9 @@ def read_task(node: NodeReader, kind: TaskKind) -> Task:
     if kind == "business_rule" and not found.operation and not found.script:
         found.refused = found.refused or _NO_RULES
     topic, operation = None, found.operation
+    keys: tuple[tuple[str, Expression], ...] = ()
     if kind == "send" or kind == "receive":
-        topic = _message(node, kind)
+        topic, keys = _message(node, kind)
     elif kind == "service" or kind == "business_rule":
         topic = _service(node)
         operation = (topic.name if topic is not None else "") or operation or _operation(node)
@@ -75,7 +76,7 @@ def read_task(node: NodeReader, kind: TaskKind) -> Task:
         topic=topic,
         payload=topic.payload if topic is not None else None,
         operation=operation,
-        keys=message_keys(node.context, node.get("messageRef")) if kind == "receive" else (),
+        keys=keys,
         result_variable=found.result,
         instantiate=node.flag("instantiate"),
         **read_activity(node),
@@ -87,18 +88,22 @@ def _script(node: NodeReader) -> Expression | None:
     return code_of(node.context, holders[0], node.get("scriptFormat")) if holders else None
 
 
-def _message(node: NodeReader, kind: Literal["send", "receive"]) -> Topic | None:
-    """The topic of a send or receive task, None if it has neither a message nor topic properties."""
+def _message(
+    node: NodeReader, kind: Literal["send", "receive"]
+) -> tuple[Topic | None, tuple[tuple[str, Expression], ...]]:
+    """The topic of a send or receive task, None if it has neither a message nor topic properties; correlation keys."""
     topic_properties = take_topic_properties(node.context, node.element, node.extensions)
     if not node.get("messageRef") and not (topic_properties.type or topic_properties.payload):
-        return None
+        return None, ()
     if kind == "send":
-        return read_topic(TopicSource(node, "throw"), node.element, "message", topic_properties)
+        note_keys(node.context, node.element, topic_properties.keys)
+        return read_topic(TopicSource(node, "throw"), node.element, "message", topic_properties), ()
     takes, node.extensions.outputs = tuple(node.extensions.outputs), []
     if node.extensions.inputs:  # it has its own scope: copy the received values out of it
         leaving = (Assignment(one.target, Expression(one.target, "python", one.source.line)) for one in takes)
         node.extensions.outputs = list(leaving)
-    return read_topic(TopicSource(node, "catch", takes), node.element, "message", topic_properties)
+    topic = read_topic(TopicSource(node, "catch", takes), node.element, "message", topic_properties)
+    return topic, message_keys(node.context, node.get("messageRef")) + topic_properties.keys
 
 
 def _service(node: NodeReader) -> Topic | None:

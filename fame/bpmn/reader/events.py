@@ -182,11 +182,20 @@ def _item_type(context: Context, referred: Node | None) -> str | None:
     return text.strip() if is_message_type(text) else None
 
 
+def note_keys(context: Context, element: Node, keys: tuple[tuple[str, Expression], ...]) -> None:
+    """A correlation key where nothing correlates."""
+    if keys:
+        text = "its property 'correlate' has no effect: only an element that receives a message correlates it"
+        context.note(element, text, "warning")
+
+
 def _topic(source: TopicSource, element: Node, kind: Literal["signal", "message"]) -> Topic:
     node = source.node
     if source.properties is None:
         original_fame.apply_message_list(node.context, node.element, node.extensions)
         source.properties = take_topic_properties(node.context, node.element, node.extensions)
+        if kind == "signal" or source.place in THROWS:
+            note_keys(node.context, node.element, source.properties.keys)
         if source.place not in THROWS:
             source.takes += tuple(node.extensions.outputs)
     has_own = len(element) or any(key[0] == "{" for key in attributes(element))
@@ -212,6 +221,7 @@ def _definition_properties(node: NodeReader, element: Node, common: TopicPropert
         queue=own.queue or common.queue,
         private=own.private or common.private,
         qos=own.qos or common.qos,
+        keys=own.keys or common.keys,
     )
 
 
@@ -230,9 +240,9 @@ def _signal(source: TopicSource, element: Node) -> SignalDefinition:
 
 def _message(source: TopicSource, element: Node) -> MessageDefinition:
     topic = _topic(source, element, "message")
-    return MessageDefinition(
-        topic=topic, keys=message_keys(source.node.context, element.get("messageRef")), line=line_of(element)
-    )
+    keys = message_keys(source.node.context, element.get("messageRef"))
+    keys += source.properties.keys if source.properties is not None and source.place not in THROWS else ()
+    return MessageDefinition(topic=topic, keys=keys, line=line_of(element))
 
 
 def message_keys(context: Context, reference: str | None) -> tuple[tuple[str, Expression], ...]:

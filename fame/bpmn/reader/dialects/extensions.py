@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -130,10 +130,12 @@ class TopicProperties:
     queue: int
     private: bool
     qos: Mapping[str, str]
+    keys: tuple[tuple[str, Expression], ...] = ()
+    """Correlation keys of a caught message: variable -> expression over ``msg``."""
 
 
 def take_topic_properties(context: Context, element: Node, found: Extensions, kind: str = "msg") -> TopicProperties:
-    """Take ``type``, ``payload``, ``to``, ``queue``, ``scope`` and ``qos.<policy>`` (FAME paper and FAME).
+    """Take ``type``, ``payload``, ``to``, ``queue``, ``correlate``, ``scope`` and ``qos.<policy>``.
 
     An invalid value is a fault.
     """
@@ -156,7 +158,23 @@ def take_topic_properties(context: Context, element: Node, found: Extensions, ki
         queue=whole_number(context, element, "queue", queue.value, 0) if queue else 0,
         private=scope is not None,
         qos=MappingProxyType(qos) if qos else EMPTY,
+        keys=tuple(_keys(context, element, found.take("correlate"))),
     )
+
+
+_KEY = re.compile(r"\s*([^\W\d]\w*(?:\.\w+)*)\s*(?:=\s*([^\W\d]\w*(?:\.\w+)*))?\s*")
+
+
+def _keys(context: Context, element: Node, given: Property | None) -> Iterator[tuple[str, Expression]]:
+    """The correlation keys ``order_id``, ``order.id`` (field ``id``) or ``order_id = order.number``, with commas."""
+    for text in given.value.split(",") if given is not None else ():
+        match = _KEY.fullmatch(text)
+        if match is None or given is None:
+            said = f"correlate={given.value if given is not None else text!r}"
+            context.fault(element, f"{said}: expected variables of the process, or variable = field of the message")
+            return
+        field = match[2] or match[1].rpartition(".")[2]
+        yield match[1], Expression(f"${{msg.{field}}}", "juel", given.line)
 
 
 def take_data_values(found: Extensions) -> tuple[tuple[str, Expression], ...]:
