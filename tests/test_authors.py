@@ -83,8 +83,8 @@ def test_processes_within_processes_within_call_activities(folder: Path) -> None
 
 def test_labels_name_topics_and_data_stands_on_the_data_object(folder: Path) -> None:
     play = Play("rescue", folder=folder, process="Process_Rescue").hear(report=TEXT)
-    play.say(1, "/help needed", VECTOR, {"x": 2.5, "y": 1.0}).say(20, "/help needed", VECTOR, {"x": 3.0})
-    play.say(22, "/false alarm", BOOL, True).run()
+    play.say(1, "/help_needed", VECTOR, {"x": 2.5, "y": 1.0}).say(20, "/help_needed", VECTOR, {"x": 3.0})
+    play.say(22, "/false_alarm", BOOL, True).run()
     assert [message.data for message in play.heard["report"]] == ["at 2.5, 1.0", "going home"]
     assert (play.times("Late"), play.times("Cancelled")) == ([11.0], [22.0])
 

@@ -159,7 +159,7 @@ def test_a_topic_is_named_by_the_signal_else_by_the_label() -> None:
 
     assert topic('name="other"', '<signalEventDefinition signalRef="S"/>') == "weed_found"
     assert topic('name="other"', "<signalEventDefinition/>") == "other"
-    assert topic('name="a&#10;label"', '<signalEventDefinition signalRef="S"/>', '<signal id="S"/>') == "a label"
+    assert topic('name="a&#10;label"', '<signalEventDefinition signalRef="S"/>', '<signal id="S"/>') == "a_label"
     assert topic('name="other"', '<signalEventDefinition signalRef="gone"/>') == "other"
     assert topic("", '<signalEventDefinition signalRef="tns:S"/>') == "weed_found"
 
