@@ -87,7 +87,7 @@ def test_files_of_different_joints_are_not_merged(tmp_path: Path):
     [
         ("1,2,1\n1,nan,1\n", r"x\.csv:2: expected a finite number"),
         ("1,2,1\n1,2\n", r"x\.csv:2: expected 3 cells, got 2"),
-        ("s,l,label\n1,2,x\n", r"x\.csv:2: expected a number, got 'x'"),
+        ("s,l,label\n1,2,x\n", r"x\.csv:2: expected a number in column 'label', got 'x'"),
         ("1,2,7\n", r"x\.csv:1: expected the label 1 \(benign\) or -1 \(anomalous\) in column 2, got 7"),
         ("", "has no rows"),
     ],

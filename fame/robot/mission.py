@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Expression, FlowNode, Process, Task
+from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.topics import TopicUse, topics_of_processes
 from fame.errors import ModelError
 from fame.robot.timers import Missed
@@ -79,7 +80,8 @@ def make_mission(
     elsewhere = {name: use.declared for name, use in (shared or {}).items() if use.declared and name[0] == "/"}
     types = topics_of_processes(closure, types=elsewhere)
     for name, use in types.items():
-        if not is_ros_name(name.removeprefix("~")):
+        computed = has_placeholders(name) or name.lstrip("~/").startswith("=")  # told when its event is compiled
+        if not computed and not is_ros_name(name.removeprefix("~")):
             end = (*use.throws, *use.catches)[0]
             text = f"{name} is not a valid ROS 2 topic name: expected {NAMES}"
             raise ModelError.at(end.node, text, file=end.file)
