@@ -104,6 +104,8 @@ def test_an_engine_that_is_ended_brings_its_robot_to_the_safe_state(ending: str 
 
     def in_terminal() -> None:
         fcntl.ioctl(end, termios.TIOCSCTTY, 0)
+        for number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):  # whoever runs the tests may ignore them
+            signal.signal(number, signal.SIG_DFL)
         if ending == "nohup":
             signal.signal(signal.SIGHUP, signal.SIG_IGN)
 
