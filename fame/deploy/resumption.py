@@ -87,7 +87,12 @@ class StateKeeper:
     def promised(self, trusted: Sequence[Any]) -> Envelope | None:
         """What the engine before was ready to start, verified, if there was something. Raises ConfigError."""
         data = self._read_file(_PROMISE)
-        return None if data is None else _verified(data, self.directory.path / _PROMISE, trusted)
+        if data is None:
+            return None
+        path, (key, _, text) = self.directory.path / _PROMISE, data.partition(b"\n")
+        if key != sha256(text).hexdigest().encode():
+            raise ConfigError("is damaged", file=str(path))
+        return _verified(text, path, trusted)
 
     def _read_file(self, name: str) -> bytes | None:
         try:
@@ -118,7 +123,8 @@ class StateKeeper:
         Returns why that is not possible, or nothing.
         """
         try:
-            self.directory.write_file(_PROMISE, _text(candidate.envelope))
+            text = _text(candidate.envelope)
+            self.directory.write_file(_PROMISE, sha256(text).hexdigest().encode() + b"\n" + text)
         except OSError as error:
             return f"its promise cannot be written to {self.directory.path}: {error.strerror}"
         return ""
