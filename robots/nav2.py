@@ -108,13 +108,20 @@ class Nav2:
         self._goal, self._maneuver, self._feedback = goal, maneuver, feedback
         self._result = result or (lambda code: {})
         self._begun = self._reported = self._scheduler.now
-        self._robot.recoveries = 0
+        self._robot.recoveries, self._robot.unreached = 0, None
 
     def _end(self, outcome: Any, code: int, text: str = "") -> None:
         goal, self._goal, self._maneuver, self._robot.path = self._goal, None, None, ()
         if goal is not None:
             self._drive(STILL)
-            goal.end(outcome, {**self._result(code), "error_code": code, "error_msg": text or _TEXTS.get(code, "")})
+            goal.end(outcome, {**self._result(code), "error_code": code, "error_msg": text or self._text(code)})
+
+    def _text(self, code: int) -> str:
+        """What a person reads of an error code: where navigation failed, with the goal."""
+        text, goal = _TEXTS.get(code, ""), self._robot.unreached
+        if code == nav.GOAL_OUTSIDE and self._robot.ground is not None:
+            text += f" of {self._robot.ground.size}"
+        return f"{text}: x={goal[0]:g} y={goal[1]:g}" if goal is not None and code in _NAVIGATION else text
 
     def _cancel(self, goal: ServerGoal) -> None:
         if goal is self._goal:
@@ -202,6 +209,7 @@ def _duration(nanoseconds: int) -> dict[str, int]:
     return {"sec": nanoseconds // SECOND, "nanosec": nanoseconds % SECOND}
 
 
+_NAVIGATION = (nav.NO_PATH, nav.GOAL_OCCUPIED, nav.GOAL_OUTSIDE, nav.NO_PROGRESS)
 _TEXTS = {
     nav.NO_PATH: "no valid path",
     nav.GOAL_OCCUPIED: "the goal is occupied",

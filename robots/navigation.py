@@ -96,6 +96,7 @@ class Navigator:
         self.charging = True
         self.path: Sequence[Point] = ()
         self.recoveries = 0
+        self.unreached: Point | None = None  # the goal of the last navigation that failed
         self._docked: Dock | None = None
         self._obstacles: dict[tuple[int, int], tuple[Point, int]] = {}  # cell -> place, until when (ns)
 
@@ -139,6 +140,7 @@ class Navigator:
             if code == 0:
                 break
             if self.recoveries >= _RECOVERIES or code in (GOAL_OUTSIDE, GOAL_OCCUPIED):
+                self.unreached = goal.x, goal.y
                 return code
             yield from self._recover()
         if turn:

@@ -2,8 +2,8 @@
 
 It subscribes to `map` (nav_msgs/msg/OccupancyGrid, latched) and `odom`, and answers each `goal_pose`
 (geometry_msgs/msg/PoseStamped) with a `plan` (nav_msgs/msg/Path) from the latest odometry to the goal. An empty path
-means that the goal cannot be reached. A goal that arrives before map and odometry is answered as soon as they are
-known; of several such goals, the latest.
+means that the goal cannot be reached; `plan_failure` (std_msgs/msg/String) has said why before. A goal that arrives
+before map and odometry is answered as soon as they are known; of several such goals, the latest.
 
 `route` searches a grid that is already inflated by the robot's radius, so the robot is a point: the straight line if
 that is free, else A* over cells with eight neighbours, whose detours are straightened. Ties are resolved in a fixed
@@ -180,6 +180,7 @@ class Planner:
         self._odometry: Message | None = None
         self._goal: Message | None = None
         self._plan = node.publisher("plan", "nav_msgs/msg/Path")
+        self._failure = node.publisher("plan_failure", "std_msgs/msg/String")
         node.subscription("map", "nav_msgs/msg/OccupancyGrid", self._on_map, LATCHED)
         node.subscription("odom", "nav_msgs/msg/Odometry", self._on_odometry, MEASUREMENT)
         node.subscription("goal_pose", "geometry_msgs/msg/PoseStamped", self._on_goal)
@@ -210,7 +211,21 @@ class Planner:
         if math.isfinite(target.x) and math.isfinite(target.y):
             here, there = (position.x, position.y), (target.x, target.y)
             places = route(self._grid, here, there, self._tolerance, self._ground)
+        if not places:
+            text = f"x={target.x:g} y={target.y:g}: {_why(self._grid, (target.x, target.y))}"
+            self._failure.publish(messages.create("std_msgs/msg/String", {"data": text}))
         self._plan.publish(messages.create("nav_msgs/msg/Path", _path(places or [], self._odometry, goal)))
+
+
+def _why(grid: Grid, goal: Point) -> str:
+    """Why there is no path to a goal, for people."""
+    if not all(map(math.isfinite, goal)):
+        return "not a place"
+    row, column = _cell(grid, goal)
+    rows, columns = grid.occupied.shape
+    if not (0 <= row < rows and 0 <= column < columns):
+        return f"outside the map of {grid.size}"
+    return "too close to an obstacle" if grid.occupied[row, column] else "obstacles are all around"
 
 
 class DirectPlanner:

@@ -36,6 +36,12 @@ class Grid:
     resolution: float
     origin: Point
 
+    @property
+    def size(self) -> str:
+        """Width and height, for people."""
+        rows, columns = self.occupied.shape
+        return f"{columns * self.resolution:g} m x {rows * self.resolution:g} m"
+
     def fields(self) -> dict[str, Any]:
         """The fields of a nav_msgs/msg/OccupancyGrid in the frame `map`."""
         height, width = self.occupied.shape

@@ -56,6 +56,23 @@ def test_a_thing_just_before_a_corner_of_the_way_is_passed_in_the_end(tmp_path: 
     assert (result.status, errors) in (("completed", []), ("failed", ["blocked"]))
 
 
+@pytest.mark.parametrize(
+    ("goal", "why"),
+    [
+        ("40, 2", "x=40 y=2: outside the map of 6.1 m x 4.1 m"),
+        ("3, 2", "x=3 y=2: too close to an obstacle"),
+        ("5, 2", "x=5 y=2: obstacles are all around"),
+    ],
+)
+def test_the_error_names_the_goal_and_why_there_is_no_way(tmp_path: Path, goal: str, why: str) -> None:
+    walls = [{"name": "block", "at": [3, 2], "size": [2, 2]}]
+    walls += [{"name": "wall", "at": [4.5, 2], "size": [0.2, 4]}] if goal == "5, 2" else []
+    result, _ = played(tmp_path, "GoTo", f"x_goal, y_goal = {goal}", {"type": "car"}, obstacles=walls)
+    (error,) = result.robots[0].errors
+    assert f"error unreachable was not caught: no way to {why}" in error.text
+    assert any(f"no way to {why}" in line for line in result.messages)
+
+
 def test_a_low_take_off_ends_too(tmp_path: Path) -> None:
     sure = {"position_noise": 0, "heading_noise": 0, "speed_noise": 0}
     result, _ = played(tmp_path, "TakeOff", "pass", {"type": "drone", "height": 0.5, "odom": sure})

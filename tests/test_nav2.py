@@ -95,10 +95,15 @@ def test_goals_that_cannot_be_reached_end_with_nav2_s_codes(goal: Any, end: tupl
     assert (outcome, result and result.error_code) == end
 
 
+def test_a_goal_outside_the_map_is_told_with_the_map() -> None:
+    _, result = Robot().act("navigate_to_pose", "NavigateToPose", pose=pose(40, 1))
+    assert result.error_msg == "the goal is outside of the map of 6.2 m x 4.2 m: x=40 y=1"
+
+
 def test_it_recovers_and_aborts_where_something_unknown_stands_on_the_goal() -> None:
     robot = Robot(targets=[{"name": "crate", "at": [4.5, 2], "size": [0.8, 0.8]}])
     outcome, result = robot.act("navigate_to_pose", "NavigateToPose", limit=300, pose=pose(4.5, 2))
-    assert (outcome, result.error_msg) == ("aborted", "no valid path")
+    assert (outcome, result.error_msg) == ("aborted", "no valid path: x=4.5 y=2")
     assert robot.feedback[-1].number_of_recoveries == 6
 
 

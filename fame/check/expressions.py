@@ -23,6 +23,7 @@ from fame.bpmn.model import (
     ConditionalDefinition,
     DataObject,
     Element,
+    ErrorDefinition,
     Event,
     Expression,
     FlowNode,
@@ -116,6 +117,8 @@ def _of_event(event: Event) -> Iterator[Found]:
             yield definition.expression, "timer"
         elif isinstance(definition, ConditionalDefinition):
             yield definition.condition, "condition"
+        elif isinstance(definition, ErrorDefinition):
+            yield definition.message, "mapping"
 
 
 def _of_activity(activity: Activity) -> Iterator[Found]:

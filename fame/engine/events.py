@@ -36,10 +36,11 @@ class Throw:
 
 @dataclass(slots=True)
 class Raise:
-    """Spec of a throwing error or escalation event: its code, fixed or computed."""
+    """Spec of a throwing error or escalation event: its code, fixed or computed, and the text of an error."""
 
     code: str | None
     computed: Compiled | None
+    message: Compiled | None = None
 
 
 def throw(engine: EngineState, scope: Scope, node: Node) -> Node | None:
@@ -90,7 +91,16 @@ def raise_error(engine: EngineState, scope: Scope, node: Node) -> None:
     except BaseException as error:
         faults.fail(engine, scope, node, error)
         return
-    faults.fail(engine, scope, node, BpmnError(code or ""))
+    faults.fail(engine, scope, node, BpmnError(code or "", _message_of(node.spec, scope.variables)))
+
+
+def _message_of(spec: Raise, variables: dict[str, Any]) -> str:
+    """The text of an error. One that cannot be computed never takes the place of the error."""
+    try:
+        text = spec.message(variables) if spec.message is not None else None
+    except Exception as error:
+        return f"(its message: {type(error).__name__}: {error})"
+    return "" if text is None or text is UNDEFINED else str(text)
 
 
 def escalate(engine: EngineState, scope: Scope, node: Node) -> None:
@@ -214,8 +224,12 @@ def _thrown(
             model.ErrorDefinition(code=code, computed=computed)
             | model.EscalationDefinition(code=code, computed=computed)
         ):
-            climbs = raise_error if isinstance(definition, model.ErrorDefinition) else escalate
-            return context.node(event, climbs, part, Raise(code, context.optional(computed, event)))
+            code_of = context.optional(computed, event)
+            if isinstance(definition, model.EscalationDefinition):
+                return context.node(event, escalate, part, Raise(code, code_of))
+            return context.node(
+                event, raise_error, part, Raise(code, code_of, context.optional(definition.message, event))
+            )
         case model.TerminateDefinition():
             return context.node(event, steps.terminate, part)
         case model.CompensateDefinition():

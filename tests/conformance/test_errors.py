@@ -168,6 +168,27 @@ def test_the_catching_event_sets_the_variables_that_take_code_and_text(play: Pla
     assert play(content).run().variables == {"code": "E", "text": "no way"}
 
 
+@pytest.mark.parametrize(
+    ("message", "text"),
+    [
+        ("no way to x=${x_goal}: ${why}", "no way to x=40: a wall"),
+        ("=&quot;to &quot; + string(x_goal)", "to 40"),
+        ("closed", "closed"),
+        ("no way to ${nothing}", "(its message: Undefined: `nothing` is not set)"),
+    ],
+    ids=["filled in", "FEEL", "fixed", "not computable"],
+)
+def test_an_error_end_event_throws_the_message_of_its_error(play: Play, message: str, text: str) -> None:
+    root = f'<error id="E1" errorCode="lost" camunda:errorMessage="{message}"/>'
+    inner = start("t") + end("z", '<errorEventDefinition errorRef="E1"/>') + path("t z")
+    values = {"x_goal": 40, "why": "a wall"}
+    caught = boundary("b", "p", '<errorEventDefinition camunda:errorMessageVariable="said"/>')
+    run = play(model(process(start() + sub("p", inner) + caught + path("s p")), root=root), values).run()
+    assert run.variables["said"] == text
+    run = play(model(process(start() + sub("p", inner) + path("s p")), root=root), values).run()
+    assert str(run.simulation.instances[0].error).endswith(f": error lost was not caught: {text}")
+
+
 def test_a_failed_instance_leaves_nothing_behind(play: Play) -> None:
     content = user("u") + boundary("b", "u", timer("PT5S")) + catch("c", signal("A")) + catch("d", condition("False"))
     run = play(content + script("a", THROW) + handler("h", start("t", signal("A")))).run()

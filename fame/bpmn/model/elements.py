@@ -182,12 +182,13 @@ class ConditionalDefinition(EventDefinition):
 class ErrorDefinition(EventDefinition):
     """An error. A catch event without a code catches all errors.
 
-    `computed` gives the code of a throw event. `code_variable` and `message_variable` receive code and text of the
-    caught error.
+    `computed` gives the code of a throw event, `message` its text for people. `code_variable` and `message_variable`
+    receive code and text of the caught error.
     """
 
     code: str | None = None
     computed: Expression | None = None
+    message: Expression | None = None
     code_variable: str | None = None
     message_variable: str | None = None
 

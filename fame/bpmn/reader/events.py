@@ -27,9 +27,20 @@ from fame.bpmn.model import (
 from fame.bpmn.reader.context import Context, boolean_attribute, is_message_type
 from fame.bpmn.reader.dialects import original_fame, read_extensions
 from fame.bpmn.reader.dialects.extensions import Extensions, TopicProperties, take_topic_properties
-from fame.bpmn.reader.expressions import by_form, code_of, condition_of, has_placeholders, timer_text
+from fame.bpmn.reader.expressions import by_form, code_of, condition_of, has_placeholders, mapping_source, timer_text
 from fame.bpmn.reader.flow_nodes import NodeReader
-from fame.bpmn.reader.xml import Node, attributes, child, children, line_of, local_id, local_name, resolve, text_of
+from fame.bpmn.reader.xml import (
+    CAMUNDA,
+    Node,
+    attributes,
+    child,
+    children,
+    line_of,
+    local_id,
+    local_name,
+    resolve,
+    text_of,
+)
 
 THROWS: tuple[str, ...] = ("throw", "end")
 
@@ -323,11 +334,19 @@ def _computed_code(source: TopicSource, element: Node, kind: str) -> Expression 
     return by_form(text, line_of(element))
 
 
+def _error_text(source: TopicSource, element: Node) -> Expression | None:
+    """The text of a thrown error: that of Camunda 7's field *Message*."""
+    referred = source.node.context.root(element.get("errorRef"))
+    text = referred.get(f"{{{CAMUNDA}}}errorMessage", "").strip() if referred is not None else ""
+    return mapping_source(text, line_of(element)) if text and source.place in THROWS else None
+
+
 def _error(source: TopicSource, element: Node) -> ErrorDefinition:
     extensions = read_extensions(source.node.context, element)
     return ErrorDefinition(
         code=_code(source, element, "error"),
         computed=_computed_code(source, element, "error"),
+        message=_error_text(source, element),
         code_variable=extensions.code_variable,
         message_variable=extensions.message_variable,
         line=line_of(element),

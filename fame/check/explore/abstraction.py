@@ -128,6 +128,8 @@ class Abstraction:
                 node = self._call(node, body, home)
             elif isinstance(node, model.Gateway):
                 node = _with_way_out(node, body)
+            elif isinstance(node, model.Event):
+                node = _without_message(node)
             elif isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
                 if around or node.id in caught:
                     self.caught.add(node.id)
@@ -164,6 +166,12 @@ class Abstraction:
         kept = {item.name: getattr(call, item.name) for item in fields(model.Activity)}
         kept |= {"io": None, "copies_out": (), "required": ()}
         return model.Task(kind="service", operation=name, **kept)
+
+
+def _without_message(event: model.Event) -> model.Event:
+    """An event whose error has no text: texts for people decide nothing, and what they read need not be kept."""
+    kept = (replace(one, message=None) if isinstance(one, model.ErrorDefinition) else one for one in event.definitions)
+    return replace(event, definitions=tuple(kept))
 
 
 def abstraction(
