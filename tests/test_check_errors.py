@@ -70,6 +70,12 @@ ERRORS = {
         row(script('robot.publish("/has arrived!", "std_msgs/msg/Empty")')),
         "t: /has arrived! is not a valid ROS 2 topic name: expected letters, digits and _, not starting with a digit",
     ),
+    "two labels that become one topic": (
+        row('<intermediateThrowEvent id="a" name="has arrived"><signalEventDefinition/></intermediateThrowEvent>'
+            '<intermediateThrowEvent id="b" name="has arrived!"><signalEventDefinition/></intermediateThrowEvent>'),
+        "b: the label 'has arrived!' and that of a, 'has arrived', are the same topic /has_arrived: "
+        "expected labels that differ in letters and digits",
+    ),
     "a payload and no type": (
         row(throw("a", payload="true"), catch("b")),
         "a: topic /done has a payload but no type: set property type on one of its events",

@@ -77,6 +77,12 @@ def _names(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
     if not is_ros_name(name.removeprefix("~")):
         text = f"{name} is not a valid ROS 2 topic name: expected {NAMES}"
         yield ends[0].finding("error", text)
+    labelled = [(end, end.topic.label) for end in ends if end.topic is not None and end.topic.label]
+    for end, label in labelled[1:]:
+        other, first = labelled[0]
+        if label != first:
+            text = f"the label {label!r} and that of {other.node.id}, {first!r}, are the same topic {name}"
+            yield end.finding("error", f"{text}: expected labels that differ in letters and digits")
 
 
 def _types(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:

@@ -118,6 +118,7 @@ class Topic:
     qos      policy -> value
     to       of a thrown message: name of the receiving robot; None for all robots
     takes    of a catch event: explicit mapping of the caught message (``msg`` in its expressions); may be empty
+    label    the label or id that `name` was made of; empty if the file gives the name itself
     """
 
     name: str
@@ -128,6 +129,7 @@ class Topic:
     private: bool = False
     qos: Mapping[str, str] = field(default_factory=_empty)
     takes: tuple[Assignment, ...] = ()
+    label: str = ""
 
     @property
     def qualified(self) -> str:

@@ -126,7 +126,8 @@ def read_topic(
         node.fault(text)
     if not name or (reference and name == node.label and not (referred is not None and _name(referred))):
         name = _default_topic_name(node, kind, reference, referred)
-    if not (node.extensions.topic or (referred is not None and name == _name(referred))):
+    label = "" if node.extensions.topic or (referred is not None and name == _name(referred)) else name
+    if label:
         name = node.context.name_of_label(node.element, name)
     return Topic(
         name=name,
@@ -137,6 +138,7 @@ def read_topic(
         private=properties.private,
         qos=properties.qos,
         takes=source.takes,
+        label=label,
     )
 
 
