@@ -89,9 +89,26 @@ def test_what_a_called_behaviour_sets_is_not_needed(tmp_path: Path) -> None:
     assert (found.inputs, found.calls) == ((), ("Probe",))
 
 
-def test_the_folder_that_is_named_first_wins(tmp_path: Path) -> None:
+def test_a_folder_hides_the_behaviours_of_fame(tmp_path: Path) -> None:
     found = behaviour(tmp_path, '<startEvent id="s"/>', "GoTo")
     assert found.file == str(tmp_path / "GoTo.bpmn")
+
+
+def test_behaviours_are_listed_by_the_id_that_a_call_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    two = process('<startEvent id="s"/>').replace('id="P"', 'id="Explore"')
+    (tmp_path / "my_explore.bpmn").write_text(two)
+    (tmp_path / "other.bpmn").write_text(two)
+    found = [(one.name, Path(one.file).name) for one in behaviours([tmp_path]) if Path(one.file).parent == tmp_path]
+    assert found == [("Explore", "my_explore.bpmn"), ("Explore", "other.bpmn")]
+    (tmp_path / "other.bpmn").unlink()
+    assert main(["library", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert f"Explore\n  file  {tmp_path / 'my_explore.bpmn'}\n" in out
+    assert "\n  file  GoTo.bpmn\n" in out
+    assert main(["templates", "-o", str(tmp_path / "out"), "--library", str(tmp_path)]) == 0
+    calls = json.loads((tmp_path / "out" / "library.json").read_text())
+    assert [one["id"] for one in calls].count("fame.call.Explore") == 1
+    assert "my_explore" not in (tmp_path / "out" / "library.json").read_text()
 
 
 def test_a_person_reads_what_each_needs_subscribes_to_and_publishes(capsys: pytest.CaptureFixture[str]) -> None:

@@ -44,7 +44,7 @@ _QOS = "qos"
 
 def templates(behaviours: Iterable[Behaviour]) -> dict[str, list[Template]]:
     """The templates by the name of their file, without its ending."""
-    known = list(behaviours)
+    known = list({one.name: one for one in behaviours}.values())
     return {
         "publish": [_publish(), *map(_publish_type, COMMON)],
         "receive": [_receive(), _correlate()],

@@ -1,7 +1,7 @@
 """The behaviours of a library path: the inputs, topics, calls and documentation of each.
 
-A behaviour is a process that a call activity can name: that of a file ``<name>.bpmn`` with the id ``<name>`` or, if the
-file has just one process, that one. Everything is derived from the diagram; nothing is declared twice.
+A behaviour is a process that a call activity can name by its id, whatever the name of its file. Everything is derived
+from the diagram; nothing is declared twice.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class BehaviourTopic:
 class Behaviour:
     """A process to call.
 
-    name    what `calledElement` says; `label` what is drawn
+    name    the id of the process, which `calledElement` says; `label` what is drawn
     inputs  the variables of its data objects that something reads before anything has set them
     topics  those that it uses itself, not those of what it calls
     calls   the called elements, each once
@@ -63,28 +63,29 @@ class Behaviour:
 
 
 def behaviours(folders: Sequence[Path] = ()) -> list[Behaviour]:
-    """Return the behaviours of `folders` and the built-in ones by name; the first folder with a name wins.
+    """Return the behaviours of `folders` and the built-in ones by name; those of `folders` hide built-in ones.
 
-    Raises ConfigError for a folder that does not exist and ModelError for a file that cannot be read.
+    A name that two files of `folders` define is there twice: a call of it is refused. Raises ConfigError for a folder
+    that does not exist and ModelError for a file that cannot be read.
     """
-    library, found = Library(), dict[str, Behaviour]()
-    for folder in (*folders, *BUILT_IN):
-        if not folder.is_dir():
-            raise ConfigError("there is no such folder", file=str(folder))
-        for path in sorted(folder.glob("*.bpmn")):
-            definitions = library.read(path)
-            process = definitions.process(path.stem)
-            if process is None and len(definitions.processes) == 1:
-                process = definitions.processes[0]
-            if process is not None and path.stem not in found:
-                found[path.stem] = _behaviour(path.stem, definitions, process, library)
-    return [found[name] for name in sorted(found)]
+    library, found = Library(), dict[str, list[Behaviour]]()
+    for level in (folders, BUILT_IN):
+        here: dict[str, list[Behaviour]] = {}
+        for folder in level:
+            if not folder.is_dir():
+                raise ConfigError("there is no such folder", file=str(folder))
+            for path in sorted(folder.glob("*.bpmn")):
+                definitions = library.read(path)
+                for process in definitions.processes:
+                    here.setdefault(process.id, []).append(_behaviour(definitions, process, library))
+        found = here | found
+    return [one for name in sorted(found) for one in found[name]]
 
 
-def _behaviour(name: str, definitions: Definitions, process: Process, library: Library) -> Behaviour:
+def _behaviour(definitions: Definitions, process: Process, library: Library) -> Behaviour:
     nodes = list(process.body.walk())
     return Behaviour(
-        name=name,
+        name=process.id,
         label=process.label,
         file=definitions.file,
         inputs=tuple(_inputs(definitions, process, library)),

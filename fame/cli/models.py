@@ -179,10 +179,14 @@ def run_library(arguments: Namespace) -> int:
 
 def _lines(behaviour: Behaviour, width: int) -> Iterator[str]:
     """The text output for one behaviour."""
+    from fame.bpmn.library import BUILT_IN
+
     yield behaviour.name if behaviour.name == behaviour.label else f"{behaviour.name}: {behaviour.label}"
     for paragraph in paragraphs(behaviour.documentation):
         yield from textwrap.wrap(paragraph, width, initial_indent="    ", subsequent_indent="    ")
-    facts = [("needs", ", ".join(behaviour.inputs)), ("calls", ", ".join(behaviour.calls))]
+    own = Path(behaviour.file).parent in BUILT_IN
+    facts = [("file", Path(behaviour.file).name if own else behaviour.file)]
+    facts += [("needs", ", ".join(behaviour.inputs)), ("calls", ", ".join(behaviour.calls))]
     names = max((len(topic.name) for topic in behaviour.topics), default=0)
     facts += [(_WORDS[topic.direction], f"{topic.name:{names}}  {topic.type}") for topic in behaviour.topics]
     for word, text in facts:
