@@ -152,6 +152,19 @@ def test_a_sender_tells_what_a_robot_says_with_the_places_of_its_own_files(work,
     assert sent.source_map("B").place("DB.bpmn", 8) == ("DB.bpmn", 8)
 
 
+def test_fame_status_speaks_of_the_drawn_activity(tmp_path):
+    task = JUMP[JUMP.index("<scriptTask") : JUMP.index("<sequenceFlow")]
+    (tmp_path / "Jump.bpmn").write_text(JUMP.replace(task, '<userTask id="jump" name="Get up"/>'))
+    field = Field("A", "B")
+    field.deploy(
+        CLIMB.replace("WORK", "2").replace('id="call"', 'id="call" name="Over the wall"'), library=Library(tmp_path)
+    )
+    (wait,) = field.engines["B"].running.waiting_tokens()
+    place = f'"Over the wall" (call), inside it Jump at "Get up" ({wait.element})'
+    shown = [row for report in field.said if report.robot == "B" and report.waits for row in rows("B", report)]
+    assert shown[-1][4:7:2] == (place, "a person to complete it")
+
+
 def test_a_report_is_mapped_to_the_files_of_its_sender_field_by_field(tmp_path):
     (tmp_path / "Jump.bpmn").write_text(JUMP)
     field = Field("A", "B")

@@ -143,7 +143,13 @@ def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
     for wait in report.waits:
         since = f"{max(0.0, report.now - wait.get('since', 0.0)):.0f} s" if report.instances else ""
         counts = ", ".join(str(count) for count in wait.get("topics", {}).values())
-        yield (*head, wait.get("element", ""), since, wait.get("suspended") or wait.get("for", ""), counts)
+        yield (
+            *head,
+            wait.get("place") or wait.get("element", ""),
+            since,
+            wait.get("suspended") or wait.get("for", ""),
+            counts,
+        )
         head = ("", "", "", "")
     if report.state == "holding":
         yield (*head, "", "", f"its sender and the others for {report.candidate}; fame abort {robot} ends that", "")

@@ -210,18 +210,18 @@ class WaitingTokens:
         return display_name(node.id, element.name if element is not None else "")
 
     def _place(self, wait: Wait) -> str:
-        """The element of a token, as drawn in the file of the mission; of a process from another file: its call."""
-        file, drawn, called = self._mission.definitions.file, None, ""
+        """The element of a token; in a called process the outermost call comes first, as that is what is drawn."""
+        call, called = None, ""
         scope: Scope | None = wait.scope
         while scope is not None:
             node = scope.node
             if node is not None and isinstance(self._elements.get((node.file, node.id)), model.CallActivity):
                 called = called or (scope.body.id if scope.body is not None else "")
-                drawn = node if node.file == file else drawn
+                call = node
             scope = scope.parent
-        if wait.node.file == file or drawn is None:
+        if call is None:
             return self._shown(wait.node)
-        return f"{self._shown(drawn)}, inside it {called} at {self._shown(wait.node)}"
+        return f"{self._shown(call)}, inside it {called} at {self._shown(wait.node)}"
 
     @cached_property
     def _elements(self) -> Mapping[tuple[str, str], model.FlowNode]:
