@@ -6,4 +6,9 @@ from pathlib import Path
 
 from fame.cli import main
 
-sys.exit(main([Path(sys.argv[0]).name, "--middleware", "ros", *sys.argv[1:]]))
+arguments = [Path(sys.argv[0]).name, *sys.argv[1:]]
+if arguments[0] != "log":
+    arguments[1:1] = ["--middleware", "ros"]
+elif arguments[1:2] == ["record"]:  # the only part of it that talks to robots
+    arguments[2:2] = ["--middleware", "ros"]
+sys.exit(main(arguments))

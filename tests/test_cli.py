@@ -14,7 +14,7 @@ import pytest
 
 from fame import __version__
 from fame.__main__ import main as begin
-from fame.cli import COMMANDS, main, run as run_command
+from fame.cli import COMMANDS, main, parser, run as run_command
 from fame.cli.output import coloured, table, table_within
 
 ROOT = Path(__file__).parent.parent
@@ -43,6 +43,15 @@ def test_each_command_explains_itself_with_examples(command: str, capsys) -> Non
     out = capsys.readouterr().out
     assert out.startswith(f"usage: fame {command} ")
     assert f"\nexamples:\n  fame {command}" in out
+
+
+def test_each_example_of_fame_check_is_a_command_line(capsys) -> None:
+    with pytest.raises(SystemExit):
+        main(["check", "--help"])
+    examples = capsys.readouterr().out.partition("\nexamples:\n")[2].splitlines()
+    given = [parser("check").parse_args(line.split()[1:]) for line in examples]
+    (compared,) = (one for one in given if one.against_graph)
+    assert ([str(path) for path in compared.models], compared.wait) == (["examples/warehouse.yaml"], 5.0)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import subprocess
 import sys
+import tomllib
 from importlib import import_module
 from pathlib import Path
 from zipfile import ZipFile
@@ -13,6 +15,7 @@ from zipfile import ZipFile
 import pytest
 
 import fame
+from fame import imports
 
 ROOT = Path(__file__).parent.parent
 LAZY = [path for path in ROOT.glob("fame/**/__init__.py") if "attach(" in path.read_text(encoding="utf-8")]
@@ -30,12 +33,26 @@ def test_dir_shows_the_api() -> None:
 @pytest.mark.parametrize("path", LAZY, ids=name_of)
 def test_type_checkers_see_the_names_that_are_imported_on_first_use(path: Path) -> None:
     package = import_module(name_of(path))
-    imports = [node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.ImportFrom)]
-    seen = {alias.asname: f"{node.module}.{alias.name}" for node in imports for alias in node.names if alias.asname}
+    found = [node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.ImportFrom)]
+    seen = {alias.asname: f"{node.module}.{alias.name}" for node in found for alias in node.names if alias.asname}
     assert sorted(seen) == package.__all__ == dir(package)
     for name, source in seen.items():
         module, _, same = source.rpartition(".")
         assert getattr(package, name) is getattr(import_module(module), same)
+
+
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+KINDS = ("README.md", "docs/*.md", "examples/**/*.*", "fame/**/*.py", "robots/**/*.py", "sim2d/*.py")
+TEXTS = [path for kind in KINDS for path in ROOT.glob(kind) if path.suffix in (".py", ".md", ".yaml")]
+
+
+def test_every_extra_that_is_named_anywhere_exists() -> None:
+    named = {extra for _, extra in imports._EXTRAS.values()}
+    for path in TEXTS:
+        for text in re.findall(r"(?:fame-robots|\.)\[([a-z,]+)\]'", path.read_text(encoding="utf-8")):
+            named.update(text.split(","))
+    assert {"sim", "dds", "ray", "view"} <= named
+    assert named - EXTRAS.keys() == set()
 
 
 def test_a_name_that_a_package_does_not_have_is_an_attribute_error() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import runpy
 import tomllib
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,11 @@ ARGUMENTS = {
     "complete": ["REX", "Task"],
     "activate": ["REX", "Task"],
     "abort": ["REX"],
+    "retry": ["REX", "Task"],
+    "set": ["REX", "speed=1"],
+    "move": ["REX", "A", "B"],
     "world": ["w.yaml"],
+    "log": ["-o", "run.mcap"],
     "process": ["low_pass.yaml"],
     "record": ["low_pass.yaml", "-o", "a.csv"],
 }
@@ -67,9 +72,32 @@ def test_the_packages_of_the_wheel_are_installed_and_the_models_inside_fame() ->
 def test_each_installed_command_is_one_that_takes_a_middleware() -> None:
     commands = words(r"foreach\(command ([\w ]+)\)")
     assert "engine" in commands
+    assert {"retry", "set", "move", "view", "log"} < {*commands}
     for command in commands:
         needed = ARGUMENTS.get(command, [])
-        assert parser().parse_args([command, "--middleware", "ros", *needed]).middleware == "ros"
+        said = ["log", "record"] if command == "log" else [command]
+        assert parser().parse_args([*said, "--middleware", "ros", *needed]).middleware == "ros"
+
+
+@pytest.mark.parametrize(
+    ("said", "run"),
+    [
+        ("retry REX Task", "retry --middleware ros REX Task"),
+        ("log record -o run.mcap", "log record --middleware ros -o run.mcap"),
+        ("log convert run.mcap -o run.xes", "log convert run.mcap -o run.xes"),
+        ("log", "log"),
+    ],
+)
+def test_what_talks_to_robots_does_so_over_ros(monkeypatch: pytest.MonkeyPatch, said: str, run: str) -> None:
+    ran: list[list[str]] = []
+    monkeypatch.setattr("fame.cli.main", ran.append)
+    monkeypatch.setattr("sys.argv", ["/opt/ros/lib/fame/" + said.split()[0], *said.split()[1:]])
+    spec = spec_from_file_location("command", ROOT / "launch" / "command.py")
+    assert spec is not None
+    assert spec.loader is not None
+    with pytest.raises(SystemExit):
+        spec.loader.exec_module(module_from_spec(spec))
+    assert ran == [run.split()]
 
 
 def test_what_is_installed_exists_and_can_be_executed() -> None:

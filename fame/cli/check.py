@@ -50,10 +50,12 @@ def add(commands: Commands) -> None:
         help="first print how FAME interprets each element, and the topics, services and actions of each robot",
     )  # fmt: skip
     parser.add_argument(
-        "--against-graph", type=positive, nargs="?", const=5.0, metavar="SECONDS",
-        help="compare the topics, services and actions with those of the running nodes; wait up to SECONDS (5) for "
-        "missing ones",
+        "--against-graph", action="store_true",
+        help="compare the topics, services and actions with those of the running nodes",
     )  # fmt: skip
+    parser.add_argument(
+        "--wait", type=positive, default=5.0, metavar="S", help="with --against-graph: how long to wait for nodes (5)"
+    )
     parser.add_argument(
         "--middleware",
         choices=("dds", "zenoh", "ros"),
@@ -89,7 +91,7 @@ def run(arguments: Namespace) -> int:
             from fame.scenario.scenario import scenario_findings
 
             file.found += scenario_findings(file.scenario, library=arguments.library, strict=arguments.strict)
-    if arguments.against_graph is not None:
+    if arguments.against_graph:
         _compare(files, arguments)
     found = [finding for file in files for finding in file.found]
     explained = [(file.model, file.library) for file in files if file.model is not None and arguments.explain]
@@ -131,7 +133,7 @@ def _compare(files: Sequence[_File], arguments: Namespace) -> None:
         for file in files:
             if file.model is not None and not _failed(file.found):
                 contract = _contract(file.model, file.library)
-                file.found += compare(contract, middleware, scheduler, arguments.against_graph)
+                file.found += compare(contract, middleware, scheduler, arguments.wait)
 
 
 def _explore(arguments: Namespace) -> int:
