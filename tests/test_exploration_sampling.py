@@ -27,6 +27,38 @@ def test_what_a_plain_run_shows_is_found_whatever_the_limit() -> None:
     assert [step.kind for step in error.run] == ["timer", "miss", "timer"]
 
 
+def test_a_run_that_a_limit_cuts_goes_on_after_an_error_that_nothing_catches() -> None:
+    robots: dict[str, Steps] = {"A": ["timer PT1S", "error c"], "B": ["timer PT5S", "work", "catch go"]}
+    robots["C"] = ["timer PT9S", ("or", ["throw go"], ["error d"])]
+    result = cut(robots)
+    assert result.sampled[0] == "the order of fame run"
+    (second,) = (one for one in result.findings if one.kind == "error" and "C: " in one.text)
+    assert "; then B waits at" in second.text
+    assert [step.kind for step in second.run][-1] == "timer"
+
+
+def test_a_run_that_is_not_followed_to_its_end_is_named_as_such() -> None:
+    endless: dict[str, Steps] = {
+        robot: ["run n = 0", ("while", ["work", f"run n = (n + 1) % {top}", ("if", "n == 70", ["stop"], ["work"])])]
+        for robot, top in {"A": 61, "B": 59, "C": 53}.items()
+    }
+    result = cut(endless)
+    assert result.sampled[0] == "the order of fame run, followed for 10,000 steps"
+    assert result.status == "partial"
+
+
+def test_a_partial_search_says_not_that_a_signal_is_always_lost() -> None:
+    robots: dict[str, Steps] = {
+        "A": ["throw x", "timer PT9S"],
+        "B": ["timer PT5S", ("race", ["catch x"], ["timer PT1S"])],
+    }
+    text = text_of(robots).encode()
+    (whole,) = [one for one in explore(fame.read(text)).findings if one.kind == "always-lost"]
+    assert " is always lost " in whole.text
+    (part,) = [one for one in explore(fame.read(text), limit=2).findings if one.kind == "always-lost"]
+    assert "/x is lost in every explored delivery, in a partial search, on B" in part.text
+
+
 def test_fewer_robots_are_explored_and_a_deadlock_with_them_is_named_as_such() -> None:
     pair: dict[str, Steps] = {"C": ["throw go", "catch done", "catch done"], "F": ["catch go", "work", "throw done"]}
     result = explore(fame.read(text_of(pair, ("F",)).encode()), robots={"F": 3}, limit=2, delivery="run")

@@ -239,9 +239,7 @@ class Team:
         """Explore with one delivery. Single faults are explored by themselves: they are ways out of a deadlock."""
         begun = time.perf_counter()
         report, cuts = self._report(delivery, limit, stop, faults=False)
-        self.received |= {
-            (report.processes[robot], what) for kind, robot, what in report.product.flags if kind == "received"
-        }
+        self._note_received(report)
         found, rows = report.findings(), list[tuple[str, str, Finding | None]]()
         if self.request.faults:
             report, more = self._report(delivery, limit, stop, faults=True)
@@ -255,40 +253,50 @@ class Team:
     def sample(self, stop: Callable[[], bool]) -> Iterator[tuple[str, list[Finding]]]:
         """Explore parts that a search may not have reached, each with its name, and what was found in it."""
         request = self.request
+        steps = max(STEPS, request.limit // 20)
         if request.network == "fifo":
-            yield "the order of fame run", self._sampled("run", Sampler.schedule, stop)
+            bound, told = self._sampled("run", Sampler.schedule, steps, stop)
+            followed = f", followed for {steps:,} steps" if bound and not stop() else ""
+            yield f"the order of fame run{followed}", told
         counts = Counter(pool.name for pool in self.cast.values() if pool.multi_instance)
         for number in range(1, 1 if self.given else max(counts.values(), default=1)):
             if stop():
                 break
             fewer = ", ".join(f"{name}={min(number, count)}" for name, count in counts.items())
-            found, whole = self._with_fewer(number, stop)
+            found, whole = self._with_fewer(number, steps, stop)
             yield (
-                f"fewer robots ({fewer})",
+                f"fewer robots ({fewer}{'' if whole else ', not all states'})",
                 [replace(one, kind="fewer", text=f"with fewer robots ({fewer}): {one.text}") for one in found],
             )
             if found or not whole:
                 break
         for delivery in request.delivery:
-            yield f"random runs, delivery {delivery}", self._sampled(delivery, Sampler.wander, stop)
+            yield f"random runs, delivery {delivery}", self._sampled(delivery, Sampler.wander, steps, stop)[1]
 
     def _sampled(
-        self, delivery: Delivery, follow: Callable[[Sampler], Explored], stop: Callable[[], bool]
-    ) -> list[Finding]:
-        """What happens in some runs."""
+        self, delivery: Delivery, follow: Callable[[Sampler], Explored], steps: int, stop: Callable[[], bool]
+    ) -> tuple[bool, list[Finding]]:
+        """What happens in some runs, and whether they would go on."""
         options = Options(delivery=delivery, network=self.request.network, reduced=False, stop=stop, given=self.given)
         product = Product(self.robots, self.locals, options)
         bodies = (_elements(process) for _, process in _closure(self.definitions, self.pools, self.library))
-        sampler = Sampler(product, durations(bodies), stop)
+        sampler = Sampler(product, durations(bodies), stop, steps)
         with self._until(stop):
             try:
                 follow(sampler)
             except OutOfTimeError:
                 sampler.close()
-        found = self._told(product, sampler.explored, exhaustive=False).findings()
-        return [one for one in found if one.kind in (*FAILING, "error", "condition", "dropped")]
+        report = self._told(product, sampler.explored, exhaustive=False)
+        self._note_received(report)
+        found = [one for one in report.findings() if one.kind in (*FAILING, "error", "condition", "dropped")]
+        return sampler.bound, found
 
-    def _with_fewer(self, number: int, stop: Callable[[], bool]) -> tuple[list[Finding], bool]:
+    def _note_received(self, report: Report) -> None:
+        """Note which topics some robot of a process has received."""
+        flags = report.product.flags
+        self.received |= {(report.processes[robot], what) for kind, robot, what in flags if kind == "received"}
+
+    def _with_fewer(self, number: int, steps: int, stop: Callable[[], bool]) -> tuple[list[Finding], bool]:
         """The errors of the team with at most so many robots in each multi-instance pool, and whether these are all."""
         kept, counts = dict[str, Pool](), Counter[str]()
         for robot, pool in self.cast.items():
@@ -296,7 +304,7 @@ class Team:
             if counts[pool.name] <= number or not pool.multi_instance:
                 kept[robot] = pool
         request = replace(self.request, faults=False, samples=False)
-        searched, found = Team(self.definitions, self.library, kept, request).search("run", STEPS, stop)
+        searched, found = Team(self.definitions, self.library, kept, request).search("run", steps, stop)
         return [one for one in found if one.kind in FAILING and not one.accepted], not searched.cuts
 
     @contextmanager
@@ -448,11 +456,12 @@ def _explored(team: Team, begun: float) -> Exploration:
             sampled.append(name)
             for one in found:
                 if not _is_known(one, findings.values()):
-                    findings.setdefault(_cause(one), one)
-    unreachable = [one for one in findings.values() if one.kind == "unreachable"]
-    if any(search.cuts for search in searches):  # what one search did not enter another may
-        unreachable = []
-    kept = [_never(one, team.received) for one in findings.values() if one.kind != "unreachable"] + unreachable
+                    key = _cause(one)
+                    findings[key] = min(findings.get(key, one), one, key=_rank)
+    partial = any(search.cuts for search in searches)
+    unreachable = [] if partial else [one for one in findings.values() if one.kind == "unreachable"]
+    kept = [_never(one, team.received, partial=partial) for one in findings.values() if one.kind != "unreachable"]
+    kept += unreachable
     return Exploration(
         file=team.definitions.file,
         robots={robot: pool.name for robot, pool in team.cast.items()},
@@ -468,11 +477,17 @@ def _explored(team: Team, begun: float) -> Exploration:
     )
 
 
-def _never(finding: Finding, received: Set[tuple[str, str]]) -> Finding:
-    """A finding; what is always lost in one delivery is only sometimes lost if another one brings it."""
-    if finding.kind != "always-lost" or (finding.processes[0], finding.text.partition(" ")[0]) not in received:
+def _never(finding: Finding, received: Set[tuple[str, str]], *, partial: bool) -> Finding:
+    """A finding; what is always lost in one delivery is only sometimes lost if another one brings it.
+
+    After a partial search it is not known whether that is always so.
+    """
+    if finding.kind != "always-lost":
         return finding
-    return replace(finding, kind="unneeded", text=finding.text.replace(" is always lost ", " is sometimes lost "))
+    if (finding.processes[0], finding.text.partition(" ")[0]) in received:
+        return replace(finding, kind="unneeded", text=finding.text.replace(" is always lost ", " is sometimes lost "))
+    partly = " is lost in every explored delivery, in a partial search, "
+    return replace(finding, text=finding.text.replace(" is always lost ", partly)) if partial else finding
 
 
 def _is_known(finding: Finding, others: Iterable[Finding]) -> bool:

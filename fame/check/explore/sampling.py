@@ -9,20 +9,22 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import accumulate, chain
 from random import Random
 
 from fame.bpmn.model import Element, Task, TimerDefinition
-from fame.check.explore.graph import Explored
+from fame.check.explore.graph import Errors, Explored
 from fame.check.explore.host import seconds_of
 from fame.check.explore.product import Product
 from fame.check.explore.search import report
-from fame.check.explore.transitions import BITS, DEAD, MASK, Transition
+from fame.check.explore.transitions import BITS, CUT, MASK, Transition
 
 STEPS = 10_000
-"""Steps of the schedule, and of all random runs together."""
+"""Steps of the schedule, and of all random runs together; at least, with a high limit of states more."""
+LEAST = 100
+"""Steps of the last runs, after which no further error is followed."""
 LONGEST = 1_000
 """Steps of one random run."""
 _ORDER = {"end": 1, "timer": 2, "outside": 3, "offer": 4, "person": 5}
@@ -49,61 +51,94 @@ def durations(elements: Iterable[Iterable[Element]]) -> dict[str, float]:
 
 @dataclass(slots=True)
 class Sampler:
-    """Follows runs of a product that is not reduced. `durations`: of elements that take time, s."""
+    """Follows runs of a product that is not reduced. `durations`: of elements that take time, s.
+
+    After an error that nothing catches the others go on: these runs follow once those without it are followed.
+    """
 
     product: Product
     durations: dict[str, float]
     stop: Callable[[], bool]
+    steps: int = STEPS
     explored: Explored = field(default_factory=Explored)
+    bound: bool = False
+    """Whether more could be followed: the steps or the time are over."""
     _armed: int = 0
     _ended: set[int] = field(default_factory=set)
+    _edges: set[tuple[int, int]] = field(default_factory=set)
+    _failing: list[tuple[int, Errors, int, tuple[Due, ...]]] = field(default_factory=list)
 
     def schedule(self) -> Explored:
         """Follow the schedule of `fame run`, with all decisions."""
-        pending = [(at, self._due(0, self.explored.states[at], ())) for at in self._starts()]
         seen = set[tuple[int, tuple[tuple[float, int, str, str], ...]]]()
-        for _ in range(STEPS):
-            if not pending or self.stop():
-                break
-            at, due = pending.pop()
-            key = at, tuple((one[0], *one[3:]) for one in due)
-            found = self._ways(at)
-            if key in seen or not found or not due:
-                continue
-            seen.add(key)
-            now, _, _, robot, kind, element = due[0]
-            left = tuple((round(one[0] - now, 6), *one[1:]) for one in due[1:])
-            state = self.explored.states[at]
-            for transition in self._of(found, state, robot, kind, element):
-                new = self._add(at, transition)
-                if new is not None:
-                    pending.append((new, self._due(state, transition[0], left, robot if kind != "outside" else -1)))
-                elif kind == "outside":
-                    pending.append((at, left))
+        for pending, steps in self._layers():
+            for _ in range(steps):
+                if not pending or self.stop():
+                    break
+                at, due = pending.pop()
+                key = at, tuple((one[0], *one[3:]) for one in due)
+                found = self._ways(at)
+                if key in seen or not found or not due:
+                    continue
+                seen.add(key)
+                now, _, _, robot, kind, element = due[0]
+                left = tuple((round(one[0] - now, 6), *one[1:]) for one in due[1:])
+                state = self.explored.states[at]
+                for transition in self._of(found, state, robot, kind, element):
+                    after = self._due(state, transition[0], left, robot if kind != "outside" else -1)
+                    new = self._add(at, transition, after)
+                    if new is not None:
+                        pending.append((new, after))
+                    elif kind == "outside":
+                        pending.append((at, left))
+            self.bound |= bool(pending)
         return self.close()
 
     def wander(self) -> Explored:
         """Follow random runs, the same each time."""
-        starts, left, random = self._starts(), STEPS, Random(0)
-        while starts and left > 0 and not self.stop():
-            at = random.choice(starts)
-            for _ in range(LONGEST):
-                left -= 1
-                ahead = [one for one in self._ways(at) if one[0] != self.explored.states[at]]
-                new = self._add(at, random.choice(ahead)) if ahead else None
-                if new is None or (not left & 255 and self.stop()):
-                    break
-                at = new
+        random = Random(0)
+        for pending, left in self._layers():
+            while left > 0 and not self.stop():
+                at, _ = random.choice(pending)
+                for _ in range(LONGEST):
+                    left -= 1
+                    ahead = [one for one in self._ways(at) if one[0] != self.explored.states[at]]
+                    new = self._add(at, random.choice(ahead)) if ahead else None
+                    if new is None or (not left & 255 and self.stop()):
+                        break
+                    at = new
         return self.close()
 
     def close(self) -> Explored:
-        """Note that nothing follows."""
-        self.explored.begun, self.explored.layers = 0, [len(self.explored.states)]
-        return self.explored
+        """Note which states follow, as far as they were followed."""
+        explored, edges = self.explored, sorted(self._edges)
+        explored.begun = 0
+        explored.targets.extend(target for _, target in edges)
+        after = Counter(source for source, _ in edges)
+        explored.offsets.extend(accumulate(after[at] for at in range(len(explored.states))))
+        explored.open = list(range(len(explored.states)))
+        explored.layers.append(len(explored.states))
+        return explored
 
-    def _starts(self) -> list[int]:
-        found = [self._add(-1, transition) for transition in self.product.initial()]
-        return list(dict.fromkeys(at for at in found if at is not None))
+    def _layers(self) -> Iterator[tuple[list[tuple[int, tuple[Due, ...]]], int]]:
+        """Where runs go on after no error that nothing catches, after one ..., and the steps for these."""
+        left, explored = self.steps, self.explored
+        found = [self._add(-1, transition, self._due(0, transition[0], ())) for transition in self.product.initial()]
+        pending = [(at, self._due(0, explored.states[at], ())) for at in dict.fromkeys(found) if at is not None]
+        while left > LEAST:
+            if pending:
+                left //= 2  # so that there are steps for what follows after one error more
+                yield pending, left
+            explored.layers.append(len(explored.states))
+            failing, self._failing = self._failing, []
+            if not failing:
+                return
+            pending = []
+            for source, errors, state, due in failing:
+                at = self._number(source, state)
+                explored.failures.append((source, errors, (at,)))
+                pending.append((at, due))
+        self.bound = True
 
     def _ways(self, at: int) -> list[Transition]:
         """The transitions of a state; how it ends is noted."""
@@ -117,16 +152,27 @@ class Sampler:
                 self.explored.stuck.append(at)
         return found
 
-    def _add(self, at: int, transition: Transition) -> int | None:
-        """The number of the state to which a transition leads; None if it ends in an error, or is not explored."""
-        index, state = self.product.index, transition[0]
-        if report(self.product, at, transition) or self.product.is_cut(state):
+    def _add(self, at: int, transition: Transition, due: tuple[Due, ...] = ()) -> int | None:
+        """The number of the state to which a transition leads; None if it needs one more error, or is not explored."""
+        errors, state = report(self.product, at, transition), transition[0]
+        if self.product.is_cut(state):
             return None
+        if errors:
+            self._failing.append((at, errors, state, due))
+            return None
+        new = self._number(at, state)
+        if at >= 0:
+            self._edges.add((at, new))
+        self.explored.transitions += 1
+        return new
+
+    def _number(self, at: int, state: int) -> int:
+        """The number of a state that follows on the one with number `at`."""
+        index = self.product.index
         if state not in index:
             index[state] = len(self.explored.states)
             self.explored.states.append(state)
             self.explored.parents.append(at)
-        self.explored.transitions += 1
         return index[state]
 
     def _of(self, found: list[Transition], state: int, robot: int, kind: str, element: str) -> list[Transition]:
@@ -143,7 +189,7 @@ class Sampler:
         found = list(left)
         for robot, local in enumerate(self.product.locals):
             before, after = (state >> (robot * BITS) & MASK for state in (old, new))
-            if (left and before == after and robot != moved) or after == DEAD:
+            if (left and before == after and robot != moved) or after >= CUT:
                 continue
             view = local.views[after]
             keys = dict(zip((stimulus[:2] for stimulus in view.own), view.elements, strict=True))
