@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from fame.deploy import fields
@@ -77,7 +77,7 @@ class ReportReader:
             return report
         if (
             report.robot != self.robot
-            or not is_signed(asdict(report), report.key)
+            or not is_signed(fields.values(report), report.key)
             or not self._is_believed(report, now)
         ):
             return None
@@ -109,7 +109,11 @@ def proves_presence(report: Report, robot: str, trusted: Sequence[Any], now: flo
     if not trusted:
         return True
     sent = report.born / 1e9 + report.time
-    return abs(now - sent) <= RECENT and proves_name(report, robot, trusted) and is_signed(asdict(report), report.key)
+    return (
+        abs(now - sent) <= RECENT
+        and proves_name(report, robot, trusted)
+        and is_signed(fields.values(report), report.key)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,11 +133,11 @@ class Diagram:
     def of(cls, model: str, *, purpose: str, now: float, key: Any) -> Diagram:
         """A model signed with a private key."""
         diagram = cls(model=model, hash=model_hash(model.encode(errors="replace")), purpose=purpose, issued=now)
-        return replace(diagram, signature=sign(asdict(diagram), key))
+        return replace(diagram, signature=sign(fields.values(diagram), key))
 
     def to_json(self) -> str:
         """The JSON text that is sent."""
-        return json.dumps({"fame": 1, **asdict(self)}, sort_keys=True)
+        return json.dumps({"fame": 1, **fields.values(self)}, sort_keys=True)
 
 
 _DIAGRAM: dict[str, fields.Check] = {
@@ -157,7 +161,7 @@ class DiagramReader:
         if not self._trusted:
             return text
         diagram = _read(text)
-        verify_signature(asdict(diagram), self._trusted)
+        verify_signature(fields.values(diagram), self._trusted)
         if diagram.purpose != purpose or model_hash(diagram.model.encode(errors="replace")) != diagram.hash:
             raise DeploymentError("the signature belongs to another message", cause="signature")
         if purpose == "deploy" and not abs(now - diagram.issued) <= FRESH:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from fame.deploy import fields
@@ -102,7 +102,7 @@ class Envelope:
 
     def to_json(self) -> str:
         """The JSON text that is sent."""
-        return json.dumps({"fame": 1, **asdict(self)}, sort_keys=True)
+        return json.dumps({"fame": 1, **fields.values(self)}, sort_keys=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,7 +177,7 @@ class Report:
 
     def to_json(self) -> str:
         """The JSON text that is sent."""
-        return json.dumps(asdict(self), sort_keys=True)
+        return json.dumps(fields.values(self), sort_keys=True)
 
     @classmethod
     def from_json(cls, text: str) -> Report | None:
@@ -330,7 +330,7 @@ def signed(envelope: Envelope, key: Any, *, born: int, now: float) -> Envelope:
     if key is None:
         return envelope
     envelope = replace(envelope, issued=now, born=born)
-    return replace(envelope, signature=sign(asdict(envelope), key))
+    return replace(envelope, signature=sign(fields.values(envelope), key))
 
 
 def is_ahead(sequence: int, now: float) -> bool:

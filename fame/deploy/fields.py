@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from fame.text import is_ros_name
+
+
+def values(message: Any) -> dict[str, Any]:
+    """The fields of a message, a dataclass, by name. Their values are JSON as they are: nothing is copied."""
+    return {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
+
 
 Check = Callable[[Any], bool]
 """Whether a field may have a JSON value."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from fame.clock import SECOND
@@ -54,21 +54,21 @@ class SplitterStatus:
         if key is None:
             return self
         issued = replace(self, issued=now)
-        return replace(issued, signature=sign(asdict(issued), key))
+        return replace(issued, signature=sign(fields.values(issued), key))
 
     def is_believed(self, trusted: Sequence[Any], now: float) -> bool:
         """Whether one of the trusted keys signed it not long before `now` (s since 1970); true without keys."""
         if not trusted:
             return True
         try:
-            verify_signature(asdict(self), trusted)
+            verify_signature(fields.values(self), trusted)
         except DeploymentError:
             return False
         return abs(now - self.issued) <= RECENT
 
     def to_json(self) -> str:
         """The JSON text that is sent."""
-        return json.dumps(asdict(self))
+        return json.dumps(fields.values(self))
 
     @classmethod
     def from_json(cls, text: str) -> SplitterStatus | None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from typing import Any
 
+from fame.deploy import fields
 from fame.deploy.envelope import Envelope
 from fame.deploy.requests import TaskRequest
 from fame.deploy.signing import signer, verify, verify_signature
@@ -38,7 +38,7 @@ class RequestVerifier:
         if not self._trusted:
             return
         if envelope.phase != "ask":
-            verify(asdict(envelope), self._trusted, self._wall_time(), self._born)
+            verify(fields.values(envelope), self._trusted, self._wall_time(), self._born)
             return
         verify_signature(envelope.proof, self._trusted)
         if (envelope.proof.get("deployment"), envelope.proof.get("sequence")) != (
@@ -53,7 +53,7 @@ class RequestVerifier:
         Raises DeploymentError for a person's request if keys are used and it was not signed for this robot.
         """
         if self._task_signers:
-            verify(asdict(request), self._task_signers, self._wall_time(), self._born)
+            verify(fields.values(request), self._task_signers, self._wall_time(), self._born)
             if request.robot != self._robot:
                 raise DeploymentError(f"meant for robot {request.robot!r}, not for {self._robot!r}", cause="robot")
         return self._signer(request)
@@ -63,4 +63,4 @@ class RequestVerifier:
         return self._signer(envelope) or f"{printable(envelope.who) or 'unknown'} (unverified)"
 
     def _signer(self, message: Envelope | TaskRequest) -> str:
-        return signer(asdict(message), self._trusted) if message.signature and self._trusted else ""
+        return signer(fields.values(message), self._trusted) if message.signature and self._trusted else ""

@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
@@ -63,11 +63,11 @@ class TaskRequest:
     def signed(self, robot: str, key: Any, *, born: int, now: float) -> TaskRequest:
         """Return it signed by a private key `now` (s since 1970) for the engine of a robot that was `born` then."""
         request = replace(self, robot=robot, born=born, issued=now)
-        return replace(request, signature=sign(asdict(request), key))
+        return replace(request, signature=sign(fields.values(request), key))
 
     def to_json(self) -> str:
         """The JSON text that is sent."""
-        return json.dumps(asdict(self), sort_keys=True)
+        return json.dumps(fields.values(self), sort_keys=True)
 
 
 _REQUEST: dict[str, fields.Check] = {

@@ -11,12 +11,13 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
+from fame.deploy import fields
 from fame.deploy.envelope import Envelope, model_hash, stored_envelope
 from fame.deploy.signing import verify_signature
 from fame.errors import ConfigError, DeploymentError
@@ -198,7 +199,7 @@ class StateKeeper:
 
 
 def _text(envelope: Envelope) -> bytes:
-    return json.dumps({"fame": 1, **asdict(envelope)}, sort_keys=True).encode()
+    return json.dumps({"fame": 1, **fields.values(envelope)}, sort_keys=True).encode()
 
 
 def _verified(data: bytes, path: Path, trusted: Sequence[Any]) -> Envelope:
@@ -206,7 +207,7 @@ def _verified(data: bytes, path: Path, trusted: Sequence[Any]) -> Envelope:
     try:
         envelope = stored_envelope(data.decode(errors="replace"))
         if trusted:
-            verify_signature(asdict(envelope), trusted)
+            verify_signature(fields.values(envelope), trusted)
             if model_hash(envelope.model.encode()) != envelope.hash:
                 raise DeploymentError("the hash of the model differs from the signed one")
     except DeploymentError as error:

@@ -9,6 +9,7 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.deploy import fields
 from fame.deploy.authentication import proves_presence
 from fame.deploy.envelope import STRING, Problem, Report
 from fame.deploy.machine import boundary
@@ -192,7 +193,7 @@ class Status:
         )
         if self._identity is not None:
             report = replace(report, key=self._identity.key, voucher=self._identity.voucher)
-            report = replace(report, signature=sign(asdict(report), self._identity.private))
+            report = replace(report, signature=sign(fields.values(report), self._identity.private))
         self._out.publish(messages.create(STRING, report.to_json()))
 
     def close(self) -> None:

@@ -203,6 +203,7 @@ class Wire:
         self.warnings: list[EndpointWarning] = []
         self.nodes: list[WireNode] = []
         self.known: dict[End, None] = {}  # endpoints of other processes
+        self._graph: Sequence[TopicInfo] | None = None  # until an endpoint comes or goes
 
     def node(self, name: str, namespace: str = "", part: str = "") -> WireNode:
         node = WireNode(self, name, namespace.strip("/"))
@@ -224,6 +225,11 @@ class Wire:
         return []
 
     def graph(self) -> Sequence[TopicInfo]:
+        if self._graph is None:
+            self._graph = self._make_graph()
+        return self._graph
+
+    def _make_graph(self) -> Sequence[TopicInfo]:
         topics: dict[str, list[End]] = {}
         for end in (*self.ends(), *self.known):
             if end.role in ("publisher", "subscription"):
@@ -251,6 +257,7 @@ class Wire:
 
     def tell(self, end: End, *, gone: bool = False) -> None:
         """Tell the other processes of a new endpoint, or one that was closed."""
+        self._graph = None
         for other in self.others():
             action = partial(other.lose if gone else other.discover, end)
             self.fabric.links[self.id, other.id].announce(action)
@@ -259,13 +266,14 @@ class Wire:
         """An endpoint of another process is known from now on."""
         if not end.open or end in self.known or not self.process.alive:
             return
-        self.known[end] = None
+        self.known[end] = self._graph = None
         for own in self.ends():
             own.meet(end)
 
     def lose(self, end: End) -> None:
         """An endpoint of another process is gone."""
         if self.known.pop(end, self) is None:
+            self._graph = None
             for own in self.ends():
                 own.part(end)
 
