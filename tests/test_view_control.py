@@ -15,7 +15,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.request import urlopen
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
 import pytest
 from view_page import beyond, eventually, opened, until
@@ -198,12 +199,64 @@ def test_a_branch_is_the_recorded_run_until_there(tmp_path: Path) -> None:
     scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=15)
     with Recording(recorded(scenario, tmp_path / "run.mcap")) as recording:
         live, same = branched(scenario, recording, 10 * SECOND)
-        same.on_reached = lambda: setattr(live._run, "interrupted", True)
+        live.hand_over = lambda: setattr(live._run, "interrupted", True)  # type: ignore[method-assign]
         scenario.run(observer=live.observer, pace=same)
         before = [event for event in recording.events(end=10 * SECOND) if event.element]
     assert same._reached
     shown = [time for block in live._packer.blocks for time in block.columns["t"] if time <= 10 * SECOND]
     assert len(shown) >= len(before) > 100
+
+
+def test_a_page_sees_how_far_a_branch_has_come_and_controls_it_from_there_on(tmp_path: Path) -> None:
+    scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=5)
+    seen: list[tuple[int, int]] = []
+    with Recording(recorded(scenario, tmp_path / "run.mcap")) as recording:
+        live, same = branched(scenario, recording, 3 * SECOND)
+
+        def look(time: int, topic: str, data: Any) -> None:
+            (status,) = [one for one in live.news(None)[1] if one["type"] == "run"]
+            seen.append((status["time"], status["repeats"]))
+            assert live.mission()["control"] == []
+            with pytest.raises(FameError, match="the run is being repeated: it takes commands from 3 s on"):
+                live.control({"do": "resume"})
+            compare(time, topic, data)
+
+        compare, live.listen = same._compare, look
+        hand_over = live.hand_over
+        live.hand_over = lambda: (hand_over(), setattr(live._run, "interrupted", True))  # type: ignore[method-assign]
+        scenario.run(observer=live.observer, pace=same)
+    assert {repeats for _, repeats in seen} == {3 * SECOND}
+    assert len({time for time, _ in seen}) > 10
+    assert "resume" in live.mission()["control"]
+    assert live.news(None)[1][-1]["repeats"] is None
+
+
+def test_the_page_of_a_branch_that_fails_stays_with_the_error(own_code: Path) -> None:
+    words = ["--branch", "0.5", "--no-open", "--yes", "--changed"]
+    model = own_code / "porter.bpmn"
+    model.write_text(
+        model.read_text().replace('id="Sign" name="Sign"', 'id="Sign" name="Signed"').replace("Sign", "Sign2")
+    )
+    with subprocess.Popen(
+        [sys.executable, "-m", "fame", "view", str(own_code / "run.mcap"), *words],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        assert process.stderr is not None
+        address = process.stdout.readline().strip()
+        error = process.stderr.readline()
+        assert re.match(r"fame: error: .*the run again is not the recorded one: at 0 s expected", error)
+        assert process.stderr.readline().startswith("The run has ended.")
+        with urlopen(f"{address}mission.json") as answer:
+            mission = json.loads(answer.read())
+        assert (mission["control"], mission["chips"][0][0]) == ([], "failed")
+        request = Request(f"{address}control", json.dumps({"do": "resume"}).encode(), method="POST")
+        with pytest.raises(HTTPError) as refused:
+            urlopen(request)
+        assert "is not the recorded one" in refused.value.read().decode()
+        refused.value.close()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 2
 
 
 def test_a_branch_of_another_run_is_refused_with_the_first_difference(tmp_path: Path) -> None:
@@ -299,7 +352,7 @@ def test_the_page_follows_a_run_and_controls_it(chromium: Browser, porter: Scena
         page.evaluate("fame.control.send({do: 'set', robot: 'PORTER', name: 'load', value: '9'})")
         assert result().status == "completed"
         until(page, "document.querySelector('.chip.completed') !== null")
-        assert page.get_by_role("button", name="Pause run").count() == 0
+        page.get_by_role("button", name="Pause run").wait_for(state="detached")  # drawn after the chip
 
 
 def test_the_page_asks_before_it_branches_and_opens_the_tab_at_once(chromium: Browser, own_code: Path) -> None:
@@ -318,6 +371,18 @@ def test_the_page_asks_before_it_branches_and_opens_the_tab_at_once(chromium: Br
             page.get_by_role("button", name="Run", exact=True).click()
         popup.value.wait_for_url("http://**", timeout=60_000)  # at first it is empty
         until(popup.value, "document.querySelector('.chip.live') !== null && fame.control.status.time === 0.5e9")
+        popup.value.get_by_role("button", name="Resume run").wait_for()
+
+
+def test_the_page_of_a_branch_shows_its_progress_its_error_and_no_controls(porter: Scenario, chromium: Browser) -> None:
+    live = LiveRun(porter, RunControl(pause_at=2 * SECOND))
+    with opened(chromium, live) as page:
+        until(page, "document.querySelector('progress')?.max === 2e9")
+        assert page.get_by_text("Repeating the run: 0.0 of 2.0 s").is_visible()
+        assert page.get_by_role("button", name="Pause run").count() == 0
+        live.finish("failed", "the run again is not the recorded one: at 1 s")
+        until(page, "document.querySelector('[role=alert].failure')?.textContent.includes('not the recorded one')")
+        assert beyond(page) == []
 
 
 def test_the_page_shows_the_speed_of_the_command_line_and_fits_a_phone(porter: Scenario, chromium: Browser) -> None:

@@ -217,15 +217,14 @@ def _branch(arguments: Namespace) -> int:
             scenario, RunControl(pause_at=time), title=f"{Path(scenario.file).stem} from {time / SECOND:g} s"
         )
         same = SameRun(recording, time, live)
-        served = ExitStack()
-
-        def start() -> None:
-            """The run has come to the time, and is the recorded one so far."""
-            served.enter_context(_serving(live, arguments))
-
-        same.on_reached = start
-        with served:
-            result = scenario.run(observer=live.observer, strict=again.strict, on_interrupt=None, pace=same)
+        with _serving(live, arguments):
+            try:
+                result = scenario.run(observer=live.observer, strict=again.strict, on_interrupt=None, pace=same)
+            except FameError as error:  # the page says so, too
+                live.finish("failed", str(error))
+                print(f"fame: error: {error}", file=sys.stderr, flush=True)
+                wait_for_interrupt()
+                return error.exit_code
             live.finish(result.status)
             if result.status != "interrupted":
                 wait_for_interrupt()

@@ -38,20 +38,21 @@ Command = Mapping[str, Any]
 class RunControl:
     """A `fame.scenario.run.Pace` that carries out the commands of pages. Commands come from any thread.
 
-    pause_at     pause at this time (ns), which is reached as fast as possible
+    pause_at     pause at this time (ns), which is reached as fast as possible, without commands; None once it is
     breakpoints  numbers of elements: the run pauses when a token comes to one
     """
 
     over: bool
     paused: bool
     stopped: str
+    pause_at: int | None
 
     def __init__(self, *, speed: float = 1.0, pause_at: int | None = None) -> None:
         self.speed, self.paused = speed, False
         self.breakpoints: set[int] = set()
         self.stopped = ""
         self.over = False
-        self._pause_at = pause_at
+        self.pause_at = pause_at
         self._stepping = False
         self._commands: list[tuple[Command, Future[str]]] = []
         self._changed = threading.Condition()
@@ -70,7 +71,7 @@ class RunControl:
             with self._changed:
                 if not self._commands:
                     self._changed.wait(_SLICE * 5)
-        elif self._pause_at is not None:
+        elif self.pause_at is not None:
             self._run_to_pause(run, until)
         elif self._stepping:
             self._step(run, until)
@@ -80,10 +81,10 @@ class RunControl:
             self._follow_the_wall(run, until)
 
     def _run_to_pause(self, run: Run, until: int) -> None:
-        assert self._pause_at is not None
-        run.scheduler.run(min(until, self._pause_at))
-        if run.scheduler.now >= self._pause_at:
-            self._pause_at = None
+        assert self.pause_at is not None
+        run.scheduler.run(min(until, self.pause_at, run.scheduler.now + _BUSY))
+        if run.scheduler.now >= self.pause_at:
+            self.pause_at = None
             self.pause(f"Stopped at {run.scheduler.now / SECOND:g} s: continue from here.")
 
     def _step(self, run: Run, until: int) -> None:
@@ -118,7 +119,7 @@ class RunControl:
         reached = entered & self.breakpoints
         if self._stepping and moved:
             self._stepping = False
-        if reached and self._pause_at is None:
+        if reached and self.pause_at is None:
             self.pause("Breakpoint reached.")
             if self._run is not None:
                 self._run.scheduler.stop()
@@ -135,6 +136,8 @@ class RunControl:
             raise FameError(f"unknown command {command.get('do')!r}; commands are: {', '.join(COMMANDS)}")
         if self.over:
             raise FameError("the run is over")
+        if (reached := self.pause_at) is not None:
+            raise FameError(f"the run is being repeated: it takes commands from {reached / SECOND:g} s on")
         future: Future[str] = Future()
         with self._changed:
             self._commands.append((command, future))

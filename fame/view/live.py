@@ -77,7 +77,8 @@ class LiveRun:
         self.catalogue = Catalogue(scenario.closures(), scenario.library.find)
         self._packer = Packer(self.catalogue, scenario.cast)
         self._lock = threading.Lock()
-        self._ended = ""
+        self._ended = self._failure = ""
+        self._repeats = control.pause_at
         self._missions = 0
         self._time = 0
         self.observer = Recorder(lambda: FileWriter(_Sink(self)))
@@ -112,9 +113,15 @@ class LiveRun:
         entered = {number for mark in marks if mark[1] == "enter" for number in self.catalogue.candidates(mark[0])}
         self.control_of_run.on_events(entered, any(mark[1] in _MOVES for mark in marks))
 
-    def finish(self, status: str) -> None:
-        """End the run, with a status."""
-        if self.observer.begun:
+    def hand_over(self) -> None:
+        """The run has come to where commands begin: pages get the controls."""
+        self._repeats = None
+        self._missions += 1
+
+    def finish(self, status: str, failure: str = "") -> None:
+        """End the run, with a status; `failure` says why it could not be run."""
+        self._failure = failure
+        if self.observer.begun and not failure:  # which may have come in the middle of a record
             self.observer.finish()
         self._ended = status
         self._missions += 1
@@ -132,7 +139,7 @@ class LiveRun:
                 chips=self._chips(),
                 blocks=index_of(self._packer),
                 end=max(self._packer.end, self._time),
-                control=[] if self._ended else list(COMMANDS),
+                control=[] if self._ended or self._repeats is not None else list(COMMANDS),
                 faults=faults_of(self._run) if self._run is not None else [],
                 messages=True,
             )
@@ -167,12 +174,14 @@ class LiveRun:
             "speed": control.speed,
             "over": bool(self._ended),
             "stopped": control.stopped,
+            "repeats": self._repeats,
+            "failure": self._failure,
             "breakpoints": sorted(control.breakpoints),
         }
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if self._ended:
-            raise FameError("the run is over")
+            raise FameError(self._failure or "the run is over")
         return {"said": self.control_of_run.ask(command)}
 
 
@@ -209,12 +218,11 @@ def index_of(packer: Packer, first: int = 0) -> list[list[int]]:
 class SameRun:
     """Lets a recorded run go on again to a time (ns), and compares it with what was recorded until then.
 
-    `on_reached` is called there, if they are the same. It is a `fame.scenario.run.Pace`, and raises ConfigError with
-    the first difference.
+    There `live` hands over to its pages, if they are the same. It is a `fame.scenario.run.Pace`, and raises ConfigError
+    with the first difference.
     """
 
     def __init__(self, recording: Recording, time: int, live: LiveRun) -> None:
-        self.on_reached: Callable[[], object] = lambda: None
         self._file, self._time, self._live, self._reached = recording.file, time, live, False
         self._recorded = recording.messages(_COMPARED, end=time)
         self._run: Run | None = None
@@ -229,7 +237,7 @@ class SameRun:
             if missing is not None:
                 raise self._difference(missing.time, missing.topic, missing.json(), None)
             self._reached, self._live.listen = True, None
-            self.on_reached()
+            self._live.hand_over()
 
     def _compare(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
         if topic not in _COMPARED or time > self._time or self._run is None or self._run.interrupted:

@@ -28,6 +28,10 @@ export class Control {
     const { can, status } = this, key = JSON.stringify([[...can], status, this.app.player.time === this.app.store.end]);
     if (key === this.key) return;
     this.key = key;
+    if (status?.failure || (status && status.repeats !== null && status.repeats !== undefined)) {
+      renew(this.root, status.failure ? h("span", { cls: "failure", role: "alert" }, status.failure) : this.progress(status));
+      return;
+    }
     if (!can.size || status?.over) {
       renew(this.root, can.has("branch") ? this.branchButton() : null);
       return;
@@ -45,11 +49,17 @@ export class Control {
     renew(this.root, parts);
   }
 
+  /** How far the repetition of a recorded run has come. */
+  progress({ time, repeats }) {
+    return [h("progress", { max: repeats, value: time, "aria-label": "Repeated so far" }),
+      h("span", { cls: "quiet" }, `Repeating the run: ${(time / 1e9).toFixed(1)} of ${(repeats / 1e9).toFixed(1)} s`)];
+  }
+
   branchButton() {
     return h("button", { cls: "text", title: "Repeat the run up to the cursor, and continue it differently from there", onclick: () => this.branch() }, icon("branch"), "Branch here");
   }
 
-  /** Ask whether to run what the recording names; its tab opens at once, and says what it waits for. */
+  /** Ask whether to run what the recording names; its tab opens at once, and shows how far it has come. */
   async branch() {
     const command = { do: "branch", time: this.app.player.time }, found = await this.send(command);
     if (!found) return;
@@ -60,7 +70,7 @@ export class Control {
     if (tab) {
       tab.opener = null;
       tab.document.title = "Branch";
-      tab.document.body.textContent = `The run is repeated up to ${this.app.player.time / 1e9} s …`;
+      tab.document.body.textContent = "The run begins …";
     }
     const answer = await this.send({ ...command, yes: true, changed: found.changed });
     if (answer && tab) tab.location = answer.address;
