@@ -120,9 +120,24 @@ def test_runs_of_a_few_rows_get_a_verdict_or_are_named(
 ):
     capsys.readouterr()
     data = write(tmp_path / "runs.csv", [run(1), run(2, 2)])
-    assert main(["judge", str(models[kind]), str(data), "--json"]) == {"train": 3, "adm": 0}[kind]
-    notes = json.loads(capsys.readouterr().out)["runs"][1]["notes"]
+    assert main(["judge", str(models[kind]), str(data), "--json"]) == 3
+    whole, short = json.loads(capsys.readouterr().out)["runs"]
+    assert (whole["verdict"], short["verdict"]) == ("benign", "not judged")
+    assert short["share judged"] < 0.1
+    notes = short["notes"]
     assert "not judged" in " ".join(notes) or "cut off" in " ".join(notes)
+
+
+@pytest.mark.parametrize("kind", ["train", "adm"])
+def test_an_anomalous_run_wins_over_one_that_is_not_judged(
+    models: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+):
+    strange = run(3)
+    data = write(tmp_path / "runs.csv", [run(1), run(2, 2), strange.replace(strange.values + 3.0)])
+    assert main(["judge", str(models[kind]), str(data), "--json"]) == 1
+    assert [each["verdict"] for each in json.loads(capsys.readouterr().out)["runs"]] == [
+        "benign", "not judged", "anomalous"
+    ]  # fmt: skip
 
 
 def test_learning_refuses_one_run_standing_still_and_labels_that_contradict(

@@ -379,12 +379,16 @@ def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> 
         last = int(np.flatnonzero(anomalous)[-1])
         kind = alarm.verdict.kind or "anomaly"
         events = (Event(float(stamps[alarm.index]), float(stamps[last]), float(scores.max()), shares, kind),)
-    notes: tuple[str, ...] = () if report is None or report.whole else ("cut off before its end",)
+    share = len(scores) / len(run) if len(run) else 0.0
+    notes: tuple[str, ...] = ()
+    if report is not None and not report.whole:
+        share = min(share, report.points / model.nominal)
+        notes = (f"cut off before its end: {report.points} points, the usual is {model.nominal}",)
     notes += tuple(change.text for change in report.changes) if report is not None else ()
     wrong = np.flatnonzero(run.labels == -1)
     label = None if not labelled else -1 if len(wrong) else 1
     return JudgedRun(
         number, run.source, _seconds(np.asarray(stamps)), events, np.asarray(stamps[: len(scores)]), scores,
         ("score",), label, float(stamps[wrong[0]]) if label == -1 else None, notes,
-        len(scores) / len(run) if len(run) else 0.0,
+        share,
     )  # fmt: skip

@@ -53,7 +53,7 @@ class RunReport(NamedTuple):
     @property
     def text(self) -> str:
         """In one line."""
-        verdict = "ANOMALOUS" if self.above else "benign"
+        verdict = "ANOMALOUS" if self.above else "benign" if self.whole else "not judged"
         cut = "" if self.whole else ", cut off before its end"
         changed = "".join(f"; {change.text}" for change in self.changes)
         points = f"{self.anomalous} of {self.points} points"
