@@ -209,7 +209,7 @@ def test_rows_without_a_value_are_left_out(tmp_path: Path) -> None:
         ("stamp,x\n0.1,1\n0.2\n", "a.csv:3: expected 2 cells, got 1"),
         ("0.1,1\n", "a.csv:1: has no header"),
         ("stamp,x\n", "a.csv: has no rows"),
-        ("time,x\n1,2\n", "a.csv: has no column 'stamp'; it has time, x"),
+        ("time,x\n1,2\n", "a.csv:1: has no column 'stamp'; it has time, x"),
         ("", "a.csv:1: has no header"),
     ],
 )
@@ -297,6 +297,34 @@ def test_tables_of_other_programs_are_read_as_they_are_meant(
 
 
 @pytest.mark.parametrize(
+    ("text", "start"),
+    [
+        ("stamp;a;b\n0,0;1,5;2\n0,5;;2,1\n1,0;1,6;2,1\n", 0),
+        ("stamp\ta\tb\n0.0\t1.5\t2\n1.0\t1.6\t2.1\n", 0),
+        ("stamp;a;b\n31.01.2026 12:00:00,0;1,5;2\n31.01.2026 12:00:01,0;1,6;2,1\n", 1769860800),
+        ("stamp,a,b\n2026-01-31T12:00:00Z,1.5,2\n2026-01-31 12:00:01.0,1.6,2.1\n", 1769860800),
+        ('"stamp";"a";"b"\n"0";"1,5";"2"\n"1";"1,6";"2,1"\n', 0),
+        ("stamp,a,b\n0,1.5,2\n0.5,NaN,2\n1,1.6,2.1\n", 0),
+        ("stamp;a;b;\n0;1.5;2;\n1;1.6;2.1;\n", 0),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_separators_decimal_commas_dates_and_encodings_are_found(
+    text: str, start: float, encoding: str, tmp_path: Path
+) -> None:
+    (tmp_path / "runs.csv").write_bytes(text.encode(encoding))
+    (found,) = read_runs([tmp_path / "runs.csv"])
+    assert (found.values.tolist(), found.names) == ([[1.5, 2.0], [1.6, 2.1]], ("a", "b"))
+    assert found.stamps.tolist() == [start, start + 1]
+
+
+def test_a_table_in_another_encoding_is_refused_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "runs.csv").write_bytes("stamp,a\n0,1°\n".encode("latin-1"))
+    with pytest.raises(ConfigError, match=r"runs\.csv:2: is not UTF-8 text"):
+        read_runs([tmp_path / "runs.csv"])
+
+
+@pytest.mark.parametrize(
     ("text", "why"),
     [
         ("stamp,a,a\n0,1,2\n", "several columns 'a'"),
@@ -304,6 +332,17 @@ def test_tables_of_other_programs_are_read_as_they_are_meant(
         ("stamp\n0\n", "no columns but stamp"),
         ("stamp,a\n\n\n", "no rows"),
         ("stamp," + "a" * 200_000 + "\n0,1\n", ":1: is not a row of a table"),
+        ("stamp,a\n01/31/2026 12:00:00,1\n", ":2: expected a number .s. or a date such as .* in column 'stamp'"),
+        ("stamp,a\n46053.5,1\n46053.50001157,2\n", ":2: expected s in column 'stamp', got 46053.5.* spreadsheet"),
+        ("stamp,a\n1760000000000000000,1\n", ":2: expected s in column 'stamp', got 1.76e.18, as ms, us or ns"),
+        ("Time [s],a [Nm]\n0,1\n", ":1: has no column 'stamp'; it has Time .s., a .Nm."),
+        ("stamp,a\ns,Nm\n0,1\n", ":2: expected a number .* in column 'stamp', got 's'"),
+        ("\nstamp,a\n0,1\n", ":1: is a blank line"),
+        ("stamp,a\n0,1\n\n1,2\n", ":3: expected 2 cells, got a blank line$"),
+        ('stamp,a\n0,"1,500.5"\n', ":2: expected a number in column 'a', got '1,500.5'"),
+        ("stamp;a\n0,0;1.500\n", ":2: expected a number in column 'a' without a point, .* got '1.500'"),
+        ("stamp;a\n0,0;1 500,5\n", ":2: expected a number in column 'a', got '1 500,5'"),
+        ("stamp,a\n0,N/A\n", ":2: expected a number in column 'a', got 'N/A'"),
     ],
 )
 def test_a_table_that_cannot_be_meant_is_refused_with_its_line(text: str, why: str, tmp_path: Path) -> None:

@@ -2,15 +2,18 @@
 
 Runs need a column ``stamp`` (s). A column ``run`` divides a file into runs, and every file begins a new one. In a
 recorded table a cell may be empty: a row holds the message of one topic. Cells are separated by a semicolon, tab, comma
-or |; a decimal comma needs another separator than the comma. Stamps may be dates of ISO 8601. A bag is a folder of
-rosbag2 in either storage, a single MCAP file or a rosbag1.
+or |; a decimal comma needs another separator than the comma. Stamps may be dates of ISO 8601 or as 31.01.2026 12:00:00.
+A bag is a folder of rosbag2 in either storage, a single MCAP file or a rosbag1.
 """
 
 from __future__ import annotations
 
+import codecs
 import csv
 import hashlib
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -67,14 +70,15 @@ def read_labelled_runs(paths: Sequence[str | Path], columns: Sequence[str] = ())
     runs: list[LabelledRun] = []
     for path in map(Path, paths):
         names, cells, _ = read_table(path, recorded=True)
-        columns = tuple(columns) or tuple(name for name in names if name not in (STAMP, RUN, LABEL))
+        columns = tuple(columns) or tuple(name for name in names if name not in (STAMP, RUN, LABEL, ""))
         if not columns:
             raise ConfigError(f"has no columns but {', '.join(names)}: nothing to learn from", file=str(path))
         for name in (STAMP, *columns):
             if name not in names:
-                raise ConfigError(f"has no column {name!r}; it has {', '.join(names)}", file=str(path))
+                raise ConfigError(f"has no column {name!r}; it has {', '.join(names)}", file=str(path), line=1)
         values = cells[:, [names.index(name) for name in columns]]
         stamps = cells[:, names.index(STAMP)]
+        _refuse_other_units(stamps, path)
         whole = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
         numbers = cells[:, names.index(RUN)] if RUN in names else np.zeros(len(cells))
         labels = _labels(cells[:, names.index(LABEL)], path) if LABEL in names else np.ones(len(cells), dtype=np.int64)
@@ -90,6 +94,26 @@ def read_labelled_runs(paths: Sequence[str | Path], columns: Sequence[str] = ())
                 float(np.ptp(known)) if len(known) else 0.0, LABEL in names,
             ))  # fmt: skip
     return runs
+
+
+_DAYS = (30_000.0, 60_000.0)
+"""Stamps that a spreadsheet writes for the years 1982 to 2064."""
+
+
+def _refuse_other_units(stamps: Floats, path: Path) -> None:
+    """Raise ConfigError for stamps that are not s: days of a spreadsheet, ms or ns since 1970."""
+    known = stamps[np.isfinite(stamps)]
+    if not len(known):
+        return
+    latest, steps = float(known.max()), np.diff(np.unique(known))
+    got = ""
+    if latest > 1e11:
+        got = f"{latest:.6g}, as ms, us or ns since 1970 are"
+    elif len(steps) and np.median(steps) < 1.25e-5 and _DAYS[0] < known.min() and latest < _DAYS[1]:
+        got = f"{latest:.10g}, as the days of a spreadsheet are: format the column as dates or multiply it by 86400"
+    if got:
+        text = f"expected s in column {STAMP!r}, got {got}"
+        raise ConfigError(text, file=str(path), line=2)
 
 
 def _labels(column: Floats, path: Path) -> Whole:
@@ -130,13 +154,15 @@ def read_table(path: Path, *, recorded: bool = False) -> Table:
     """
     text = _text(path)
     lines = text.splitlines()
+    if lines and not lines[0].strip():
+        raise ConfigError("is a blank line; expected a header or numbers", file=str(path), line=1)
     separator = _separator(lines[0], path) if lines else ","
     head = _row(lines[0], path, 1, separator) if lines else []
     header = not all(_is_number(cell.replace(",", ".")) for cell in head)
     names = tuple(name.strip() for name in head) if header else ()
     if recorded and (not names or any(map(_is_number, names))):
         raise ConfigError("has no header; expected stamp,effort_0,...", file=str(path), line=1)
-    twice = [name for name in names if names.count(name) > 1]
+    twice = [name for name in names if name and names.count(name) > 1]
     if twice:
         raise ConfigError(f"has several columns {twice[0]!r}; expected unique names", file=str(path), line=1)
     if recorded and names[:2] == (STAMP, RUN) and not text.endswith("\n"):
@@ -151,11 +177,15 @@ def read_table(path: Path, *, recorded: bool = False) -> Table:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")
+        data = path.read_bytes()
+        wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        text = data.decode("utf-16" if wide else "utf-8-sig")
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
-    except UnicodeDecodeError:
-        raise ConfigError("is not UTF-8 text", file=str(path)) from None
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ConfigError("is not UTF-8 text: save it as UTF-8", file=str(path), line=line) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _separator(line: str, path: Path) -> str:
@@ -166,36 +196,48 @@ def _separator(line: str, path: Path) -> str:
 def _numbers(lines: Sequence[str], first: int, head: Sequence[str], path: Path, gaps: bool, separator: str) -> Floats:
     """Parse rows at once, or cell by cell where some are empty or wrong, or dates."""
     width = len(head)
-    if separator != ",":
-        lines = [line.replace(",", ".") for line in lines]
-    try:
-        cells = np.loadtxt(lines, delimiter=separator, ndmin=2, comments=None)
-        if cells.shape == (len(lines), width):
-            return np.asarray(cells)
-    except ValueError:
-        pass
+    comma = separator != "," and any("," in line for line in lines)
+    mixed = comma and any("." in line for line in lines)  # a point may then part thousands, or be in a date
+    if not mixed:
+        with suppress(ValueError):
+            plain = [line.replace(",", ".") for line in lines] if comma else lines
+            cells = np.loadtxt(plain, delimiter=separator, ndmin=2, comments=None)
+            if cells.shape == (len(lines), width):
+                return np.asarray(cells)
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=first):
         row = _row(line, path, number, separator)
         if len(row) != width:
-            comma = "; a decimal comma needs another separator, such as ;" if separator == "," else ""
-            raise ConfigError(f"expected {width} cells, got {len(row)}{comma}", file=str(path), line=number)
+            hint = "; a decimal comma needs another separator, such as ;" if separator == "," and row else ""
+            got = f"{len(row)}{hint}" if row else "a blank line"
+            raise ConfigError(f"expected {width} cells, got {got}", file=str(path), line=number)
         rows.append([])
         for name, cell in zip(head, row, strict=True):
             try:
-                rows[-1].append(np.nan if gaps and not cell.strip() else _number(cell, date=name.strip() == STAMP))
+                value = _number(cell, date=name.strip() == STAMP, comma=comma) if cell.strip() or not gaps else np.nan
+                rows[-1].append(value)
             except ValueError:
                 right = "a number (s) or a date such as 2026-01-31T12:00:00.5" if name.strip() == STAMP else "a number"
                 where = f" in column {name.strip()!r}" if not _is_number(name) else ""
+                where += " without a point, since decimals have a comma" if comma and "." in cell else ""
                 raise ConfigError(f"expected {right}{where}, got {cell!r}", file=str(path), line=number) from None
     return np.array(rows, dtype=np.float64)
 
 
-def _number(cell: str, *, date: bool) -> float:
-    """Read a number, or where a `date` may stand also one of ISO 8601, in s since 1970. Raises ValueError."""
-    if not date or _is_number(cell):
-        return float(cell)
-    moment = datetime.fromisoformat(cell.strip())
+_GERMAN = re.compile(r"(\d\d)\.(\d\d)\.(\d{4})[ T](.+)")
+
+
+def _number(cell: str, *, date: bool, comma: bool) -> float:
+    """Read a number, or where a `date` may stand also one as above, in s since 1970. Raises ValueError.
+
+    Where decimals have a `comma`, a number must not have a point: 1.500 may be meant as 1500.
+    """
+    number = cell.replace(",", ".") if comma else cell
+    if not date or _is_number(number):
+        if comma and "." in cell:
+            raise ValueError(cell)
+        return float(number)
+    moment = datetime.fromisoformat(_GERMAN.sub(r"\3-\2-\1 \4", number.strip()))
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
