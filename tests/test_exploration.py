@@ -314,6 +314,18 @@ def test_an_accepted_deadlock_hides_none_that_contains_it() -> None:
     assert result.failed
 
 
+def test_an_accepted_loss_hides_no_deadlock_at_the_same_elements() -> None:
+    """B misses what A throws early; or A throws nothing."""
+    robots: dict[str, Steps] = {"A": [("or", ["throw go"], ["work"])], "B": ["timer PT5S", "catch go"]}
+    loss = "lost: somebody throws it again"
+    result = explore(team(robots, accept={"B": loss}))
+    assert [one.robots for one in result.findings if one.kind == "deadlock" and not one.accepted] == [("B",)]
+    assert result.failed
+    robots["A"] = ["throw go"]
+    result = explore(team(robots, accept={"B": loss}), delivery="run")
+    assert [bool(one.accepted) for one in result.findings if one.kind in ("deadlock", "lost")] == [True]
+
+
 def test_messages_kept_in_a_bag_are_not_lost() -> None:
     robots: dict[str, Steps] = {"A": ["throw go", "catch done"], "B": ["work", "catch go", "throw done"]}
     assert not kinds(found(robots, network="bag", delivery="any"))

@@ -202,9 +202,19 @@ class Report:
                 causes.setdefault(self._cause(at), at)
         yield from self._least("deadlock", causes, good)
 
+    def _without_loss(self, cause: Cause, one: Finding, good: bytearray) -> Finding:
+        """A deadlock at the same elements that nothing lost has led to, if only lost signals are accepted there."""
+        if one.kind != "lost" or not one.accepted:
+            return one
+        known = {at for at in self.explored.stuck if not self.explored.layer(at) and self._cause(at) == cause}
+        waits = [found for at in known for _, found in waiting(self.product, self.explored.states[at])]
+        way = self.runs.without_loss({topic for found in waits for _, topic in found}, known)
+        other = self._waiting("deadlock", way[-1], good, self.runs.along(way)) if way else one
+        return one if other.accepted else other
+
     def _least(self, kind: Kind, causes: Mapping[Cause, int], good: bytearray) -> Iterator[Finding]:
         """The findings of some causes; of those that are accepted, and of the others, none that contains another."""
-        found = {cause: self._waiting(kind, at, good) for cause, at in causes.items()}
+        found = {cause: self._without_loss(cause, self._waiting(kind, at, good), good) for cause, at in causes.items()}
         for cause, one in found.items():
             if not any(other < cause and bool(found[other].accepted) == bool(one.accepted) for other in found):
                 yield one

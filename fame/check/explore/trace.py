@@ -7,7 +7,7 @@ each keeps its own name through the run.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -117,6 +117,31 @@ class Runs:
         """The run to the first occurrence of something."""
         return self.to(seen.at, seen.transition).steps
 
+    def without_loss(self, topics: Set[str], goals: Container[int]) -> list[int]:
+        """A way to one of some states on which no robot misses a message on one of some topics; empty if none is known.
+
+        It leads through the states that were explored without an uncaught error.
+        """
+        product, before = self.product, dict[int, int]()
+        pending = [-1]
+        for at in pending:
+            if at in goals:
+                way = [at]
+                while before[way[-1]] >= 0:
+                    way.append(before[way[-1]])
+                return way[::-1]
+            state = self.explored.states[at] if at >= 0 else None
+            for transition in product.transitions(state) if state is not None else product.initial():
+                for end in self._settled(transition):
+                    new = product.index.get(product.symmetry.canonical(end))
+                    if new is None or new in before or self.explored.layer(new):
+                        continue
+                    between = product.between(transition[0], end) if product.between else ()
+                    if not any(_misses(one, topics) for one in (transition, *between)):
+                        before[new] = at
+                        pending.append(new)
+        return []
+
     def chain(self, at: int) -> list[int]:
         """The numbers of the states on the shortest way to one."""
         chain = []
@@ -148,10 +173,10 @@ class Runs:
         if not ways:
             raise LookupError("no transition leads to the next state")
 
-        def unlike(way: tuple[Transition, int]) -> int:
+        def unlike(way: tuple[Transition, int]) -> tuple[int, bool]:
             _, robot, move, reactions = way[0]
             failed = [element for _, done in ((robot, move), *reactions) for element in done.failed]
-            return len(failed) if error is None else 0 if error in failed else 1 if failed else 2
+            return len(failed) if error is None else 0 if error in failed else 1 if failed else 2, _misses(way[0])
 
         transition, end = min(ways, key=unlike)
         return [transition, *(product.between(transition[0], end) if product.between else ())]
@@ -243,6 +268,17 @@ class Runs:
 
     def _label(self, element: str) -> str:
         return self.place(element).label
+
+
+def _misses(transition: Transition, topics: Set[str] | None = None) -> bool:
+    """Whether a robot misses a message in a transition, on one of some topics."""
+    _, _, move, reactions = transition
+    return any(
+        done.stimulus[0] == "hear"
+        and (topics is None or done.stimulus[1] in topics)
+        and any(kind in ("lost", "unneeded") for kind, _ in done.way.flags)
+        for done in (move, *(done for _, done in reactions))
+    )
 
 
 def waiting(product: Product, state: int) -> list[tuple[int, tuple[tuple[str, str], ...]]]:
