@@ -105,7 +105,7 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     try:
         entries = chosen_of(spec_of(scope), scope.variables)
     except BaseException as error:
-        faults.fail(engine, scope, node, error, again=False)
+        faults.fail(engine, scope, node, error)
         return None
     if not entries:
         scopes.end_token(engine, scope)
@@ -158,7 +158,7 @@ def completed(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     try:
         enough = spec.condition is not None and bool(spec.condition(scope.variables))
     except BaseException as error:
-        faults.fail(engine, scope, node, error, again=False)
+        faults.fail(engine, scope, node, error)
         return None
     if enough:
         conclude(engine, scope, spec)

@@ -18,10 +18,12 @@ from fame.engine.state import Instance, Scope, Wait, scopes_of
 from fame.errors import MissionError
 
 
-def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException, *, again: bool = True) -> None:
+def fail(
+    engine: EngineState, scope: Scope, node: Node, error: BaseException, *, again: bool = True, wait: Wait | None = None
+) -> None:
     """Find what catches the error of an element; without one the instance fails, or an incident is kept.
 
-    `again`: its token has left the node, which can be executed again.
+    `again`: its token has left the node, which can be executed again. `wait`: what could not be evaluated, withdrawn.
     """
     if isinstance(error, KeyboardInterrupt) and is_from_outside(error):
         raise error
@@ -48,8 +50,10 @@ def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException, *,
         inner, failing, place = _outside(place)
     else:
         description = _describe(error, code) + _called_at(scope, node)
-        if again and engine.on_incident is not None:
-            repair.keep_failed(engine, scope, node, description, code)
+        if wait is not None and not wait.token and engine.on_incident is not None:
+            repair.keep_armed(engine, wait, description, code)
+        elif again and engine.on_incident is not None:
+            repair.keep_failed(engine, scope, wait.node if wait is not None else node, description, code)
         else:
             abandon(engine, scope.instance, node, description, code, error)
     if engine.conditions:
@@ -59,14 +63,14 @@ def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException, *,
 def give_up(engine: EngineState, wait: Wait, error: BaseException) -> None:
     """Turn a waiting token into an error: its trigger or its message could not be evaluated."""
     waiting.withdraw(engine, wait)
-    fail(engine, wait.scope, wait.node, error, again=wait.token)
+    fail(engine, wait.scope, wait.node, error, wait=wait)
 
 
 def give_up_part(engine: EngineState, wait: Wait, error: BaseException) -> None:
     """The same for one of several alternatives or triggers: the error is that of its event or gateway."""
     assert isinstance(wait.owner, Wait)
     waiting.withdraw(engine, wait.owner)
-    fail(engine, wait.scope, wait.node, error, again=False)
+    fail(engine, wait.scope, wait.node, error, wait=wait.owner)
 
 
 def abandon(

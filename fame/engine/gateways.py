@@ -181,23 +181,23 @@ def arrive_complex(engine: EngineState, scope: Scope, port: Node) -> Node | None
     if any(counts[spec.need :]):
         engine.inclusive[scope] = None
         return None
-    return _activate(engine, scope, spec.join)
+    try:
+        return _activate(engine, scope, spec.join)
+    except BaseException as error:
+        counts[spec.number] -= 1  # this token is not there yet: it can come again
+        faults.fail(engine, scope, port, error)
+        return None
 
 
 def _activate(engine: EngineState, scope: Scope, join: Node) -> Node | None:
-    """Activate a complex gateway if its activation condition is true. Returns its node if so."""
+    """Activate a complex gateway if its activation condition is true. Returns its node if so. Raises what it raises."""
     assert scope.joins is not None
     spec: Branch = join.spec
     assert spec.activation is not None
     counts, need = scope.joins[join], spec.need
     filled = [slot for slot in range(need) if counts[slot]]
     known = {"activationCount": len(filled), "waitingForStart": True}
-    try:
-        passes = bool(filled) and spec.activation(Variables(scope.variables, known))
-    except BaseException as error:
-        faults.fail(engine, scope, join, error, again=False)
-        return None
-    if not passes:
+    if not (filled and spec.activation(Variables(scope.variables, known))):
         return None
     for slot in filled:
         counts[slot] -= 1
@@ -228,13 +228,13 @@ def _reset(engine: EngineState, scope: Scope, join: Node) -> None:
     variables = Variables(scope.variables, {"waitingForStart": False})
     try:
         chosen = [target for condition, target in spec.resets if condition is not None and condition(variables)]
+        engine.ready.extend((target, scope) for target in chosen)
+        scope.tokens += len(chosen) - len(late)
+        if join in scope.joins and _activate(engine, scope, join) is not None:
+            engine.ready.append((join, scope))
     except BaseException as error:
         faults.fail(engine, scope, join, error, again=False)
         return
-    engine.ready.extend((target, scope) for target in chosen)
-    scope.tokens += len(chosen) - len(late)
-    if join in scope.joins and _activate(engine, scope, join) is not None:
-        engine.ready.append((join, scope))
     if not scope.tokens:
         scopes.finish(engine, scope)
 
@@ -268,6 +268,7 @@ def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
         for number, flow in enumerate(gateway.incoming):
             port = Port(node, number, spec.need)
             context.ports[flow] = context.node(gateway, _ARRIVALS[gateway.kind], f"/{number}", port)
+            context.ports[flow].part_of = node
     if gateway.kind in ("inclusive", "complex"):
         spec.masks = masks(context.content, gateway)
 

@@ -55,6 +55,7 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> None:
     loop: Loop = node.spec
     try:
         values, total = extent(loop, scope.variables)
+        starts = loop.standard and (not loop.before or _goes_on(loop, scope.variables, 0))
         if scope.instance.scopes + (1 if loop.sequential else total) > state.SCOPES:
             raise scopes.too_many()
     except BaseException as error:
@@ -73,14 +74,12 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> None:
         waiting.arm_all(engine, node.boundary.armed, scope, whole)
         if not whole.alive:
             return
-    if loop.standard:
-        iterate(engine, whole, node, first=True)
-        return
-    set_counters(whole)
     whole.tokens = 0
-    for _ in range(min(total, 1) if loop.sequential else total):
+    if not loop.standard:
+        set_counters(whole)
+    for _ in range(starts if loop.standard else min(total, 1) if loop.sequential else total):
         begin_instance(engine, whole, node)
-    if not total:
+    if not whole.tokens:
         scopes.finish(engine, whole)
 
 
@@ -125,54 +124,72 @@ def begin_instance(engine: EngineState, whole: Scope, node: Node) -> None:
     engine.ready.append((node.body.opening, instance))
 
 
+def end(engine: EngineState, scope: Scope, node: Node) -> None:
+    """End the token of an instance, and the instance; if an expression fails, this can be executed again."""
+    assert scope.parent is not None
+    try:
+        _decide(scope.parent, scope)
+    except BaseException as error:
+        faults.fail(engine, scope, node, error)
+        return
+    scopes.end_token(engine, scope)
+
+
+def _decide(whole: Scope, instance: Scope) -> None:
+    """Count an instance as completed, take its output, and decide whether it is the last one (``enough``)."""
+    assert whole.node is not None
+    loop, items = whole.node.spec, whole.items
+    items["done"] += 1
+    try:
+        if loop.standard:
+            items["enough"] = not _goes_on(loop, whole.variables, items["done"])
+            return
+        set_counters(whole)
+        if loop.output and loop.result is not None:
+            value = loop.result(instance.variables)
+            items["out"][instance.items - 1] = None if value is UNDEFINED else value
+        items["enough"] = loop.completion is not None and bool(loop.completion(instance.variables))
+    except BaseException:
+        items["done"] -= 1
+        if not loop.standard:
+            set_counters(whole)
+        raise
+
+
+def _goes_on(loop: Loop, variables: dict[str, Any], done: int) -> bool:
+    """Whether a standard loop has another iteration."""
+    if loop.maximum and done >= loop.maximum:
+        return False
+    return loop.condition is None or bool(loop.condition(Variables(variables, {"loopCounter": done})))
+
+
 def end_instance(engine: EngineState, whole: Scope, instance: Scope) -> None:
     """Complete an instance; start the next one, or end the activity."""
     node, items = whole.node, whole.items
     assert node is not None
     loop: Loop = node.spec
-    items["done"] += 1
     whole.tokens -= 1
+    if "enough" not in items:  # its token was dropped
+        try:
+            _decide(whole, instance)
+        except BaseException as error:
+            faults.fail(engine, whole, loop.instance, error, again=False)
+            return
+    enough = items.pop("enough")
     if loop.instance.boundary is not None:
         compensation.remember(whole, Record(loop.instance, instance.variables, instance.done or []))
     elif instance.done:
         compensation.remember(whole, *instance.done)
-    if loop.standard:
-        iterate(engine, whole, node, first=False)
-        return
-    set_counters(whole)
-    try:
-        if loop.output and loop.result is not None:
-            value = loop.result(instance.variables)
-            items["out"][instance.items - 1] = None if value is UNDEFINED else value
-        enough = loop.completion is not None and bool(loop.completion(instance.variables))
-    except BaseException as error:
-        faults.fail(engine, whole, loop.instance, error, again=False)
-        return
+    if not loop.standard:
+        set_counters(whole)
     if enough and whole.tokens:
         scopes.proceed(engine, steps.FINISH, *scopes.replace(engine, whole, ()))
-    elif not enough and loop.sequential and items["started"] < items["total"]:
+    elif not enough and (loop.standard or (loop.sequential and items["started"] < items["total"])):
         begin_instance(engine, whole, node)
     elif not whole.tokens:
         scopes.finish(engine, whole)
     if engine.conditions:
         waiting.check_conditions(engine)
-
-
-def iterate(engine: EngineState, whole: Scope, node: Node, first: bool) -> None:
-    """Start the next iteration of a standard loop, or end it."""
-    loop, done = node.spec, whole.items["done"]
-    again = not (loop.maximum and done >= loop.maximum)
-    if again and loop.condition is not None and (loop.before or not first):
-        try:
-            again = bool(loop.condition(Variables(whole.variables, {"loopCounter": done})))
-        except BaseException as error:
-            faults.fail(engine, whole, loop.instance, error, again=False)
-            return
-    whole.tokens = 0
-    if again:
-        begin_instance(engine, whole, node)
-    else:
-        scopes.finish(engine, whole)
 
 
 def leave(engine: EngineState, scope: Scope, whole: Scope) -> None:
@@ -204,7 +221,7 @@ def repeated(
     node.ended, instance.ended = leave, end_instance
     context.compensated[element.id] = instance
     node.body = Body(element.id)
-    inner.next = context.node(element, steps.end, "/instance/end")
+    inner.next = context.node(element, end, "/instance/end")
     context.open_with(inner, node.body, element.id)
     compiled = partial(context.optional, element=element)
     if isinstance(how, model.StandardLoop):

@@ -1,7 +1,8 @@
 """Repair of a running process: incidents, and changes of tokens and variables by people.
 
 An *incident* is a token at an element whose error nothing has caught. If the host wants incidents
-(`EngineState.on_incident`), such an error does not fail its instance: the token waits until a person repairs it.
+(`EngineState.on_incident`), such an error does not fail its instance: the token waits until a person repairs it. A
+boundary event, or the start of an event sub-process, that cannot be evaluated is one too, without a token.
 `retry` executes the element again; `move` moves a token from one element of a scope to another.
 """
 
@@ -37,6 +38,16 @@ def keep_failed(engine: EngineState, scope: Scope, node: Node, text: str, code: 
     engine.on_incident(wait)
 
 
+def keep_armed(engine: EngineState, wait: Wait, text: str, code: str) -> None:
+    """Keep what is armed without a token, and could not be evaluated; nothing triggers it."""
+    wait.alive, wait.box, wait.catch = True, None, AT_INCIDENT
+    if wait.owner is wait.scope:  # the start of an event sub-process
+        wait.scope.children[wait] = None
+    engine.incidents[wait] = (code, text)
+    assert engine.on_incident is not None
+    engine.on_incident(wait)
+
+
 def keep_script(engine: EngineState, wait: Wait, text: str, code: str) -> None:
     """Cancel the script of a wait, and keep its token."""
     scopes.cancel_script(engine, wait)
@@ -45,15 +56,27 @@ def keep_script(engine: EngineState, wait: Wait, text: str, code: str) -> None:
 
 
 def retry(engine: EngineState, element: str, values: Mapping[str, Any]) -> None:
-    """Set variables, and execute an element at which there is an incident again. Raises MissionError."""
+    """Set variables, and execute (or arm) an element at which there is an incident again. Raises MissionError."""
     wait = next((wait for wait in engine.incidents if wait.node.id == element), None)
     if wait is None:
         there = ", ".join(wait.node.id for wait in engine.incidents) or "none"
         raise MissionError(f"has no incident; incidents are at: {there}", element=element)
     for name, value in values.items():
         wait.scope.variables[name] = value
-    waiting.withdraw(engine, wait)
-    engine.ready.append((wait.node, wait.scope))
+    if wait.token:
+        waiting.withdraw(engine, wait)
+        engine.ready.append((wait.node, wait.scope))
+    else:
+        _arm_again(engine, wait)
+
+
+def _arm_again(engine: EngineState, wait: Wait) -> None:
+    """Arm what holds no token. While it is suspended only a timer runs: the others are armed when that ends."""
+    _forget(engine, wait)
+    assert wait.node.catch is not None
+    wait.catch = wait.node.catch
+    if wait.catch.trigger is waiting.TIMER or not wait.paused:
+        waiting.arm(engine, wait)
 
 
 def set_variables(engine: EngineState, values: Mapping[str, Any], instance: int | None = None) -> None:
