@@ -230,6 +230,22 @@ def test_a_run_in_lockstep_is_the_same_every_time(tmp_path: Path, middleware: st
     assert first["REX"]["x"] > 1.2
 
 
+@pytest.mark.processes
+@needs("cyclonedds")
+def test_a_run_in_lockstep_says_that_what_comes_from_outside_is_not_exact_to_the_step(tmp_path: Path) -> None:
+    scenario = two_cars(tmp_path)
+    model = tmp_path / "drive.bpmn"
+    task = model.read_text().partition("<scriptTask")[2].partition("</scriptTask>")[0]
+    model.write_text(model.read_text().replace(f"<scriptTask{task}</scriptTask>", '<userTask id="REXt"/>'))
+    words = ["run", str(scenario), "--duration", "20", "--middleware", "dds", "--complete", "REX@1:REXt"]
+    done = subprocess.run(
+        [sys.executable, "-m", "fame", *words, "--lockstep", "--quiet"],
+        env=ENVIRONMENT, capture_output=True, text=True, timeout=90, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done
+    assert "complete and signal come in a step that differs between runs" in done.stderr
+
+
 ROS_NODE = """
 import rclpy
 from nav_msgs.msg import Odometry

@@ -195,6 +195,8 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
         if getattr(arguments, option):
             raise ConfigError(f"--{option} needs --middleware local: world and engines are in other processes")
     _check_drawings(arguments, scenario)
+    if arguments.lockstep and (scenario.completions or scenario.signals):
+        note("fame: the world waits for the engines only: complete and signal come in a step that differs between runs")
     if arguments.state is not None:
         from fame.robot.journal import StateDirectory
 
