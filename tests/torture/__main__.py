@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from .invariants import judge
-from .plan import DISK_FAULTS, FAULTS, Plan, draw
+from .plan import DISK_FAULTS, FAULTS, KEYS, Plan, draw
 from .planted import BUGS, seeds_until_found
 from .team import Team
 
@@ -77,7 +77,7 @@ def _find_planted(limit: int, jobs: int) -> int:
         missed = 0
         for name, number in zip(BUGS, results, strict=True):
             missed += number >= limit
-            print(f"{name:40} {'not found' if number >= limit else f'{number:g}'}", flush=True)
+            print(f"{name:40} {'not found' if number >= limit else number}", flush=True)
     return bool(missed)
 
 
@@ -97,7 +97,7 @@ def _run_all(seeds: range, jobs: int, seconds: float | None) -> int:
     for kind, count in sorted(struck.items()):
         print(f"{count:9d}  {kind}")
     print(f"{done} seeds from {seeds.start}, {failed} failed, {took:.0f} s, {done / took:.1f} seeds/s")
-    never = {kind for kind in FAULTS + DISK_FAULTS if not any(name.startswith(f"{kind} /") for name in struck)}
+    never = {kind for kind in FAULTS + DISK_FAULTS + KEYS if not any(name.startswith(f"{kind} /") for name in struck)}
     if done >= 10_000 and never:
         print(f"never struck: {', '.join(sorted(never))}")
     return bool(failed or (done >= 10_000 and never))

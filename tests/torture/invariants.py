@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from fame.clock import SECOND
 
-from .team import Said, Team
+from .team import STRANGER, Said, Team
 
 LAST = 99
 """The version that is deployed at the end."""
@@ -22,6 +22,7 @@ def judge(team: Team) -> list[str]:
         *forgotten(team),
         *effects(team),
         *stuck(team),
+        *strangers(team),
     ]
     for robot in team.robots.values():
         if robot.engine is not None and robot.engine.state == "holding":
@@ -107,3 +108,11 @@ def stuck(team: Team) -> Iterator[str]:
     ticks = team.fabric.published.get("/tick", ())
     if not ticks or team.scheduler.now - team.fabric.last_published["/tick"] > 20 * SECOND:
         yield "A runs and does nothing for 20 s"
+
+
+def strangers(team: Team) -> Iterator[str]:
+    """What no key of the team has signed changes none of its robots."""
+    unsigned = {sender.process.name for sender in team.senders if sender.version == STRANGER}
+    for said in team.said:
+        if said.deployment in unsigned and said.answer in ("ready", "started"):
+            yield f"{said.robot} said {said.answer} to a stranger's {said.deployment}"

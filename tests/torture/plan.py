@@ -54,6 +54,8 @@ class Plan:
 
 
 FAULTS = ("kill", "stop", "cut", "loss", "delay", "match", "clock", "kill sender", "stop sender")
+KEYS = ("stranger",)
+"""What strikes only teams with keys."""
 DISK_FAULTS = ("power", "fuse", "full", "read-only", "flip", "erase")
 
 
@@ -65,7 +67,11 @@ def draw(seed: int) -> Plan:
     durable = chance.choice(((), ROBOTS, ROBOTS, tuple(robot for robot in ROBOTS if chance.random() < 0.5)))
     steps += [Step(0.0, "directory", robot) for robot in durable]
     begun = [step.time for step in steps if step.kind == "deploy"]
-    for kind in [kind for kind in FAULTS + DISK_FAULTS * bool(durable) if chance.random() < 0.3]:
+    signed = chance.random() < 0.3
+    if signed:
+        steps.append(Step(0.0, "keys"))
+    kinds = FAULTS + DISK_FAULTS * bool(durable) + KEYS * signed
+    for kind in [kind for kind in kinds if chance.random() < 0.3]:
         for _ in range(chance.randint(1, 4)):
             steps.append(_when(chance, begun, _fault(chance, kind)))
     if chance.random() < 0.5:
@@ -97,7 +103,7 @@ def _fault(chance: random.Random, kind: str) -> Step:
     time = _rounded(chance.uniform(2, 30))
     long = _rounded(chance.choice((0.2, 2.0, 8.0, 14.0)) * (0.5 + chance.random()))
     match kind:
-        case "kill" | "stop" | "match" | "power" | "read-only" | "flip" | "erase":
+        case "kill" | "stop" | "match" | "power" | "read-only" | "flip" | "erase" | "stranger":
             return Step(time, kind, chance.choice(ROBOTS), long)
         case "cut":
             return Step(time, kind, " ".join(chance.sample((*ROBOTS, DESK), 2)), long)

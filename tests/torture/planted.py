@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -201,14 +200,12 @@ def planted(name: str) -> Iterator[None]:
         yield
 
 
-def seeds_until_found(name: str, starts: Sequence[int], limit: int) -> float:
+def seeds_until_found(name: str, starts: Sequence[int], limit: int) -> int:
     """After how many seeds a bug is found: the median over the first seeds; `limit` if it is not."""
+    searching = set(starts)
     with planted(name):
-        return statistics.median(_until_found(start, limit) for start in starts)
-
-
-def _until_found(start: int, limit: int) -> int:
-    for number in range(limit):
-        if judge(Team(draw(start + number))):
-            return number + 1
+        for number in range(limit):
+            searching -= {start for start in searching if judge(Team(draw(start + number)))}
+            if len(searching) <= len(starts) // 2:
+                return number + 1
     return limit

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 from collections import Counter
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deploy import Deployment, EngineNode, engines
 from fame.deploy.assignment import assign_robots
-from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope, Report
+from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope, Report, signed
 from fame.deploy.robot_state import Reply
+from fame.deploy.signing import Identity, _name_of, sign
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware import messages
 from fame.robot.journal import StateDirectory
@@ -23,6 +27,8 @@ from .missions import ROBOTS, mission
 from .plan import DESK, HEAL, Plan, Step
 from .processes import Machine, Process
 
+STRANGER = 66
+"""The version that somebody deploys who has no key of the team."""
 QUIET = 60.0
 """How long the team has after the last fault (s)."""
 
@@ -61,6 +67,7 @@ class Sender:
     process: Process
     wire: Wire
     deployment: Deployment | None = None
+    key: Any = None
     ended: str = ""
 
     @property
@@ -85,6 +92,7 @@ class Team:
         self.machines = {name: Machine(name, self.scheduler, self.plan.seed) for name in (*ROBOTS, DESK)}
         self.robots = {name: Robot(name, self.machines[name]) for name in ROBOTS}
         self.senders: list[Sender] = []
+        self.key: Ed25519PrivateKey | None = None  # of the team, if it has one
         self._numbers = Counter[str]()
         self._armed: list[Step] = []  # what waits for an answer
         self._away = 1.0  # how long a machine without power is away (s)
@@ -119,6 +127,11 @@ class Team:
                 self.start(self.robots[step.target])
             case "deploy":
                 self.deploy(step.value)
+            case "keys":
+                self.key = self._private("team")
+            case "stranger":
+                self.deploy(STRANGER, key=self._private("stranger") if step.value > 2 else None)
+                self.abort(self.robots[step.target], key=self._private("stranger"))
             case "directory":
                 self.robots[step.target].durable = True
             case "kill" | "power" | "flip" | "erase":
@@ -174,6 +187,8 @@ class Team:
         self.note("heal")
         self._armed.clear()
         for machine in self.machines.values():
+            if self.key is not None:  # what is signed is refused where clocks differ
+                machine.ahead = 0.0
             machine.disk.fuse = machine.disk.room = None
             machine.disk.trouble = 0
         self.fabric.loss, self.fabric.delay = 0.0, 0.002
@@ -230,7 +245,14 @@ class Team:
                 state.set_aside()
                 robot.fresh = False
         robot.engine = EngineNode(
-            robot.name, scheduler=process, middleware=wire, wall_time=robot.machine.wall_time, state=state
+            robot.name,
+            scheduler=process,
+            middleware=wire,
+            wall_time=robot.machine.wall_time,
+            state=state,
+            seed=self.plan.seed,
+            trusted=() if self.key is None else [self.key.public_key()],
+            identity=None if self.key is None else self._identity(robot.name, self.key),
         )
         self._listen(robot, robot.engine, process)
 
@@ -309,10 +331,18 @@ class Team:
 
     # ---- what people do ----------------------------------------------------------------------------------------------
 
-    def deploy(self, version: int) -> Sender:
-        """``fame deploy``: find the robots for at most 10 s, deploy, end."""
+    def _private(self, name: str) -> Ed25519PrivateKey:
+        return Ed25519PrivateKey.from_private_bytes(hashlib.sha256(f"{self.plan.seed} {name}".encode()).digest())
+
+    def _identity(self, robot: str, team: Ed25519PrivateKey) -> Identity:
+        """What ``fame keys robot`` makes."""
+        private = self._private(robot)
+        return Identity(private, sign(_name_of(robot, Identity(private).key), team))
+
+    def deploy(self, version: int, *, key: Ed25519PrivateKey | None = None) -> Sender:
+        """``fame deploy``: find the robots for at most 10 s, deploy, end. `key`: that of a stranger."""
         process, wire = self._process(f"sender {version}", self.machines[DESK])
-        sender = Sender(version, process, wire)
+        sender = Sender(version, process, wire, key=self.key if version != STRANGER else key)
         self.senders.append(sender)
         self._find(sender, process.now + 10 * SECOND)
         return sender
@@ -339,6 +369,7 @@ class Team:
                 scheduler=sender.process,
                 middleware=sender.wire,
                 wall_time=wall_time,
+                key=sender.key,
                 ended=lambda _: self._later(0.0, partial(self._ended, sender)),
             )
         except FameError as error:
@@ -360,20 +391,21 @@ class Team:
         sender.wire.close()
         self._later(0.5, partial(self.fabric.leave, sender.wire))
 
-    def abort(self, robot: Robot) -> None:
-        """``fame abort``: a person ends the deployment that a robot holds."""
-        assert robot.engine is not None
-        candidate = robot.engine._protocol.state.candidate
-        if candidate is None:
+    def abort(self, robot: Robot, *, key: Ed25519PrivateKey | None = None) -> None:
+        """``fame abort``: a person ends the deployment that a robot holds. `key`: that of a stranger."""
+        candidate = robot.engine._protocol.state.candidate if robot.engine is not None else None
+        if robot.engine is None or candidate is None:
             return
         deployment = candidate.envelope.deployment
-        self.released.add((robot.name, deployment))
+        if key is None:
+            key = self.key
+            self.released.add((robot.name, deployment))
         process, wire = self._process("person", self.machines[DESK])
         publisher = wire.node("person").publisher(f"/{robot.name}/bpmn_process", STRING, PROCESS_QOS)
         envelope = Envelope(deployment=deployment, sequence=0, robot=robot.name, phase="abort")
+        envelope = signed(envelope, key, born=robot.engine.born, now=process.machine.wall_time())
         self._later(2.0, lambda: publisher.publish(messages.create(STRING, envelope.to_json())))
         self._later(4.0, partial(self.fabric.leave, wire))
-        del process
 
 
 __all__ = ["Reply", "Report", "Robot", "Said", "Sender", "Team"]
