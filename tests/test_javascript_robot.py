@@ -9,6 +9,8 @@ from javascript_models import Peer, definitions, error_of, flows, run, simulate,
 
 import fame
 from fame.bpmn.model import Expression
+from fame.clock import SECOND
+from fame.middleware.interface import DeferredResponse
 from fame.scripting import script_topics
 from fame.scripting.javascript import values
 
@@ -183,8 +185,6 @@ def test_topics_and_services_that_scripts_name_are_known_before_they_run() -> No
         ("\nnode.createClient('no/srv/Thing', 'odom');", 5, "no/srv/Thing"),
         ("node.createPublisher('std_msgs/msg/Bool', 'a');\nnode.createPublisher('std_msgs/msg/Char', 'a').publish(1);",
          5, "std_msgs/msg/Char"),
-        ("const c = node.createClient('std_srvs/srv/Trigger', 'stop');\nc.sendRequest({}, () => next());", 5,
-         "no node offers the service /REX/stop"),
     ],
 )  # fmt: skip
 def test_a_wrong_type_or_field_is_an_error_of_the_script_at_its_line(text: str, line: int, complaint: str) -> None:
@@ -289,6 +289,77 @@ def test_a_service_is_waited_for_in_an_async_function_too() -> None:
         ask();""")
     offer(simulation, 0.5)
     assert simulation.run().instances[0].variables["y"] is False
+
+
+# ---- servers that leave ----------------------------------------------------------------------------------------------
+
+SWITCH = """
+    const v = this.environment.variables;
+    const client = v.node.createClient("std_srvs/srv/SetBool", "arm");
+    client.sendRequest({data: true}, (response) => { v.y = response; next(); });"""
+
+
+class Arm:
+    """A server that answers nothing, or at once."""
+
+    def __init__(self, simulation: fame.Simulation) -> None:
+        self.node, self.heard = simulation.middleware.node("gripper", "REX"), list[Any]()
+        self.service: Any = None
+
+    def come(self, silent: bool = False) -> None:
+        def answer(request: Any) -> Any:
+            self.heard.append(request.data)
+            return DeferredResponse() if silent else {"success": True, "message": "armed"}
+
+        self.service = self.node.service("arm", "std_srvs/srv/SetBool", answer)
+
+    def leave(self) -> None:
+        self.service.close()
+
+
+def test_a_request_without_a_server_is_the_error_service_after_a_while() -> None:
+    simulation = simulate(SWITCH).run()
+    error = simulation.instances[0].error
+    assert (simulation.instances[0].status, error.code) == ("failed", "service")
+    assert "no node offers the service /REX/arm" in error.text
+    assert simulation.now == 5
+
+
+def test_a_request_waits_for_a_server_that_comes_later() -> None:
+    simulation = simulate(SWITCH)
+    arm = Arm(simulation)
+    simulation.scheduler.at(3 * SECOND, arm.come)
+    assert simulation.run().instances[0].variables["y"]["message"] == "armed"
+
+
+@pytest.mark.parametrize("back", [2, 9])
+def test_a_request_is_made_again_when_its_server_left_and_fails_if_none_comes(back: int) -> None:
+    simulation = simulate(SWITCH)
+    arm = Arm(simulation)
+    arm.come(silent=True)
+    simulation.scheduler.at(1 * SECOND, arm.leave)
+    simulation.scheduler.at(back * SECOND, arm.come)
+    (instance,) = simulation.run().instances
+    assert arm.heard == ([True, True] if back == 2 else [True])
+    assert (instance.status, instance.error and instance.error.code) == (
+        ("completed", None) if back == 2 else ("failed", "service")
+    )
+
+
+@pytest.mark.parametrize("retry", ["never", "ask"])
+def test_the_property_retry_of_its_task_decides_on_a_lost_request(retry: str) -> None:
+    kept = '<extensionElements><c:properties xmlns:c="http://camunda.org/schema/1.0/bpmn"><c:property name="retry" '
+    kept += f'value="{retry}"/></c:properties></extensionElements>'
+    text = task("t1", SWITCH).replace("<script>", f"{kept}<script>")
+    content = f'{text}<startEvent id="s"/><endEvent id="e"/>{flows("s", "t1", "e")}'
+    simulation = fame.Simulation(definitions(content), robot="REX")
+    arm = Arm(simulation)
+    arm.come(silent=True)
+    simulation.scheduler.at(1 * SECOND, arm.leave)
+    simulation.scheduler.at(2 * SECOND, arm.come)
+    error = simulation.run().instances[0].error
+    assert (error.code, arm.heard) == ("lost", [True])
+    assert "call('arm'): its server left before it answered, and its fate is unknown" in error.text
 
 
 # ---- how long callbacks live -----------------------------------------------------------------------------------------

@@ -336,16 +336,16 @@ class RobotNode:
         self.host.emit(Event(self.scheduler.now, self.name, 0, 0, element, "report", text))
 
     def _on_lost_request(
-        self, key: int, text: str, again: Callable[[], object], fail: Callable[[BaseException], object]
+        self, key: int, element: str, text: str, again: Callable[[], object], fail: Callable[[BaseException], object]
     ) -> None:
         """The fate of a goal or service call is unknown: do what the property ``retry`` of its task says."""
         wait = self.engine.waits.get(key)
-        element = wait.node.id if wait is not None else ""
+        element = wait.node.id if wait is not None else element
         retry = self.mission.retries().get(element, "safe")
         self.host.report(element, f"{text}; retry: {retry}")
         if retry == "safe":
             again()
-        elif retry == "ask" and self.engine.on_incident is not None:
+        elif retry == "ask" and wait is not None and self.engine.on_incident is not None:
             self.scheduler.soon(partial(self.engine.keep_script, key, text, "lost"), Kind.RESUMPTION)
         else:
             fail(BpmnError("lost", text))

@@ -74,6 +74,7 @@ class Scripts:
             log=log,
             report=report,
             stepped=self._on_callback_ended,
+            lost=self._on_callback_lost,
             failed=self._on_callback_failed,
             alive=self._is_alive,
         )
@@ -101,6 +102,14 @@ class Scripts:
 
     def _on_callback_failed(self, variables: dict[str, Any], element: str, error: BaseException) -> None:
         self.engine.fail_callback(variables, element, error)
+
+    def _on_callback_lost(
+        self, script: Any, element: str, text: str, again: Callable[[], object], fail: Callable[[BaseException], object]
+    ) -> None:
+        if self.runner.on_lost is None:
+            again()
+        else:
+            self.runner.on_lost(self.runner.key_of(script), element, text, again, fail)
 
     def _is_alive(self, variables: dict[str, Any]) -> bool:
         return self.engine.is_alive(variables)

@@ -13,10 +13,17 @@ from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from fame.clock import SECOND
 from fame.engine.host import BpmnError
 from fame.errors import MessageError
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import Client, Message, Node, Subscription, resolve
+
+SERVICE_TIMEOUT = 5 * SECOND
+"""Time that a script waits for an unavailable service or action (ns)."""
+MOMENT = SECOND // 2
+"""Time before a request is made again whose server has left or been replaced (ns): a request is lost that arrives
+before the server has found its client again."""
 
 
 class Request:

@@ -26,6 +26,8 @@ from fame.middleware.interface import Client, Node
 from fame.scripting.budget import BUDGET, Budget
 from fame.scripting.python import error_text
 from fame.scripting.requests import (
+    MOMENT,
+    SERVICE_TIMEOUT,
     Act,
     Call,
     GoalError,
@@ -46,11 +48,10 @@ _MOST_AWAITS = 100_000
 """Awaits of one script at one moment before it counts as a livelock."""
 
 _MOST_HANDLERS = 100
-_SERVICE_TIMEOUT, _POLL = 5 * SECOND, SECOND // 20
-"""Time that a script waits for an unavailable service or action, and interval of its checks (ns)."""
-_MOMENT, _AGAIN = SECOND // 2, (SECOND, 4 * SECOND)
-"""Time before a request is made again whose server has left or been replaced, and times after which the result of its
-goal is requested once more (ns): a request is lost that arrives before the server has found its client again."""
+_POLL = SECOND // 20
+"""Interval in which it is checked whether a service or action is available (ns)."""
+_AGAIN = (SECOND, 4 * SECOND)
+"""Times after which the result of a goal is requested once more whose server was replaced (ns): see `MOMENT`."""
 _SILENT = 3 * SECOND
 """Time without feedback or response after which a server is called silent (ns)."""
 
@@ -105,10 +106,10 @@ class Outward(Protocol):
 
 
 class OnLost(Protocol):
-    """Decides on a request of a script whose fate is unknown, and why."""
+    """Decides on a request of a script whose fate is unknown, and why; by its key, else by its element."""
 
     def __call__(
-        self, key: int, text: str, again: Callable[[], object], fail: Callable[[BaseException], object], /
+        self, key: int, element: str, text: str, again: Callable[[], object], fail: Callable[[BaseException], object], /
     ) -> None:
         """Call `again` to make it again, or `fail` to throw an error in the script."""
 
@@ -171,6 +172,10 @@ class Runner:
             return True
         task.grace = self._scheduler.after(self._grace, partial(self._close, task))
         return False
+
+    def key_of(self, script: Any) -> int:
+        """The key of a script that runs; 0 for another one."""
+        return next((key for key, task in self._tasks.items() if task.script is script), 0)
 
     def request(self, key: int) -> Request | None:
         """The request that a script awaits, None for an unknown script."""
@@ -481,20 +486,20 @@ class Runner:
         if self.on_lost is None:
             again()
         else:
-            self.on_lost(task.key, f"{request}: {reason}, and its fate is unknown", again, fail)
+            self.on_lost(task.key, "", f"{request}: {reason}, and its fate is unknown", again, fail)
 
     def _once_more(self, task: _Task, client: Client | ActionClient, begin: Callable[[], object]) -> None:
         """Call `begin` as `_when_available` does, a moment later: the server may have to find this client again."""
         now = self._scheduler.now
         task.gone = now if task.gone is None and not client.available else task.gone
-        again = partial(self._when_available, task, client, begin, now + _SERVICE_TIMEOUT)
-        task.due = self._scheduler.after(_MOMENT, again, Kind.RESUMPTION)
+        again = partial(self._when_available, task, client, begin, now + SERVICE_TIMEOUT)
+        task.due = self._scheduler.after(MOMENT, again, Kind.RESUMPTION)
 
     def _when_available(
         self, task: _Task, client: Client | ActionClient, begin: Callable[[], object], until: int = 0
     ) -> None:
         """Call `begin` as soon as the service is available, or after the timeout: then it raises an error."""
-        until = until or self._scheduler.now + _SERVICE_TIMEOUT
+        until = until or self._scheduler.now + SERVICE_TIMEOUT
         if not client.available and self._scheduler.now < until:
             if task.gone is None:
                 task.gone = self._scheduler.now

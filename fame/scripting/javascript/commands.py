@@ -13,10 +13,12 @@ from random import Random
 from typing import Any, Protocol
 
 from fame.clock import SECOND, Kind, Scheduler
+from fame.engine.host import BpmnError
+from fame.errors import MessageError
 from fame.scripting.javascript.environment import Run
 from fame.scripting.javascript.source import located
 from fame.scripting.javascript.values import Encoded, encode
-from fame.scripting.requests import Inbox, MessageQueue
+from fame.scripting.requests import MOMENT, SERVICE_TIMEOUT, Inbox, MessageQueue
 
 HOST_API = "__javascript__"
 """The name under which the script interface of the variables holds it."""
@@ -44,6 +46,7 @@ class HostApi:
     log        (level, text): write a line of log
     report     (element, text): a warning that stops nothing
     stepped    (): a callback has ended, so variables may have changed
+    lost       (script, element, text, again, fail): the fate of a request of a script is unknown
     failed     (variables, element, error): a callback of a script that is over has failed
     alive      (variables): whether their scope is still open
     random     the random numbers of the robot, which seed those of each realm
@@ -62,6 +65,7 @@ class HostApi:
     log: Callable[[str, str], object]
     report: Callable[[str, str], object]
     stepped: Callable[[], object]
+    lost: Callable[[Any, str, str, Callable[[], object], Callable[[BaseException], object]], object]
     failed: Callable[[dict[str, Any], str, BaseException], object]
     alive: Callable[[dict[str, Any]], bool]
     realms: list[OpenRealm] = field(default_factory=list)
@@ -104,6 +108,12 @@ class CommandTarget(Protocol):
 
     def call_back(self, number: int, payload: str, *, again: bool = False) -> None:
         """Run a callback with a JSON text; `again`: it may come again."""
+
+    def expects(self, number: int) -> bool:
+        """Whether a callback may still come."""
+
+    def fail(self, number: int, error: BaseException) -> None:
+        """Fail the run of a callback that does not come."""
 
     def end_other(self, number: int, error: dict[str, str] | None) -> None:
         """End the run of another script."""
@@ -177,13 +187,40 @@ def wait_for_service(realm: CommandTarget, run: Run, number: int, type: str, ser
 
 
 def request(realm: CommandTarget, run: Run, number: int, type: str, service: str, fields: Any) -> None:
-    """sendRequest: the response is a callback."""
+    """sendRequest: the response is a callback. The service is waited for as that of a task, and its loss treated so."""
+    robot, client = realm.robot, realm.robot.inbox.client(service, type)
+    scheduler, timers = robot.scheduler, list[Callable[[], object]]()
+    fail = partial(realm.fail, number)
 
     def on_response(response: Any) -> None:
-        realm.robot.scheduler.soon(partial(realm.call_back, number, encode(response)), Kind.MESSAGE)
+        scheduler.soon(partial(realm.call_back, number, encode(response)), Kind.MESSAGE)
 
-    realm.robot.inbox.client(service, type).call(fields, on_response)
-    realm.expect(number, run, lambda: None)
+    def after(delay: int, until: int) -> None:
+        timers[:] = [scheduler.after(delay, partial(attempt, until), Kind.RESUMPTION).cancel]
+
+    def again() -> None:
+        if realm.expects(number):
+            after(MOMENT, scheduler.now + SERVICE_TIMEOUT)
+
+    def lost() -> None:
+        if realm.expects(number):
+            text = f"call({service!r}): its server left before it answered, and its fate is unknown"
+            robot.lost(run.suspended, run.script.element, text, again, fail)
+
+    def attempt(until: int) -> None:
+        if not client.available and scheduler.now < until:
+            after(_POLL, until)
+            return
+        try:
+            client.call(fields, on_response, lost)
+        except MessageError as error:
+            fail(BpmnError("service", str(error)))
+
+    if client.available:
+        client.call(fields, on_response, lost)
+    else:
+        after(_POLL, scheduler.now + SERVICE_TIMEOUT)
+    realm.expect(number, run, lambda: [cancel() for cancel in timers])
 
 
 # ---- timers, log, other runs -----------------------------------------------------------------------------------------

@@ -154,6 +154,17 @@ class Realm:
             cancel()
             self._forget_if_done(run)
 
+    def expects(self, number: int) -> bool:
+        """Whether a callback may still come."""
+        return number in self._expected
+
+    def fail(self, number: int, error: BaseException) -> None:
+        """Fail the run of a callback that does not come. Called by entries of the scheduler."""
+        if number in self._expected:
+            run, _ = self._expected[number]
+            self._settle(run, Outcome(error=located(error, run.script)))
+            self.robot.stepped()
+
     def call_back(self, number: int, payload: str, *, again: bool = False) -> None:
         """Run a callback with a JSON text; `again`: it may come again. Called by entries of the scheduler."""
         if number not in self._expected:
