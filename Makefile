@@ -4,6 +4,7 @@
 # make test-browser     the tests of the page of `fame view`; needs chromium
 # make test-node        the README's tutorial in Camunda Modeler, and what its parts read; needs npm and chromium
 # make torture    100,000 simulated teams under faults, each decided by its seed; TORTURE has other options (--seed N)
+# make fuzz       an hour of damaged input for every reader; FUZZ has other options (--minutes N, --target NAME)
 # make attack  attacks on live engines: each has to be held
 # make lint    style, format and types
 # make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
@@ -26,7 +27,7 @@ ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test
 MODELER := camunda-bpmn-js@5.35.0
 MODELER_PARTS := @bpmn-io/element-templates-validator bpmn-moddle camunda-bpmn-moddle
 
-.PHONY: demo test torture test-processes test-browser test-node test-ros attack lint clean
+.PHONY: demo test torture fuzz test-processes test-browser test-node test-ros attack lint clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/ground_vehicles.yaml --picture $(DEMO).png --animate $(DEMO).gif \
@@ -38,6 +39,9 @@ test: $(VENV)/dev.installed
 
 torture: $(VENV)/dev.installed
 	$(BIN)/python -m tests.torture --jobs 2 $(or $(TORTURE),--seeds 1:100000)
+
+fuzz: $(VENV)/dev.installed
+	$(BIN)/python -m tests.fuzz $(or $(FUZZ),--minutes 60)
 
 test-processes: $(VENV)/dev.installed
 	$(BIN)/python .ci/stage.py $@ --no-skips -- -n 2 --dist worksteal -m "processes and not browser and not ros" $(PYTEST)

@@ -16,6 +16,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from importlib.resources import files
+from os.path import isdir
 from pathlib import Path
 
 from fame.bpmn.model import CallActivity, Definitions, Process
@@ -46,7 +47,7 @@ class Library:
     def __init__(self, folders: str | Path | Sequence[str | Path] = ()) -> None:
         self.folders: tuple[Path, ...] = tuple(map(Path, [folders] if isinstance(folders, str | Path) else folders))
         for folder in self.folders:
-            if not folder.is_dir():
+            if not isdir(folder):
                 raise ConfigError("is not a folder; the library path has folders of .bpmn files", file=str(folder))
         self._files: dict[Path, Definitions] = {}
         self._folders: dict[Path, dict[Path, frozenset[str]]] = {}  # the files of a folder, and their processes

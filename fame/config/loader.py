@@ -7,6 +7,7 @@ import importlib.util
 import sys
 from collections.abc import Mapping
 from os import PathLike
+from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -135,7 +136,7 @@ def _from_file(path: Path) -> Any:
     if known in sys.modules:
         return sys.modules[known]
     specification = importlib.util.spec_from_file_location(known, path)
-    if specification is None or specification.loader is None or not path.is_file():
+    if specification is None or specification.loader is None or not isfile(path):
         raise ConfigError(f"there is no file {path}")
     module = sys.modules[known] = importlib.util.module_from_spec(specification)
     try:

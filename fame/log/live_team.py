@@ -142,6 +142,8 @@ class LiveTeam(Closing):
             self._take(robot, self._sources[robot], read_json(message.data, MAX_MESSAGE_SIZE))
 
     def _take(self, robot: str, source: _Source, batch: Mapping[str, Any]) -> None:
+        if not (_is_time(batch["time"]) and type(batch["batch"]) is int):
+            raise ValueError
         date = parse_datetime(str(batch["epoch"]))
         if self.epoch is None:
             self.epoch = date
@@ -174,8 +176,11 @@ class LiveTeam(Closing):
     def enter(self, time: int, action: Callable[[int], object]) -> None:
         """Call `action` in its turn: with this time (ns since `epoch`), or a later one if that has passed.
 
-        Where simulated time has begun again, it goes on from the last time before.
+        Where simulated time has begun again, it goes on from the last time before. Raises ValueError for what is no
+        time.
         """
+        if not _is_time(time):
+            raise ValueError
         number = next(self._numbers)
         heappush(self._waiting, (time + self._ahead, number, action))
         self._arrived[number] = self._scheduler.now
@@ -196,7 +201,7 @@ class LiveTeam(Closing):
             time, number, action = heappop(self._waiting)
             del self._arrived[number]
             with suppress(*_STRANGE):
-                action(max(time, self._last))
+                action(max(time, self._last, 0))
 
     def _begin(self, robot: str, process: str, time: int) -> None:
         """Note that a robot starts a process, perhaps after another: its batches are complete from now on."""
@@ -236,6 +241,11 @@ class LiveTeam(Closing):
         for source in self._sources.values():
             for end in source.ends:
                 end.close()
+
+
+def _is_time(value: object) -> bool:
+    """Whether a value is a time in ns that a recording can hold."""
+    return type(value) is int and abs(value) < 2**62
 
 
 def now_since(epoch: datetime | None) -> int:

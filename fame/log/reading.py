@@ -184,7 +184,7 @@ def _rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
             yield rows(stream)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
-    except (ValueError, LookupError, TypeError, AttributeError, csv.Error):
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError, csv.Error):
         raise ConfigError("is not the log of a run, as written by fame run --log", file=str(path)) from None
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
 _KEPT_CHUNKS = 32
+_OTHER_FORM = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
+"""Errors raised by content of another form."""
 
 
 class Message(NamedTuple):
@@ -89,7 +92,8 @@ class Recording(Closing):
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", file=self.file) from None
         try:
-            self._open()
+            with self._as_written("content"):
+                self._open()
         except BaseException:
             self._stream.close()
             raise
@@ -151,6 +155,15 @@ class Recording(Closing):
                 f"expected a recording of FAME, got an MCAP file without {EVENTS}; it has {found}", file=self.file
             )
 
+    @contextmanager
+    def _as_written(self, part: str = "messages") -> Iterator[None]:
+        """Raise ConfigError if the block fails on a part of another form than a recorder writes."""
+        try:
+            yield
+        except _OTHER_FORM as error:
+            text = f"has {part} of another form: {error!r}"
+            raise ConfigError(text, file=self.file) from None
+
     # ---- content -----------------------------------------------------------------------------------------------------
 
     @property
@@ -165,14 +178,12 @@ class Recording(Closing):
 
         Raises ConfigError for metadata of another form.
         """
-        try:
+        with self._as_written("metadata `models`"):
             runs = json.loads(self.metadata.get("models", "{}"))
             return {
                 str(robot): [ModelRun(int(time), str(id), list(map(str, names))) for time, id, names in each]
                 for robot, each in runs.items()
             }
-        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-            raise ConfigError(f"has metadata `models` of another form: {error}", file=self.file) from None
 
     @property
     def duration(self) -> float:
@@ -200,8 +211,9 @@ class Recording(Closing):
         """The content of a message as plain data. Raises MessageError if it does not fit the type of its topic."""
         topic = self.topics[message.topic]
         if topic.encoding == "json":
-            found: dict[str, Any] = json.loads(message.data)
-            return found
+            with self._as_written():
+                found: dict[str, Any] = json.loads(message.data)
+                return found
         from fame.middleware import codec, messages
 
         if topic.type not in self._types:
@@ -214,32 +226,33 @@ class Recording(Closing):
     ) -> Iterator[Event]:
         """Events in order, from `start` to `end` (ns, both inclusive)."""
         for message in self.messages((EVENTS,), start, end):
-            data = message.json()
-            robot = data["robot"]
-            if robots is None or robot in robots:
-                for group in data["events"]:
-                    for mark in group["marks"]:
-                        yield Event(message.time, robot, group["instance"], group["scope"], *mark)
+            with self._as_written():
+                found = _events(message)
+            if found and (robots is None or found[0].robot in robots):
+                yield from found
 
     def state(self, time: int) -> TeamState:
         """The state of the team at the end of the instant `time` (ns)."""
         key = self.last(KEY, time)
-        state = TeamState(time) if key is None else TeamState.from_key(key.time, key.json())
-        for message in self.messages((EVENTS, VARIABLES, WAITING), state.time if key is not None else None, time):
-            state.apply(message.time, message.topic, message.json())
+        with self._as_written():
+            state = TeamState(time) if key is None else TeamState.from_key(key.time, key.json())
+            for message in self.messages((EVENTS, VARIABLES, WAITING), state.time if key is not None else None, time):
+                state.apply(message.time, message.topic, message.json())
         state.time = time
         return state
 
     def world(self, time: int) -> dict[str, dict[str, Any]]:
         """The last appearance of the simulated robots up to `time` (ns), by name; empty without a world."""
         message = self.last(WORLD, time)
-        entities = message.json()["entities"] if message is not None else []
-        return {entity["id"]: _metadata(entity, "appearance") for entity in entities}
+        with self._as_written():
+            entities = message.json()["entities"] if message is not None else []
+            return {entity["id"]: _metadata(entity, "appearance") for entity in entities}
 
     def ground(self, time: int) -> dict[str, Any]:
         """The objects on the ground at `time` (ns); empty without a world."""
         message = self.last(GROUND, time) or self.last(GROUND, self.end)
-        return _metadata(message.json()["entities"][0], "ground") if message is not None else {}
+        with self._as_written():
+            return _metadata(message.json()["entities"][0], "ground") if message is not None else {}
 
     def last(self, topic: str, time: int) -> Message | None:
         """The last message of a topic until `time` (ns)."""
@@ -287,6 +300,18 @@ class Recording(Closing):
     def close(self) -> None:
         """Close the file."""
         self._stream.close()
+
+
+def _events(message: Message) -> list[Event]:
+    """The events of a message. Raises what data of another form raise."""
+    data, found = message.json(), []
+    for group in data["events"]:
+        for element, what, *detail in group["marks"]:
+            if not (isinstance(element, str) and isinstance(what, str)):
+                raise TypeError(f"expected an element and what happened, got {element!r}, {what!r}")
+            where = message.time, str(data["robot"]), int(group["instance"]), int(group["scope"])
+            found.append(Event(*where, element, what, *detail))
+    return found
 
 
 def _register(type: str, definition: str) -> None:

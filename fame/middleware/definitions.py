@@ -144,8 +144,8 @@ def _message(lines: list[str], name: str) -> Definition:
     for line in lines:
         try:
             get_types_from_msg(line, place)
-        except TypesysError:
-            text = f"cannot read {line.strip()!r}: a line is like float64[3] position, or uint8 RED=1"
+        except (TypesysError, ValueError, RecursionError):  # the latter two: numbers and depth without end
+            text = f"cannot read {line.strip()[:200]!r}: a line is like float64[3] position, or uint8 RED=1"
             raise MessageError(text, type=name) from None
     ((constants, fields),) = get_types_from_msg("\n".join(lines), place).values()
     defaults = dict(filter(None, map(_default, lines)))

@@ -18,6 +18,7 @@ import os
 import re
 import threading
 from collections.abc import Iterable, Mapping
+from os.path import isdir, isfile
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -181,8 +182,8 @@ def register_files(path: str | Path, package: str = "") -> list[str]:
     without such files, and for a type that is there already but different; then none is added.
     """
     root = Path(path).resolve()
-    files = sorted(file for file in root.rglob("*") if file.suffix in _SUFFIXES) if root.is_dir() else [root]
-    if not files or not all(file.is_file() and file.suffix in _SUFFIXES for file in files):
+    files = sorted(file for file in root.rglob("*") if file.suffix in _SUFFIXES) if isdir(root) else [root]
+    if not files or not all(isfile(file) and file.suffix in _SUFFIXES for file in files):
         raise MessageError(f"there is no .msg, .srv or .action file at {path}")
     before, described, broken = dict(_table()), dict[str, list[str]](), dict[str, str]()
     places: dict[str, Path] = {}

@@ -18,6 +18,7 @@ Modules with heavy dependencies are imported when a service is started.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
@@ -92,7 +93,7 @@ def _configuration_file(context: ServiceContext, variables: Mapping[str, Any]) -
 
     name = variable(variables, "configuration", type=str)
     folders = (context.folder, *BUILT_IN)
-    found = next((folder / name for folder in folders if (folder / name).is_file()), None)
+    found = next((folder / name for folder in folders if isfile(folder / name)), None)
     if found is None:
         raise ConfigError(f"there is no configuration {name} in {', '.join(map(str, folders))}")
     return found

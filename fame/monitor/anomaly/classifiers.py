@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from itertools import product
 from math import inf
+from os.path import isfile
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -56,7 +57,7 @@ def make(candidate: Candidate, folder: Path) -> Any:
             raise candidate.error("parameters.margin", f"expected a number above 0, got {margin!r}")
         if not isinstance(chain, dict):
             chain = folder / str(chain)
-            if not chain.is_file():
+            if not isfile(chain):
                 raise candidate.error("parameters.chain", f"expected a file, got {str(chain)!r}")
         return _build(PathDetector, candidate, {"chain": load_chain(chain), **parameters})
     module = _HOMES.get(candidate.cls.rpartition(".")[2])

@@ -30,6 +30,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from os.path import exists
 from pathlib import Path
 from typing import Any, Literal
 
@@ -177,7 +178,7 @@ def _data_file(file: Path, value: ConfigValue) -> DataFile | None:
         raise parts["input_col"].expected(f"columns without the label (output_col {output[0]})")
     name = Path(str(parts["name"].data))
     path = file.parent / name
-    return DataFile(path if path.exists() or not name.exists() else name, inputs, output[0] if output else None)
+    return DataFile(path if exists(path) or not exists(name) else name, inputs, output[0] if output else None)
 
 
 def _columns(value: ConfigValue) -> tuple[int, ...]:

@@ -29,6 +29,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -234,7 +235,7 @@ def _import(name: str, value: ConfigValue, folder: Path) -> str:
 
 def _beside(folder: Path, package: str, module: str) -> Path | None:
     places = (folder, folder / "msg", folder / package / "msg")
-    return next((path for place in places if (path := place / f"{module}.msg").is_file()), None)
+    return next((path for place in places if isfile(path := place / f"{module}.msg")), None)
 
 
 def _policies(value: ConfigValue, general: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping, Sequence
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +114,7 @@ def _refuse_stale(processors: Sequence[Any], configuration: Configuration) -> No
         training = training_of(configuration.training, configuration.folder)
     except ConfigError:
         return  # no data here: the model was trained elsewhere
-    present = training.files and all(Path(file).is_file() for file in training.files)
+    present = training.files and all(map(isfile, training.files))
     for path, model in models:
         if present and Path(path).resolve() == Path(training.model).resolve():
             model.require(path, data=hash_files(training.files))
