@@ -255,6 +255,21 @@ def test_an_engine_is_deployed_to_redeployed_and_shown(tmp_path, team):
     team.until(lambda: team.last("A").offers == ["look", "photo"], "what could be activated")
 
 
+def test_a_mission_that_fails_after_its_start_is_told_by_the_command_that_deployed_it(tmp_path, team):
+    text = '<endEvent id="here" name="no way"><errorEventDefinition/></endEvent>'
+    (tmp_path / "fails.bpmn").write_text(waiting("here").replace(CATCH.format("here", "S"), text))
+    (tmp_path / "ends.bpmn").write_text(waiting("here").replace(CATCH.format("here", "S"), '<endEvent id="here"/>'))
+    code, said = team.fame("deploy", str(tmp_path / "fails.bpmn"))
+    assert (code, said["status"], said["robots"]["A"]["state"]) == (1, "failed", "started"), said
+    assert said["failures"]["A"].startswith("the mission has failed: here ("), said
+    until_ended = team.start("deploy", str(tmp_path / "fails.bpmn"), "--until-ended")
+    _, error = until_ended.communicate(timeout=LIMIT)
+    assert until_ended.returncode == 1
+    assert "A: the mission has failed: here (" in error
+    code, said = team.fame("deploy", str(tmp_path / "ends.bpmn"), "--until-ended")
+    assert (code, said["status"], said["failures"]) == (0, "completed", {}), said
+
+
 def test_what_is_no_model_is_refused_by_a_robot_that_goes_on_as_it_was(team):
     topic = "/A/bpmn_process"
     team.publish("A", waiting("here"))

@@ -32,6 +32,7 @@ def add_deploy(commands: Commands) -> None:
     examples = (
         "fame deploy models/ground_vehicles.bpmn",
         "fame deploy models/other.bpmn --to Tractor_2",
+        "fame deploy models/reassembly.bpmn --to Arm --until-ended",
         "fame deploy new.bpmn --migrate --dry-run",
         "fame deploy new.bpmn --migrate --plan new.plan.yaml",
     )
@@ -46,6 +47,10 @@ def add_deploy(commands: Commands) -> None:
     parser.add_argument(
         "--stay", action="store_true", help="keep running, and send robots that join late or restart their process"
     )
+    parser.add_argument(
+        "--until-ended", action="store_true",
+        help="wait until the mission has ended on all robots; print what fails; exit code 1 if it failed",
+    )  # fmt: skip
     migration.add_options(parser)
     parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
     parser.add_argument(
@@ -65,8 +70,12 @@ def add_deploy(commands: Commands) -> None:
     add_json(parser)
 
 
+_AT_ONCE = 0.5
+"""How long a mission is watched that may fail as soon as it has started (s)."""
+
+
 def run_deploy(arguments: Namespace) -> int:
-    """Deploy, and print how each robot answered; then stay, if that is wanted."""
+    """Deploy, print how each robot answered, and what fails at once or until the end; then stay, if that is wanted."""
     from fame.bpmn.library import Library
     from fame.bpmn.pools import matches, pools_of
     from fame.bpmn.reader import read
@@ -76,6 +85,8 @@ def run_deploy(arguments: Namespace) -> int:
 
     if arguments.allow_partial and not (arguments.explore or arguments.migrate):
         raise ConfigError("--allow-partial needs --explore or --migrate")
+    if arguments.until_ended and (arguments.stay or arguments.dry_run):
+        raise ConfigError(f"--until-ended cannot be given with {'--stay' if arguments.stay else '--dry-run'}")
     definitions, library = read(arguments.model), Library(arguments.library)
     migrated = migration.Migration(arguments, definitions, library)
     key = read_private(arguments.key) if arguments.key is not None else None
@@ -96,11 +107,17 @@ def run_deploy(arguments: Namespace) -> int:
         deployment = sending.deploy(arguments.to, arguments.wait, note, examine)
         if migrated.dry:
             return migrated.show(deployment)
-        _print_outcome(deployment, migrated, json=arguments.json)
+        failures: Mapping[str, str] = {}
+        if not arguments.json:
+            _print_outcome(deployment, migrated)
+        if not deployment.failed:
+            failures = sending.watch(deployment, note, None if arguments.until_ended else _AT_ONCE)
+        if arguments.json:
+            _print_json(deployment, migrated, failures)
         if arguments.stay and not deployment.failed:
             deployment.close()
             sending.stay(deployment.robots, note)
-    return migrated.exit_code(deployment)
+    return migrated.exit_code(deployment) or bool(failures)
 
 
 def _refuse_unexplored(definitions: Definitions, library: Library, found: Mapping[str, Pool], *, partial: bool) -> None:
@@ -125,19 +142,23 @@ def _refuse_unexplored(definitions: Definitions, library: Library, found: Mappin
         note(partial_text(result))
 
 
-def _print_outcome(deployment: Deployment, migrated: migration.Migration, *, json: bool) -> None:
-    robots = deployment.robots.values()
-    if json:
-        results = {each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took} for each in robots}
-        found = {"findings": migrated.findings()} if "approve" in migrated.options else {}
-        print_json({"status": migrated.status(deployment), "robots": results, **found})
-    else:
-        rows = [
-            (each.robot, each.state, f"{1000 * each.took:.0f} ms" if each.state != "silent" else "", each.reason)
-            for each in robots
-        ]
-        print(table(("robot", "state", "time", "reason"), rows), flush=True)
-        migrated.explain()
+def _print_outcome(deployment: Deployment, migrated: migration.Migration) -> None:
+    rows = [
+        (each.robot, each.state, f"{1000 * each.took:.0f} ms" if each.state != "silent" else "", each.reason)
+        for each in deployment.robots.values()
+    ]
+    print(table(("robot", "state", "time", "reason"), rows), flush=True)
+    migrated.explain()
+
+
+def _print_json(deployment: Deployment, migrated: migration.Migration, failures: Mapping[str, str]) -> None:
+    results = {
+        each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took}
+        for each in deployment.robots.values()
+    }
+    found = {"findings": migrated.findings()} if "approve" in migrated.options else {}
+    status = "failed" if failures else migrated.status(deployment)
+    print_json({"status": status, "robots": results, "failures": dict(failures), **found})
 
 
 _OPEN = f"{OPEN}: give --key FILE.key, or --insecure to take what anybody sends"

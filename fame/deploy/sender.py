@@ -171,6 +171,11 @@ class Deployment:
         return {each.robot: each for each in self._protocol.state.robots}
 
     @property
+    def reports(self) -> dict[str, Report]:
+        """The last report of each robot, with the places of errors in the files of the model."""
+        return {robot: self._source_maps[robot].report(report) for robot, report in self._known.items()}
+
+    @property
     def sequence(self) -> int:
         """The number that orders it among other deployments: above what its robots had seen before."""
         return self._protocol.state.sequence

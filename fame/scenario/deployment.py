@@ -1,4 +1,4 @@
-"""Deploy a model to the discovered engines, and to late joiners."""
+"""Deploy a model to the discovered engines, and to late joiners; watch its missions until they end."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool
 from fame.clock import SECOND, WallScheduler
-from fame.deploy import Deployment, LateJoiners, engines
+from fame.deploy import Deployment, LateJoiners, Report, engines
 from fame.deploy.assignment import assign_robots
 from fame.errors import ConfigError, DeploymentError
 from fame.middleware.interface import Middleware
@@ -19,6 +19,69 @@ from fame.scenario.process import run_until_signal
 
 _FINDING = SECOND // 2
 """Extra time for discovering further engines (ns)."""
+
+
+_SILENT = 5 * SECOND
+"""An engine without a report for as long has left (ns)."""
+_SETTLED = 2 * SECOND
+"""A team in which nothing runs for as long has ended: a message on its way would have started something (ns)."""
+
+
+class MissionWatch:
+    """Finds failures and the end of a deployment's missions in the reports of its `robots`.
+
+    failures  of missions that failed, engines that left, and robots that got another process, by robot
+    over      whether nothing runs any more, or never began
+    """
+
+    failures: dict[str, str]
+    over: bool
+
+    def __init__(self, deployment: str, robots: Collection[str]) -> None:
+        self._deployment, self._robots = deployment, robots
+        self._last: dict[str, tuple[Report, int]] = {}  # of this deployment, and when it came
+        self._begun: set[str] = set()
+        self._quiet: int | None = None
+        self.failures, self.over = {}, False
+
+    def look(self, reports: Mapping[str, Report], now: int) -> list[str]:
+        """Take the latest reports at a time (ns), and return a line for everything that has happened since."""
+        lines: list[str] = []
+        for robot in self._robots:
+            report, (last, since) = reports.get(robot), self._last.get(robot, (None, now))
+            if report is not None and report.deployed == self._deployment:
+                if last is None or (report.born, report.time) != (last.born, last.time):
+                    self._last[robot] = report, now
+                elif now - since > _SILENT:
+                    self._fail(lines, robot, f"its engine has been silent for {_SILENT // SECOND} s")
+                if report.started or report.instances:
+                    self._begun.add(robot)
+                if report.failed > (last.failed if last is not None else 0):
+                    reason = report.error.removeprefix(f"{robot}: ") or "without a reason"
+                    self._fail(lines, robot, f"the mission has failed: {reason}", again=True)
+                old = last.incidents if last is not None else ()
+                lines += [
+                    f"{robot}: holds at {each['element']}: {each['text']}; fame retry {robot} {each['element']}"
+                    for each in report.incidents if each not in old
+                ]  # fmt: skip
+            elif last is not None:
+                self._fail(lines, robot, "another process has replaced this one")
+        idle = self._begun and all(robot in self._last and self._ended(robot) for robot in self._robots)
+        self._quiet = (now if self._quiet is None else self._quiet) if idle else None
+        self.over = self._quiet is not None and now - self._quiet >= _SETTLED
+        if self.over:
+            lines += [f"{robot}: nothing has started" for robot in self._robots if robot not in self._begun]
+        return lines
+
+    def _ended(self, robot: str) -> bool:
+        report = self._last[robot][0]
+        gone = robot in self.failures and not self.failures[robot].startswith("the mission")
+        return gone or not (report.instances or report.ahead)
+
+    def _fail(self, lines: list[str], robot: str, text: str, *, again: bool = False) -> None:
+        if again or robot not in self.failures:
+            self.failures[robot] = text
+            lines.append(f"{robot}: {text}")
 
 
 class Sending:
@@ -56,6 +119,21 @@ class Sending:
             deployment.close()
             raise
         return deployment
+
+    def watch(
+        self, deployment: Deployment, log: Callable[[str], object], seconds: float | None = None
+    ) -> Mapping[str, str]:
+        """Watch the missions of a deployment until they have ended, or for some `seconds`; log what happens.
+
+        Returns the failures by robot.
+        """
+        watch = MissionWatch(deployment.id, tuple(deployment.robots))
+        until = None if seconds is None else self.scheduler.now + round(seconds * SECOND)
+        while not watch.over and (until is None or self.scheduler.now < until):
+            self.scheduler.run(self.scheduler.now + SECOND // 20)
+            for line in watch.look(deployment.reports, self.scheduler.now):
+                log(line)
+        return watch.failures
 
     def stay(self, served: Collection[str], log: Callable[[str], object]) -> None:
         """Deploy to robots that join late or come back, until SIGINT or SIGTERM."""

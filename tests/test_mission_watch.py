@@ -1,0 +1,77 @@
+"""``fame deploy`` watches what it has deployed: failures, the end, engines that leave."""
+
+from __future__ import annotations
+
+import pytest
+from deployment_field import Field, definitions, patrol, process
+
+from fame.clock import SECOND
+from fame.deploy import Deployment
+from fame.scenario.deployment import MissionWatch
+
+
+def mission(seconds: int, end: str = "") -> str:
+    """A robot that waits for some seconds and then ends, perhaps in an error."""
+    timer = f"<timerEventDefinition><timeDuration>PT{seconds}S</timeDuration></timerEventDefinition>"
+    content = (
+        f'<startEvent id="s"/><intermediateCatchEvent id="t">{timer}</intermediateCatchEvent>'
+        f'<endEvent id="e" name="no way">{end}</endEvent>'
+    )
+    return definitions(
+        '<error id="E" name="unreachable" errorCode="unreachable"/>', process("p", content, ("s", "t"), ("t", "e"))
+    )
+
+
+FAILED = '<errorEventDefinition errorRef="E"/>'
+
+
+def watched(field: Field, sent: Deployment, seconds: float) -> tuple[MissionWatch, list[str]]:
+    """What is said until the end, at most some seconds."""
+    watch, lines = MissionWatch(sent.id, tuple(sent.robots)), list[str]()
+    until = field.scheduler.now + seconds * SECOND
+    while not watch.over and field.scheduler.now < until:
+        field.pass_time(0.05)
+        lines += watch.look(sent.reports, field.scheduler.now)
+    return watch, lines
+
+
+@pytest.mark.parametrize("seconds", [0, 1, 60])
+def test_a_mission_that_fails_after_its_start_is_told_with_its_reason(seconds: int):
+    field = Field("p")
+    sent = field.deploy(mission(seconds, FAILED))
+    assert sent.robots["p"].state == "started"
+    watch, lines = watched(field, sent, 120)
+    assert watch.over
+    assert lines == ["p: the mission has failed: e (team.bpmn:1): error unreachable was not caught"]
+    assert list(watch.failures) == ["p"]
+
+
+def test_a_mission_that_completes_is_over_without_a_failure():
+    field = Field("p")
+    watch, lines = watched(field, field.deploy(mission(60)), 120)
+    assert (watch.over, lines, watch.failures) == (True, [], {})
+    assert field.scheduler.now >= 60 * SECOND
+
+
+def test_a_mission_that_waits_is_not_over():
+    field = Field("p")
+    watch, lines = watched(field, field.deploy(patrol(1)), 60)
+    assert (watch.over, lines, watch.failures) == (False, [], {})
+
+
+def test_another_process_and_an_engine_that_leaves_are_failures():
+    field = Field("p")
+    sent = field.deploy(patrol(1))
+    watch = MissionWatch(sent.id, tuple(sent.robots))
+    assert watch.look(sent.reports, field.scheduler.now) == []
+    field.deploy(patrol(2), "d2", 2)
+    assert watch.look(sent.reports, field.scheduler.now) == ["p: another process has replaced this one"]
+    other = Field("p")
+    sent = other.deploy(patrol(1))
+    watch = MissionWatch(sent.id, tuple(sent.robots))
+    other.pass_time(3)
+    watch.look(sent.reports, other.scheduler.now)
+    reports = sent.reports
+    lines = [line for second in range(9) for line in watch.look(reports, other.scheduler.now + second * SECOND)]
+    assert lines == ["p: its engine has been silent for 5 s"]
+    assert watch.over
