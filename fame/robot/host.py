@@ -248,6 +248,9 @@ class EngineHost:
     def ended(self, instance: Instance) -> None:
         if instance.error is not None:
             instance.error = self._located(instance.error)
+            if self._options.observer is not None:  # for recordings: whoever runs the mission prints the error itself
+                self.engine.observe()
+                self._options.observer(self._event(instance.error.element, "report", instance.error.text))
         self.elements_done += sum(instance.counts[1:])
         self.completed += instance.status == "completed"
         self.failed += instance.status == "failed"
