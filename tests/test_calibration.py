@@ -11,11 +11,13 @@ from fame.monitor.calibration import (
     Calibration,
     calibrate,
     calibrate_runs,
+    false_alarm_rate,
     interval,
     left_out_alarms,
     rank,
     runs_needed,
 )
+from fame.monitor.pipeline.compare import _left_out_thresholds
 
 
 def scores(seed: int, runs: int, channels: int = 12) -> np.ndarray:
@@ -109,18 +111,31 @@ def test_a_calibration_comes_back_from_plain_data():
 
 
 @pytest.mark.parametrize("margin", [None, 0.5, 3.0])
-@pytest.mark.parametrize("runs", [3, 5, 16, 19, 60])
+@pytest.mark.parametrize("runs", [2, 3, 4, 5, 6, 9, 16, 19, 20, 60])
 def test_a_lower_rate_never_gives_a_lower_threshold(runs: int, margin: float | None):
+    """Of all functions that set thresholds: for channels, whole runs, and the left-out runs of a comparison."""
     rates = (0.9, 0.5, 0.3, 0.2, 0.1, 0.06, 0.05, 0.02, 0.01, 1e-6)
-    for seed in range(40):
+    for seed in range(24):
         every = scores(seed, runs, channels=6)
         if seed % 2:
             every[0] *= 30.0  # an outlier
+        if seed % 3 == 0:
+            every[1] = every[0]  # equal runs
         limits = np.array([calibrate(every, rate, margin).thresholds for rate in rates])
         assert (np.diff(limits, axis=0) >= 0).all(), seed
-        for column in (every[:, 0], -every[:, 0]):
-            whole = [calibrate_runs(column, rate, margin or 1.5, least=-np.inf).thresholds[0] for rate in rates]
-            assert (np.diff(whole) >= 0).all(), seed
+        for column in (every[:, 0], -every[:, 0], np.zeros(runs)):
+            for least in (-np.inf, 0.0, 1.0):
+                found = [calibrate_runs(column, rate, margin or 1.5, least=least).thresholds[0] for rate in rates]
+                assert (np.diff(found) >= 0).all(), seed
+        if runs > 2 and seed < 4:
+            left_out = np.array([_left_out_thresholds(every, rate, margin) for rate in rates])
+            assert (np.diff(left_out, axis=0) >= 0).all(), seed
+
+
+@pytest.mark.parametrize("seconds", [0.5, 20.0, 3000.0])
+def test_a_lower_rate_per_hour_is_a_lower_rate_per_run(seconds: float):
+    rates = [false_alarm_rate(f"{rate} per hour", seconds) for rate in (1.0, 0.5, 0.1, 0.001)]
+    assert rates == sorted(rates, reverse=True)
 
 
 def test_a_promise_is_said_to_be_an_average_with_the_share_of_models_that_exceed_it():

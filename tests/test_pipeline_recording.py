@@ -535,3 +535,32 @@ def test_a_bag_with_a_pause_of_decades_is_read_at_once(tmp_path: Path) -> None:
     bag.close()
     assert record_bag(tmp_path / "bag", of, [tmp_path / "runs.csv"], report=said.append).rows == 4
     assert "joints: /joint_states: no message for 2 s" in said
+
+
+@pytest.mark.parametrize("speed", [0.25, 1.0, 4.0])
+def test_a_duration_counts_the_stamps_of_the_robot(tmp_path: Path, speed: float) -> None:
+    """A world that is slower or faster than the clock of the recorder."""
+    bench, ended = Bench(), list[float]()
+    node = bench.record(configuration(tmp_path), tmp_path / "runs.csv")
+    node.end_after(2.0, lambda: ended.append(bench.scheduler.now / SECOND))
+    stamp = 100.0
+    while not ended:
+        bench.joints(stamp, 1.0, 2.0)
+        bench.run(0.01 / speed)
+        stamp += 0.01
+    node.close()
+    assert ended[0] == pytest.approx(2.0 / speed, abs=0.05 / speed)
+    (run,) = read_runs([tmp_path / "runs.csv"])
+    assert run.stamps[-1] - run.stamps[0] == pytest.approx(2.0, abs=0.02)
+
+
+def test_a_duration_ends_when_a_robot_falls_silent(tmp_path: Path) -> None:
+    bench, ended = Bench(), list[float]()
+    node = bench.record(configuration(tmp_path), tmp_path / "runs.csv")
+    node.end_after(2.0, lambda: ended.append(bench.scheduler.now / SECOND))
+    bench.joints(1.0, 1.0, 2.0)
+    bench.run(3.9)
+    assert ended == []
+    bench.run(0.2)
+    assert ended == [pytest.approx(4.0)]
+    node.close()

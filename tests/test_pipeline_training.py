@@ -376,3 +376,39 @@ def test_a_run_that_is_unlike_the_others_is_refused_unless_kept(
     assert not (tmp_path / "model.skops").exists()
     assert main(["train", str(tmp_path / "c.yaml"), "--keep"]) == 0
     assert "warning: run 2: its left-out loss" in capsys.readouterr().err
+
+
+def trained(tmp_path: Path, runs: list[tuple[float, float]]) -> str:
+    """What ``fame train`` says of runs, each of a noise and a length (s)."""
+    import contextlib
+    import io
+
+    import yaml
+
+    from fame.cli import main
+
+    random = np.random.default_rng(5)
+    lines = ["stamp,run,a,b"]
+    for number, (noise, seconds) in enumerate(runs):
+        for n in range(round(100 * seconds)):
+            a, b = np.array([5, 2]) * np.sin(n / 7) + random.normal(0, noise, 2)
+            lines.append(f"{n / 100 + number * 100},{number},{a},{b}")
+    (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
+    section = {"Files": ["runs.csv"], "Detector": "pca", "Window": 20}
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump({"Training": section}))
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        assert main(["train", str(tmp_path / "c.yaml")]) == 0
+    return said.getvalue()
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_losses_that_grow_or_fall_from_run_to_run_are_told(tmp_path: Path, order: int) -> None:
+    growing = [(0.05 * 1.2**n, 4.0) for n in range(8)][::order]
+    assert "warning: losses grow or fall from run to run" in trained(tmp_path, growing)
+    mixed = [growing[n] for n in (3, 6, 0, 5, 2, 7, 1, 4)]
+    assert "losses grow or fall" not in trained(tmp_path, mixed)
+
+
+def test_runs_of_unlike_lengths_are_told(tmp_path: Path) -> None:
+    assert "warning: runs last from 3.99 to 5.99 s" in trained(tmp_path, [(0.05, 4.0), (0.05, 6.0), (0.05, 4.0)])
+    assert "runs last" not in trained(tmp_path, [(0.05, 4.0), (0.05, 4.4), (0.05, 4.0)])
