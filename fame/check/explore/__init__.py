@@ -10,6 +10,7 @@
     values          known values by number, and the unknown one
     host            the host of an explored engine
     liveness        variables that nothing reads any more
+    remembering     unknown conditions with one outcome while their variable is unchanged
     timers          pending timers, and which may fire next
     stimuli         what may happen to a robot
     views           what can happen in a local state

@@ -452,11 +452,11 @@ def _counted(processes: Iterable[model.Process]) -> frozenset[str]:
                     others |= found[1]
                 else:
                     others |= use.reads | use.writes
-            others |= {name for node in body.nodes for name in _set_by(node, body)}
+            others |= {name for node in body.nodes for name in used_besides_texts(node, body)}
     return frozenset(counted - others)
 
 
-def _set_by(node: model.FlowNode, body: model.Body) -> Iterator[str]:
+def used_besides_texts(node: model.FlowNode, body: model.Body) -> Iterator[str]:
     """The variables that an element uses besides its texts."""
     yield from (item.target for item in (*node.copies_in, *node.copies_out))
     if isinstance(node, model.Event | model.Activity) and node.io is not None:
@@ -493,7 +493,7 @@ def _unknown(processes: Iterable[model.Process], outside: Set[str]) -> frozenset
                 sensed = {variable_name(topic.name) for topic, throws in topics_of(node)
                           if not throws and topic.qualified in outside and not topic.takes}  # fmt: skip
                 sources |= sensed
-                for name in _set_by(node, body):
+                for name in used_besides_texts(node, body):
                     values[name] += [] if name in sensed else [None]
     found = {name for name in sources if not values[name]}
     while grown := {

@@ -17,10 +17,12 @@ from fame.bpmn.topics import EMPTY_TYPE, TopicUse
 from fame.check.events import raised_codes
 from fame.check.explore.abstraction import Step, emitted
 from fame.check.explore.purity import STEPS, is_certain, is_computable, waits
+from fame.check.explore.remembering import key_of
 from fame.check.explore.script_effects import may_change, script_writes
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import UndecidableError, Values, is_fixed, numbers_of
 from fame.engine import UNDEFINED, Engine, Instance
+from fame.engine.data import Variables
 from fame.engine.host import BpmnError
 from fame.engine.state import Trail
 from fame.errors import FameError, ModelError
@@ -65,6 +67,8 @@ class Outcome:
     begun: list[Instance] = field(default_factory=list)
     quiet: bool = True
     choices: list[tuple[str, int, int]] = field(default_factory=list)  # element, chosen, ways
+    settled: set[int] = field(default_factory=set)
+    """Places of choices that were made before, and remembered."""
     unsure: set[str] = field(default_factory=set)
     """Elements of which something failed that used something unknown."""
 
@@ -108,6 +112,8 @@ class ExplorationHost:
         self.traceable = True
         """Whether `Watched` variables note all that texts read and write."""
         self.kept: Callable[[str], bool] = lambda name: True
+        self.remembered: Mapping[str, str] = {}
+        """Conditions whose outcome is remembered, with the variable that they read, see `remembering`."""
         self._blank: dict[str, int] = {}
         for use in types.values():  # classes of messages are made once, which takes as long as many steps
             self._blank_of(use.type)
@@ -149,7 +155,12 @@ class ExplorationHost:
         if ":=" in expression.text:  # within a comprehension it sets a variable past all methods of the dict
             self.traceable = False
         if script:
-            return self._noted(self._script(expression, element, file), element)
+            return self._noted(self._forgetting(self._script(expression, element, file), expression), element)
+        key = key_of(expression)
+        made = self._expression(expression, element, file)
+        return self._remembering(made, key) if key in self.remembered else made
+
+    def _expression(self, expression: Expression, element: str, file: str) -> Callable[..., Any]:
         if expression.language == "javascript":
             return self._uncomputed(element)
         if expression.language == "python":
@@ -162,6 +173,41 @@ class ExplorationHost:
         if expression.language == "payload":
             return self._checked(run, reads, element, open_to=_inserted_whole(expression.text))
         return self._checked(run, reads, element, text=expression.language == "template")
+
+    def _remembering(self, run: Callable[..., Any], key: str) -> Callable[..., Any]:
+        """A condition with the same outcome until the variable that it reads is set."""
+
+        def evaluate(variables: dict[str, Any]) -> Any:
+            found = run(variables)
+            if found is not self.values.unknown or isinstance(variables, Variables):
+                return found
+            known = variables.get(key)
+            if known is True or known is False:
+                self.outcome.settled.add(len(self.outcome.choices))
+                self.outcome.choices.append((self.place, int(not known), 2))
+                return known
+            variables[key] = outcome = self.choose(2) == 0
+            return outcome
+
+        return evaluate
+
+    def _forgetting(self, run: Callable[..., Any], script: Expression) -> Callable[..., Any]:
+        """A script, after which the conditions that read what it sets may have another outcome."""
+        changed = script_writes(script) | may_change(script)
+        keys = [key for key, name in self.remembered.items() if name in changed]
+
+        def forget(variables: dict[str, Any]) -> Any:
+            while isinstance(variables, Variables):
+                variables = variables.outer
+            for key in keys:
+                if key in variables:
+                    del variables[key]
+
+        def forget_and_run(variables: dict[str, Any]) -> Any:
+            forget(variables)
+            return run(variables)
+
+        return forget_and_run if keys else run
 
     def _uncomputed(self, element: str) -> Callable[..., Any]:
         def evaluate(variables: dict[str, Any]) -> Any:

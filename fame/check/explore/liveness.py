@@ -10,11 +10,13 @@ removed if no way leads to an element that reads it.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from types import MappingProxyType
 
 from fame.bpmn import model
 from fame.bpmn.topics import topics_of
 from fame.check.explore.abstraction import Abstraction, taken
+from fame.check.explore.remembering import key_of
 from fame.check.explore.script_effects import certainly_set, only_changed, read_first
 from fame.check.expressions import expressions_in, names_of
 from fame.engine.data import variable_name
@@ -27,8 +29,9 @@ Dead = tuple[frozenset[str], frozenset[str]]
 class Liveness:
     """Which variables are dead while tokens wait at some elements of an abstract process."""
 
-    def __init__(self, home: model.Definitions, process: model.Process, abstract: Abstraction, kept: Set[str]) -> None:
-        self._abstract, self._kept, self._matters = abstract, kept, abstract.matters
+    def __init__(self, home: model.Definitions, process: model.Process, abstract: Abstraction, kept: Set[str],
+                 remembered: Mapping[str, str] = MappingProxyType({})) -> None:  # fmt: skip
+        self._abstract, self._kept, self._matters, self._remembered = abstract, kept, abstract.matters, remembered
         self._after: dict[str, set[str]] = defaultdict(set)  # where a token goes from an element
         self._aside: dict[str, set[str]] = defaultdict(set)  # where it may come if something happens at the element
         self._reads: dict[str, set[str]] = defaultdict(set)
@@ -54,7 +57,9 @@ class Liveness:
                 live, used = zip(*map(self._live, elements), strict=True)
                 left = frozenset(self._kept - self._always)
                 unused = left.difference(*used)
-                found = (left.difference(*live) - unused, unused)
+                dead = left.difference(*live)
+                unused |= dead & self._remembered.keys()
+                found = (dead - unused, unused)
             self._dead[elements] = found
         return found
 
@@ -115,6 +120,7 @@ class Liveness:
             around, follows = (*aside, *boundary[node.id]), behind[node.id] or {*leaving}
             own = isinstance(node, model.Event | model.Activity) and node.io is not None
             sets = set() if _loops(node) or mapped or own else {*_set_by(node, body)}
+            sets |= {key for key, name in self._remembered.items() if name in sets}
             if isinstance(node, model.Activity) and isinstance(node.loop, model.MultiInstance):
                 self._inner.add(node.loop.element_variable)
             self._sets[node.id] = self._sets.get(node.id, sets) & sets  # a process that is called twice
@@ -137,7 +143,7 @@ class Liveness:
                 changes = frozenset[str]()  # what the script has set before, too
                 if use.use == "script":
                     changes = only_changed(use.expression) | (use.reads - read_first(use.expression))
-                self._reads[element] |= use.reads - changes
+                self._reads[element] |= (use.reads - changes) | ({key_of(use.expression)} & self._remembered.keys())
                 self._changes[element] |= changes
 
     def _add_called(

@@ -15,6 +15,7 @@ from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.footprints import Effect, Footprints, Watched
 from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
 from fame.check.explore.liveness import Liveness
+from fame.check.explore.remembering import remembered
 from fame.check.explore.running_states import go_on, resumed
 from fame.check.explore.states import CUT, States
 from fame.check.explore.stimuli import Stimulus, apply
@@ -63,10 +64,11 @@ class Local:
                  ordered: bool, observed: bool = False) -> None:  # fmt: skip
         self.robot, self.process, self.values = robot, process, values
         self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
-        self.kept = kept
-        self.host.kept = kept.__contains__
         host: Host = self.host
         explored = model.process(definitions, process)
+        self.host.remembered = remembered(model.bodies(definitions, process), model.steps)
+        self.kept = kept.union(self.host.remembered)
+        self.host.kept = self.kept.__contains__
         self.host.caught = model.caught
         self.body = explored.body
         file = definitions.file
@@ -80,7 +82,8 @@ class Local:
         self.topics: frozenset[str] = frozenset(catch.topic for catch in catches if catch.topic)
         self.host.own_topics = self.topics
         self.outside: tuple[str, ...] = tuple(sorted(self.topics & model.outside))
-        self.states = States(self.program, self.host, self.outside, Liveness(definitions, process, model, kept))
+        liveness = Liveness(definitions, process, model, self.kept, self.host.remembered)
+        self.states = States(self.program, self.host, self.outside, liveness)
         self.forms, self.views = self.states.forms, self.states.views
         self.cut: bool = False
         """Whether ways were left out, because one step makes too many decisions."""
@@ -229,6 +232,8 @@ class Local:
             if choices:
                 cut |= len(choices) > MOST_DECISIONS
                 for place in range(len(host.decisions), min(len(choices), MOST_DECISIONS)):
+                    if place in outcome.settled:
+                        continue
                     _, chosen, ways = choices[place]
                     prefix = tuple(one[1] for one in choices[:place])
                     pending += [(*prefix, other) for other in range(ways) if other != chosen]
