@@ -258,3 +258,59 @@ class WallScheduler(Scheduler):
         entry = heappop(self._heap)[3]
         action, entry.action = entry.action, None
         return action  # None: another thread cancelled it since it was found due
+
+
+class Turns(Scheduler):
+    """A queue of one mission on the wall clock: however many of its entries are due, `wall` gets one of them at a time.
+
+    So what others enter meanwhile, as the messages of a deployment, waits for one entry of the mission at most.
+    """
+
+    is_simulated = False
+
+    def __init__(self, wall: Scheduler) -> None:
+        self._wall = wall
+        self._lock = threading.RLock()
+        self._turn: Entry | None = None
+        super().__init__()
+
+    @property
+    def now(self) -> int:
+        """The time of `wall`."""
+        return self._wall.now
+
+    @now.setter
+    def now(self, value: int) -> None:
+        pass
+
+    def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
+        with self._lock:
+            entry = self._enter(max(time, self.now), action, kind)
+            self._plan()
+            return entry
+
+    def worker(self, name: str) -> Worker:
+        return self._wall.worker(name)
+
+    def _plan(self) -> None:
+        """Enter the next turn, behind what is due in `wall` already."""
+        due, turn = self.next_time(), self._turn
+        if due is None or (turn is not None and turn.time <= due):
+            return
+        if turn is not None:
+            turn.cancel()
+        self._turn = self._wall.at(due, self._take_turn)
+
+    def _take_turn(self) -> None:
+        with self._lock:
+            self._turn, due = None, self.next_time()
+            action: Action | None = None
+            if due is not None and due <= self.now:
+                entry = heappop(self._heap)[3]
+                action, entry.action = entry.action, None
+        try:
+            if action is not None:
+                action()
+        finally:
+            with self._lock:
+                self._plan()

@@ -5,11 +5,12 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 from hypothesis import given, strategies as st
 
-from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
+from fame.clock import SECOND, Entry, Kind, Scheduler, Turns, WallScheduler
 
 
 def test_simulated_time_jumps_to_the_next_entry_and_reads_no_wall_clock() -> None:
@@ -257,3 +258,31 @@ def test_cancelling_from_other_threads_while_it_runs_loses_nothing_else() -> Non
     scheduler.run(until=scheduler.now)
     canceller.join()
     assert [number for number in seen if number % 2 == 0] == list(range(0, 2000, 2))
+
+
+def test_of_many_due_entries_of_a_mission_one_runs_before_what_others_enter() -> None:
+    wall, seen = Scheduler(), []
+    turns = Turns(wall)
+    for number in range(1000):
+        turns.after(5, partial(seen.append, number))
+    turns.after(5, lambda: None).cancel()
+    wall.at(6, lambda: seen.append("message"), Kind.MESSAGE)
+    wall.at(5, lambda: wall.soon(lambda: seen.append("reply")))
+    wall.run()
+    assert seen[:3] == [0, "reply", 1]
+    assert [each for each in seen if isinstance(each, int)] == list(range(1000))
+
+
+def test_a_mission_that_enters_itself_again_lets_others_run_and_its_time_is_that_of_the_wall() -> None:
+    wall, seen = Scheduler(), []
+    turns = Turns(wall)
+
+    def again() -> None:
+        seen.append("again")
+        if len(seen) < 100:
+            turns.soon(again)
+
+    turns.after(7, again)
+    wall.at(7, lambda: seen.append(turns.now))
+    wall.run()
+    assert seen[:2] == ["again", 7]

@@ -151,6 +151,9 @@ def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
             counts,
         )
         head = ("", "", "", "")
+    if report.more_waits:
+        yield (*head, "", "", f"and {report.more_waits:,} more waiting tokens", "")
+        head = ("", "", "", "")
     if report.state == "holding":
         yield (*head, "", "", f"its sender and the others for {report.candidate}; fame abort {robot} ends that", "")
         head = ("", "", "", "")

@@ -12,7 +12,7 @@ from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from fame.clock import EPOCH, SECOND, Kind, Scheduler
+from fame.clock import EPOCH, SECOND, Entry, Kind, Scheduler, Turns
 from fame.deploy.envelope import (
     EVENTS_TOPIC,
     MODEL_TOPIC,
@@ -80,6 +80,9 @@ if TYPE_CHECKING:
     from fame.robot.journal import StateDirectory
     from fame.robot.live import FeedLog, LiveFeed
 
+_END_PERIOD = SECOND // 10
+"""Least time between two reports because of instances that have ended (ns)."""
+
 
 class EngineNode:
     """A robot's engine: receive a process, run it, replace it by the next one.
@@ -129,7 +132,9 @@ class EngineNode:
         self.robot: str = robot
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
-        self._time = scheduler if time is None else time  # a scheduler with nothing to do is false
+        if time is None:  # a scheduler with nothing to do is false
+            time = scheduler if scheduler.is_simulated else Turns(scheduler)
+        self._time = time
         self._options: dict[str, Any] = {
             "library": library,
             "services": services,
@@ -162,6 +167,8 @@ class EngineNode:
             RobotState(robot, born=self.born), step, self._perform
         )
         self._absences = Absences()
+        self._end_report: Entry | None = None
+        self._end_reported = -_END_PERIOD
         self._stopped = False
         self._observers = () if observer is None else (observer,)
         self._feed: LiveFeed | None = None
@@ -201,6 +208,7 @@ class EngineNode:
         self._refusals = {
             kind: RateLimiter(self.scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
         }  # of senders that wait for an answer, and of bare models
+        self._failures = RateLimiter(self.scheduler, partial(self._note, kind="answer"))
         self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verifier.verify_task)
         self._resume()
         self.status.begin()
@@ -258,9 +266,18 @@ class EngineNode:
             self._refusals["report" if deployment.startswith(PLAIN) else "answer"](f"refused: {reason}", cause)
 
     def _on_end(self, instance: Instance) -> None:
-        self.status.publish()
+        """Report it soon; many instances may end at a time."""
+        if self._end_report is None or self._end_report.action is None:
+            due = max(self.scheduler.now, self._end_reported + _END_PERIOD)
+            self._end_report = self.scheduler.at(due, self._report_end, Kind.RESUMPTION)
         if instance.status == "failed":
-            self._note(f"the mission has failed: {instance.error or 'without a reason'}", "answer")
+            error = instance.error
+            text = f"the mission has failed: {error or 'without a reason'}"
+            self._failures(text, f"{error.element} {error.code}" if error is not None else "")
+
+    def _report_end(self) -> None:
+        self._end_reported = self.scheduler.now
+        self.status.publish()
 
     def _note(self, text: str, kind: str = "report") -> None:
         """Report an event to the observer of this engine; an ``answer`` goes to the sender as well."""
@@ -532,8 +549,8 @@ class EngineNode:
             self.status.close()
             self._process.close()
             self._tasks.close()
-            for refusals in self._refusals.values():
-                refusals.close()
+            for texts in (*self._refusals.values(), self._failures):
+                texts.close()
             if self._resumed is not None:
                 self._resumed.drop()
             if self._keeper is not None:
@@ -541,6 +558,9 @@ class EngineNode:
             self._protocol.handle(Stopped())
             if self.running is not None:
                 self.running.stop()
+            if self._end_report is not None and self._end_report.action is not None:
+                self._end_report.cancel()
+                self._report_end()
         return self.running is not None and self.running.leaving
 
     def close(self) -> None:

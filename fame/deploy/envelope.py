@@ -126,6 +126,7 @@ class Report:
     ahead      what timers of start events will still start: nothing, ``endless`` (cycles without end), ``due``
     waits      tokens that wait: `element`, `for` (in words), `since` (s), `topics` (each with the number of
                publishers), `place` (the drawn activity) and `suspended` (by whom, since when), if they differ
+    more_waits number of waiting tokens beyond those
     untaken    how many messages no event has taken, by topic
     offers     the elements of open ad-hoc sub-processes that can be activated
     incidents  elements that have failed and wait for somebody: `element`, `code`, `text`
@@ -156,6 +157,7 @@ class Report:
     elements: int = 0
     ahead: str = ""
     waits: Sequence[Mapping[str, Any]] = ()
+    more_waits: int = 0
     untaken: Mapping[str, int] = field(default_factory=dict)
     offers: Sequence[str] = ()
     absent: Mapping[str, float] = field(default_factory=dict)
@@ -262,6 +264,7 @@ _REPORT: dict[str, fields.Check] = {
     "completed": fields.integer(),
     "failed": fields.integer(),
     "waits": fields.sequence(fields.record(_WAIT)),
+    "more_waits": fields.integer(),
     "untaken": fields.mapping(_TEXT, fields.integer()),
     "offers": fields.sequence(_TEXT),
     "warnings": fields.sequence(_TEXT),

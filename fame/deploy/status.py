@@ -26,6 +26,8 @@ _KEPT = 10
 _CAUSES = 20
 """How many causes are told apart within a second; all others count as one."""
 _OTHER_CAUSE = ""
+WAITS = 100
+"""How many waiting tokens, and how many incidents, a report describes at most: it is made each second."""
 
 
 class Warnings:
@@ -274,12 +276,13 @@ def _described(process: RobotNode) -> dict[str, Any]:
                 **({"place": wait.place} if wait.place not in ("", wait.element) else {}),
                 **({"suspended": wait.suspended} if wait.suspended else {}),
             }
-            for wait in process.waiting_tokens()
+            for wait in process.waiting_tokens(WAITS)
         ],
+        "more_waits": max(0, process.waiting.count(process.engine) - WAITS),
         "untaken": process.untaken(),
         "offers": process.offers(),
         "error": str(last) if last is not None else "",
-        "incidents": [{"element": id, "code": code, "text": text} for id, code, text in process.incidents],
+        "incidents": [{"element": id, "code": code, "text": text} for id, code, text in process.incidents[:WAITS]],
         "errors": [
             {**instance.error.to_json(), "name": instance.error.name}
             for instance in process.instances

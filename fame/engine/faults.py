@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from fame.bpmn.model import SubProcess
-from fame.engine import handlers, repair, scopes, waiting
+from fame.engine import handlers, repair, scopes, state, waiting
 from fame.engine.engine_state import EngineState
 from fame.engine.host import BpmnError, is_from_outside
 from fame.engine.program import FaultCatch, Handler, Node
@@ -83,6 +83,11 @@ def abandon(
     last, cancelling = scopes.replace(engine, instance.root, ())
     engine.host.make_safe("failed")
     scopes.proceed(engine, FAILED, last, cancelling)
+
+
+def abandon_crowd(engine: EngineState, instance: Instance, node: Node) -> None:
+    """Fail an instance that has too many tokens."""
+    abandon(engine, instance, node, f"more than {state.TOKENS} tokens at a time: does a loop fork them?", "livelock")
 
 
 def conclude_failed(engine: EngineState, scope: Scope, node: Node) -> None:

@@ -12,7 +12,7 @@ from itertools import repeat
 from operator import attrgetter
 from typing import Any
 
-from fame.engine import adhoc, faults, gateways, handlers, repair, scopes, starts, steps, tasks, waiting
+from fame.engine import adhoc, faults, gateways, handlers, repair, scopes, starts, state, steps, tasks, waiting
 from fame.engine.engine_state import EngineState
 from fame.engine.host import Host
 from fame.engine.program import USER, Node, Program
@@ -22,10 +22,6 @@ from fame.errors import MissionError
 
 MOVES = 10_000_000
 """Moves of tokens within one stimulus that count as a livelock."""
-
-TOKENS = 50_000
-"""Tokens of an engine, moving or waiting for a timer, script or message, that count as a livelock: each stimulus takes
-longer the more there are, and a loop that forks doubles them each time."""
 
 PORTION = 300
 """Moves after which observers are informed during a long stimulus."""
@@ -237,14 +233,14 @@ class Engine(EngineState):
                 else:
                     left, moves = left - portion, repeat(None, portion)
                     self.observe()
-                    if len(ready) > TOKENS:
-                        self._fail_crowd(node, scope)
+                    if len(ready) > state.TOKENS:
+                        faults.abandon_crowd(self, scope.instance, node)
                     elif left > 0:
                         ready.appendleft((node, scope))
                     else:
                         self._fail_livelock(node, scope)
                         left = self.limit
-            if len(self.waits) > TOKENS and self._fail_newest():
+            if len(self.waits) > state.TOKENS and self._fail_newest():
                 continue
             if not (self.inclusive and gateways.decide_inclusive(self)):
                 break
@@ -256,13 +252,8 @@ class Engine(EngineState):
     def _fail_newest(self) -> bool:
         """Fail the instance of the newest wait. Returns whether that was possible."""
         before, wait = len(self.waits), next(reversed(self.waits.values()))
-        self._fail_crowd(wait.node, wait.scope)
+        faults.abandon_crowd(self, wait.scope.instance, wait.node)
         return len(self.waits) < before
-
-    def _fail_crowd(self, node: Node, scope: Scope) -> None:
-        """Fail an instance that has too many tokens."""
-        text = f"more than {TOKENS} tokens at a time: does a loop fork them?"
-        faults.abandon(self, scope.instance, node, text, "livelock")
 
     def _fail_livelock(self, node: Node, scope: Scope) -> None:
         """Trace the tokens of a livelock for a while to find the elements of the loop, then fail the instance."""

@@ -61,6 +61,9 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> None:
     except BaseException as error:
         faults.fail(engine, scope, node, error)
         return
+    if not loop.sequential and total > state.TOKENS:
+        faults.abandon_crowd(engine, scope.instance, node)
+        return
     variables = scope.variables if loop.standard else Variables(scope.variables)
     whole = scopes.open_child(engine, scope, node, node.body, variables)
     whole.items = {
@@ -79,6 +82,8 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> None:
         set_counters(whole)
     for _ in range(starts if loop.standard else min(total, 1) if loop.sequential else total):
         begin_instance(engine, whole, node)
+    if not loop.standard:
+        set_counters(whole)
     if not whole.tokens:
         scopes.finish(engine, whole)
 
@@ -116,7 +121,8 @@ def begin_instance(engine: EngineState, whole: Scope, node: Node) -> None:
         variables = Variables(variables, {"loopCounter": number})
         if items["values"] is not None and loop.element:
             variables.define(loop.element, items["values"][number - 1])
-        set_counters(whole)
+        if loop.sequential:  # of parallel ones once for all
+            set_counters(whole)
     whole.tokens += 1
     assert node.body is not None
     instance = scopes.open_child(engine, whole, loop.instance, node.body, variables)

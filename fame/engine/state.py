@@ -20,6 +20,9 @@ DEPTH = 1000
 """Maximum nesting of calls and sub-processes."""
 SCOPES = 200_000
 """Maximum number of scopes of an instance: a process that calls itself twice would fill any memory."""
+TOKENS = 50_000
+"""Tokens of an engine, moving or waiting for a timer, script or message, that count as a livelock: each stimulus takes
+longer the more there are, and a loop that forks doubles them each time."""
 
 
 class Scope:

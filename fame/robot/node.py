@@ -268,9 +268,12 @@ class RobotNode:
         times = {key: self.host.timers.due(key) for key in self.engine.armed_starts}
         return {key: time for key, time in times.items() if time is not None}
 
-    def waiting_tokens(self) -> list[WaitingToken]:
-        """Every waiting token, and what it waits for. If nothing runs: the start events that wait for their trigger."""
-        waiting = self.waiting.list(self.engine)
+    def waiting_tokens(self, most: int | None = None) -> list[WaitingToken]:
+        """The waiting tokens, at `most` so many, and what each waits for.
+
+        If nothing runs: the start events that wait for their trigger.
+        """
+        waiting = self.waiting.list(self.engine, most)
         due = {} if self.engine.instances else self._starts_due()
         return [*waiting, *self.waiting.starts(self.engine, due, epoch=self.epoch, by_message=not self.instances)]
 

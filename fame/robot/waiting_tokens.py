@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, 
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
+from itertools import chain, islice
 from typing import Any, NamedTuple
 
 from fame.bpmn import model
@@ -158,10 +159,10 @@ class WaitingTokens:
         self._graph = {topic: tuple(sorted(set(names))) for topic, names in self._publishers().items() if names}
         return (self._graph, warned) != before
 
-    def list(self, engine: Engine) -> list[WaitingToken]:
-        """Every token that waits. Call it regularly: times and gaps are those between calls."""
-        waits = [wait for instance in engine.instances.values() for wait in instance.waits()]
-        joins = [found for instance in engine.instances.values() for found in joins_reached(instance.root)]
+    def list(self, engine: Engine, most: int | None = None) -> list[WaitingToken]:
+        """The tokens that wait, at `most` so many. Call it regularly: times and gaps are those between calls."""
+        waits = list(islice(_waits(engine), most))
+        joins = list(islice(_joins(engine), None if most is None else most - len(waits)))
         now, publishers = self._scheduler.now, self._publishers()
         self._note([*(wait.key for wait in waits), *((scope.key, join.id) for scope, join, _ in joins)], now)
         self.on_suspended(engine)
@@ -182,6 +183,10 @@ class WaitingTokens:
             place = self._shown(join)
             found.append(WaitingToken(self._robot, join.id, text, self._seen[scope.key, join.id], place=place))
         return found
+
+    def count(self, engine: Engine) -> int:
+        """The number of tokens that wait."""
+        return sum(1 for _ in _waits(engine)) + sum(1 for _ in _joins(engine))
 
     def on_suspended(self, engine: Engine) -> None:
         """Record since when scopes are suspended."""
@@ -377,6 +382,14 @@ class _Describer:
             f"{name} = {reprlib.repr(variables[name])}" if name in variables else f"{name} is not set" for name in names
         ]
         return f"condition {condition.text}" + (f" ({', '.join(values)})" if values else "")
+
+
+def _waits(engine: Engine) -> Iterator[Wait]:
+    return chain.from_iterable(instance.waits() for instance in engine.instances.values())
+
+
+def _joins(engine: Engine) -> Iterator[tuple[Scope, ProgramNode, Sequence[int]]]:
+    return chain.from_iterable(joins_reached(instance.root) for instance in engine.instances.values())
 
 
 def silence_text(kind: str, since: int, now: int) -> str:

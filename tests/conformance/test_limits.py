@@ -149,7 +149,7 @@ def test_what_multiplies_without_end_fails(play: Play, monkeypatch: pytest.Monke
 
 
 def test_a_loop_that_forks_its_tokens_fails(play: Play, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fame.engine.interpreter.TOKENS", 500)
+    monkeypatch.setattr("fame.engine.state.TOKENS", 500)
     parts = gateway("exclusive", "m") + gateway("parallel", "g") + gateway("exclusive", "n")
     run = play(start() + parts + path("s m g m") + path("g n m")).run()
     assert (run.status, run.instance.error.code) == ("failed", "livelock")

@@ -360,7 +360,7 @@ def test_an_error_in_a_description_is_reported_and_the_mission_goes_on(monkeypat
     )
     field.listen("A")
     field.person.subscription("/A/bpmn_events", "std_msgs/msg/String", lambda message: None)
-    monkeypatch.setattr(WaitingTokens, "list", lambda self, engine: 1 / 0)
+    monkeypatch.setattr(WaitingTokens, "list", lambda self, engine, most=None: 1 / 0)
     monkeypatch.setattr(WaitingTokens, "details", lambda self, wait: 1 / 0)
     field.send("A", model(start() + user("x") + end() + path("s x e")).source.decode())
     field.pass_time(2)
