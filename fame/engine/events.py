@@ -87,18 +87,20 @@ def _code_of(spec: Raise, variables: dict[str, Any]) -> str | None:
 def raise_error(engine: EngineState, scope: Scope, node: Node) -> None:
     """Throw the error of an error end event."""
     try:
-        code = _code_of(node.spec, scope.variables)
+        thrown = BpmnError(_code_of(node.spec, scope.variables) or "", _message_of(node.spec, scope.variables))
     except BaseException as error:
         faults.fail(engine, scope, node, error)
         return
-    faults.fail(engine, scope, node, BpmnError(code or "", _message_of(node.spec, scope.variables)))
+    faults.fail(engine, scope, node, thrown)
 
 
 def _message_of(spec: Raise, variables: dict[str, Any]) -> str:
     """The text of an error. One that cannot be computed never takes the place of the error."""
     try:
         text = spec.message(variables) if spec.message is not None else None
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # also one that does not end
         return f"(its message: {type(error).__name__}: {error})"
     return "" if text is None or text is UNDEFINED else str(text)
 

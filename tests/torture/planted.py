@@ -11,6 +11,7 @@ from unittest.mock import patch
 from fame.deploy import robot_protocol, sender_protocol, termination
 from fame.deploy.engine_node import EngineNode
 from fame.deploy.envelope import Envelope
+from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.resumption import _PROMISE, StateKeeper, _text
 from fame.robot.durable import Recorder
 from fame.robot.journal import Journal, StateDirectory
@@ -56,6 +57,11 @@ def _nothing(original: Any) -> Any:
 def _empty(original: Any) -> Any:
     """Does nothing, and says that it is done."""
     return lambda *_, **__: ""
+
+
+def _zero(original: Any) -> Any:
+    """Says 0, whatever the clock says."""
+    return lambda *_, **__: 0
 
 
 def _effect_before_record(original: Any) -> Any:
@@ -188,6 +194,8 @@ BUGS: dict[str, Bug] = {
     "a sequence compared wrongly": (Envelope, "order", _sequence_reversed),
     "a robot that does not report": (EngineNode, "_on_loaded", _nothing),
     "a hold that nobody ends": (_transition, "decide", _nothing),
+    "a clock that moves the timers": (StateKeeper, "_set_back", _zero),
+    "a signature that nobody checks": (RequestVerifier, "verify_deployment", _nothing),
 }
 """What the code does wrong: where, and its replacement made from the original."""
 
