@@ -116,8 +116,9 @@ def test_the_log_is_whole_when_the_mission_fails(tmp_path: Path, capsys) -> None
     model, log = tmp_path / "fails.bpmn", tmp_path / "run.jsonl"
     model.write_text(ENDS.replace("await sleep(2)", "raise BpmnError('blocked')"))
     assert main(["run", str(model), "--log", str(log)]) == 1
-    last = json.loads(log.read_text().splitlines()[-1])
-    assert (last["what"], last["detail"]) == ("end", "failed")
+    *_, end, why = map(json.loads, log.read_text().splitlines())
+    assert (end["what"], end["detail"]) == ("end", "failed")
+    assert (why["what"], why["element"], why["detail"]) == ("report", "t", "error blocked was not caught")
     assert "blocked" in capsys.readouterr().err
 
 

@@ -129,7 +129,7 @@ class Topic:
     private: bool = False
     qos: Mapping[str, str] = field(default_factory=_empty)
     takes: tuple[Assignment, ...] = ()
-    label: str = ""
+    label: str = field(default="", compare=False, repr=False)
 
     @property
     def qualified(self) -> str:

@@ -186,11 +186,13 @@ def wait_for_service(realm: CommandTarget, run: Run, number: int, type: str, ser
     realm.expect(number, run, scheduler.soon(poll, Kind.RESUMPTION).cancel)
 
 
-def request(realm: CommandTarget, run: Run, number: int, type: str, service: str, fields: Any) -> None:
+def request(realm: CommandTarget, run: Run, number: int, type: str, service: str, fields: Any, stack: str) -> None:
     """sendRequest: the response is a callback. The service is waited for as that of a task, and its loss treated so."""
     robot, client = realm.robot, realm.robot.inbox.client(service, type)
     scheduler, timers = robot.scheduler, list[Callable[[], object]]()
-    fail = partial(realm.fail, number)
+
+    def fail(error: BaseException) -> None:
+        realm.fail(number, located(error, run.script, stack))
 
     def on_response(response: Any) -> None:
         scheduler.soon(partial(realm.call_back, number, encode(response)), Kind.MESSAGE)

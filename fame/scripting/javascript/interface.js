@@ -312,7 +312,8 @@ class Client {
     }
     sendRequest(request, callback) {
         const number = listen(called("sendRequest", this.sendRequest, callback), true);
-        command("request", here(this.sendRequest), number, this.type, this.service, request);
+        const place = here(this.sendRequest); // also for an error that comes later
+        command("request", place, number, this.type, this.service, request, place);
     }
     toJSON() { return undefined; }
 }

@@ -159,10 +159,10 @@ class Realm:
         return number in self._expected
 
     def fail(self, number: int, error: BaseException) -> None:
-        """Fail the run of a callback that does not come. Called by entries of the scheduler."""
+        """Fail the run of a callback that does not come, with a located error. Called by entries of the scheduler."""
         if number in self._expected:
             run, _ = self._expected[number]
-            self._settle(run, Outcome(error=located(error, run.script)))
+            self._settle(run, Outcome(error=error))
             self.robot.stepped()
 
     def call_back(self, number: int, payload: str, *, again: bool = False) -> None:
