@@ -73,6 +73,18 @@ def test_a_key_that_is_not_trusted_does_not_count(keys, tmp_path):
     assert field.engines["A"].running is None
 
 
+@pytest.mark.parametrize("phase", ["load", "hold", "start", "abort"])
+def test_what_a_stranger_says_of_a_deployment_that_is_known_is_no_answer_to_its_sender(keys, phase):
+    field = Guarded(keys[1], "A", "B")
+    sent = field.deploy(TEAM, key=keys[0], wall_time=lambda: NOW)
+    field.send("A", replace(sent.envelopes["A"], phase=phase, signature="").to_json())
+    field.pass_time(0.1)
+    refusal = [report for report in field.said if report.answer == "refused"][-1]
+    assert refusal.deployment == ""
+    assert "not signed" in refusal.reason
+    assert (field.engines["A"].deployed, field.engines["A"].state) == ("d1", "running")
+
+
 def test_an_old_signature_and_a_changed_envelope_are_refused(keys):
     said = {"deployment": "d", "hash": "h", "robot": "A", "issued": NOW, "model": "x"}
     signed = said | {"signature": sign(said, keys[0])}

@@ -302,11 +302,16 @@ class EngineNode:
             self._verifier.verify_deployment(envelope)
             self._protocol.handle(Received(envelope))
         except DeploymentError as error:
-            self.status.publish("refused", deployment, str(error), cause=error.cause)
+            self._refuse(deployment, str(error), error.cause)
         except FameError:
             raise
         except Exception as error:  # no message ends an engine
-            self.status.publish("refused", deployment, unexpected(error), cause="error")
+            self._refuse(deployment, unexpected(error), "error")
+
+    def _refuse(self, deployment: str, reason: str, cause: str) -> None:
+        """Refuse a message. One about a deployment that is known here may be forged: it is no answer to the sender."""
+        known = self._protocol.state.knows(deployment)
+        self.status.publish("refused", "" if known else deployment, reason, cause=cause)
 
     # ---- what it does ----------------------------------------------------------------------------------------------
 

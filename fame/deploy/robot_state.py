@@ -88,6 +88,12 @@ class RobotState:
         same = self.candidate is not None and self.candidate.envelope.deployment == deployment
         return self.candidate if same else None
 
+    def knows(self, deployment: str) -> bool:
+        """Whether it is under way here or was answered, or the engine before was ready to start it."""
+        under_way = any(one is not None and one.deployment == deployment for one in (self.waiting, self.loading))
+        answered = self.candidate_of(deployment) is not None or self.answer_to(deployment) is not None
+        return under_way or answered or (bool(deployment) and self.promised == deployment)
+
 
 def resumed(robot: str, envelope: Envelope, born: int = 0) -> RobotState:
     """The state of a robot whose engine goes on with what it had been running."""

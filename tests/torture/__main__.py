@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
 from collections import Counter
@@ -31,18 +32,23 @@ def run_seed(seed: int) -> tuple[int, list[str], Counter[str]]:
 
 def reduced(plan: Plan) -> Plan:
     """The fewest steps that still fail in the same way."""
-    steps, sought = list(plan.steps), outcome(plan)[0][0].split(":")[0].split(" ")[-1]
+    steps, sought = list(plan.steps), _kind(outcome(plan)[0][0])
     size = max(1, len(steps) // 2)
     while size:
         at = 0
         while at < len(steps):
             fewer = [*steps[:at], *steps[at + size :]]
-            if any(sought in one for one in outcome(Plan(plan.seed, tuple(fewer)))[0]):
+            if any(sought == _kind(one) for one in outcome(Plan(plan.seed, tuple(fewer)))[0]):
                 steps = fewer
             else:
                 at += size
         size //= 2
     return Plan(plan.seed, tuple(steps))
+
+
+def _kind(sentence: str) -> str:
+    """What does not hold, without names of robots and numbers."""
+    return re.sub(r"\b[A-C]\b|[\d.#]+", "_", sentence.partition(":")[0])
 
 
 def main() -> int:
