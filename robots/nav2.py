@@ -120,7 +120,7 @@ class Nav2:
         """What a person reads of an error code: where navigation failed, with the goal."""
         text, goal = _TEXTS.get(code, ""), self._robot.unreached
         if code == nav.GOAL_OUTSIDE and self._robot.ground is not None:
-            text += f" of {self._robot.ground.size}"
+            text += f" ({self._robot.ground.extent})"
         return f"{text}: x={goal[0]:g} y={goal[1]:g}" if goal is not None and code in _NAVIGATION else text
 
     def _cancel(self, goal: ServerGoal) -> None:

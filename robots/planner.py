@@ -224,7 +224,7 @@ def _why(grid: Grid, goal: Point) -> str:
     row, column = _cell(grid, goal)
     rows, columns = grid.occupied.shape
     if not (0 <= row < rows and 0 <= column < columns):
-        return f"outside the map of {grid.size}"
+        return f"outside the map ({grid.extent})"
     return "too close to an obstacle" if grid.occupied[row, column] else "obstacles are all around"
 
 

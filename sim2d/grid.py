@@ -37,10 +37,10 @@ class Grid:
     origin: Point
 
     @property
-    def size(self) -> str:
-        """Width and height, for people."""
-        rows, columns = self.occupied.shape
-        return f"{columns * self.resolution:g} m x {rows * self.resolution:g} m"
+    def extent(self) -> str:
+        """From where to where it reaches, for people; that of a world includes its rim of one cell."""
+        (rows, columns), (x, y) = self.occupied.shape, self.origin
+        return f"x {x:g} to {x + columns * self.resolution:g} m, y {y:g} to {y + rows * self.resolution:g} m"
 
     def fields(self) -> dict[str, Any]:
         """The fields of a nav_msgs/msg/OccupancyGrid in the frame `map`."""

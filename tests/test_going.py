@@ -60,7 +60,7 @@ def test_a_thing_just_before_a_corner_of_the_way_is_passed_in_the_end(tmp_path: 
 @pytest.mark.parametrize(
     ("goal", "why"),
     [
-        ("40, 2", "x=40 y=2: outside the map of 6.1 m x 4.1 m"),
+        ("40, 2", "x=40 y=2: outside the map (x -0.05 to 6.05 m, y -0.05 to 4.05 m)"),
         ("3, 2", "x=3 y=2: too close to an obstacle"),
         ("5, 2", "x=5 y=2: obstacles are all around"),
     ],

@@ -97,7 +97,7 @@ def test_goals_that_cannot_be_reached_end_with_nav2_s_codes(goal: Any, end: tupl
 
 def test_a_goal_outside_the_map_is_told_with_the_map() -> None:
     _, result = Robot().act("navigate_to_pose", "NavigateToPose", pose=pose(40, 1))
-    assert result.error_msg == "the goal is outside of the map of 6.2 m x 4.2 m: x=40 y=1"
+    assert result.error_msg == "the goal is outside of the map (x -0.1 to 6.1 m, y -0.1 to 4.1 m): x=40 y=1"
 
 
 def test_it_recovers_and_aborts_where_something_unknown_stands_on_the_goal() -> None:
