@@ -572,6 +572,17 @@ def test_a_signal_of_the_scenario_has_a_source(tmp_path: Path) -> None:
     assert not explore(scenario).findings
 
 
+def test_what_a_simulated_robot_publishes_has_a_source(tmp_path: Path) -> None:
+    text = text_of({"A": ["catch order"], "B": ["work"]}).replace('name="order"', 'name="B/camera/weeds"')
+    (tmp_path / "m.bpmn").write_text(text)
+    scenario, lines = tmp_path / "s.yaml", ["model: m.bpmn", "world:", "  size: [9, 9]", "  robots:"]
+    robots = ["    A: {type: car, at: [2, 2]}", "    B: {type: drone, at: [5, 5]}"]
+    scenario.write_text("\n".join([*lines, *robots]))
+    assert not explore(scenario).findings
+    scenario.write_text("\n".join([*lines, *robots]).replace("drone", "car"))
+    assert [one.kind for one in explore(scenario).findings] == ["outside"]
+
+
 def test_the_first_line_says_that_only_one_order_was_explored() -> None:
     robots: dict[str, Steps] = {"A": ["throw x"], "B": ["work"]}
     assert "delivery run, only the order of fame run)" in found(robots, delivery="run").summary()

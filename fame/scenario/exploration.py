@@ -12,7 +12,9 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool, assign_pools, pools_of
 from fame.check.explore import Exploration, Request, explore_from, explore_team
+from fame.clock import Scheduler
 from fame.errors import ConfigError, expect
+from fame.middleware.local import LocalMiddleware
 from fame.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -89,9 +91,23 @@ def explore(
     )
     definitions, found, cast = cast_of(model, robots, library)
     if _is_scenario(model):
-        signals = Scenario.load(model, robots=robots, library=library).signals
-        request = replace(request, sources=frozenset(one.topic for one in signals))
+        request = replace(request, sources=_sources(Scenario.load(model, robots=robots, library=library)))
     return explore_team(definitions, found, cast, request)
+
+
+def _sources(scenario: Scenario) -> frozenset[str]:
+    """The topics on which the signals and the simulated robots of a scenario publish. Raises ConfigError."""
+    given = {one.topic for one in scenario.signals}
+    if scenario.world is None:
+        return frozenset(given)
+    from sim2d.world import World
+
+    scheduler = Scheduler()
+    middleware = LocalMiddleware(scheduler)
+    world = World(scenario.world, seed=scenario.seed, scheduler=scheduler, middleware=middleware)
+    given.update(topic.name for topic in middleware.graph() if topic.publishers)
+    world.close()
+    return frozenset(given)
 
 
 def _is_scenario(model: str | Path | Definitions) -> TypeGuard[str | Path]:
