@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -101,3 +102,14 @@ def test_programs_can_be_hidden(tmp_path: Path) -> None:
     command = [sys.executable, str(STAGE), "--bare", "sh", "-c", shell]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert [Path(line).name for line in done.stdout.splitlines()] == ["shown", "sh"]
+
+
+def test_a_version_that_differs_from_the_constraints_is_named() -> None:
+    versions = runpy.run_path(str(STAGE.with_name("versions.py")))
+    found = versions["differences"]({"numpy": "2.1", "new": "1.0"}, {"numpy": "2.0", "old": "1.0"})
+    assert found == [
+        "new 1.0 (the tests ran with none)",
+        "numpy 2.1 (the tests ran with 2.0)",
+        "old not installed (the tests ran with 1.0)",
+    ]
+    assert versions["locked"]().keys() >= {"lxml", "mcap", "numpy", "pytest", "ruff"}
