@@ -96,6 +96,9 @@ def apart(attack: Callable[[Field], None], number: int) -> bool:
 
 def here(attack: Callable[[Field], None], domain: int) -> int:
     """Make one in this process; the exit code."""
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # which whoever runs the attacks may ignore, and engines then do
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that its engines are ended
     field = Field(domain)
     try:

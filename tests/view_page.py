@@ -50,15 +50,21 @@ def until(page: Page, condition: str, seconds: float = 60.0) -> Any:
     raise AssertionError(f"not within {seconds:g} s: {condition} {wrong}")
 
 
+_BEYOND = """[...document.querySelectorAll('html, body, body *')].filter((one) => {
+  const { right, width } = one.getBoundingClientRect();
+  const whole = /html|body/.test(one.localName) ? one.scrollWidth : 0;
+  return width && Math.max(right - 0.5, whole) > innerWidth;
+}).map((one) => `${one.localName}#${one.id}.${one.getAttribute('class')}`)"""
+
+
 def beyond(page: Page) -> list[str]:
-    """What can be seen of the page only by moving it to the side."""
-    found: list[str] = page.evaluate(
-        """[...document.querySelectorAll('html, body, body *')].filter((one) => {
-             const { right, width } = one.getBoundingClientRect();
-             const whole = /html|body/.test(one.localName) ? one.scrollWidth : 0;
-             return width && Math.max(right - 0.5, whole) > innerWidth;
-           }).map((one) => `${one.localName}#${one.id}.${one.getAttribute('class')}`)"""
-    )
+    """What can be seen of the page only by moving it to the side, once it had time to be laid out."""
+    found: list[str] = page.evaluate(_BEYOND)
+    for _ in range(100):
+        if not found:
+            break
+        page.wait_for_timeout(100)
+        found = page.evaluate(_BEYOND)
     return found
 
 
