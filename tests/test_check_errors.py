@@ -217,6 +217,13 @@ def test_what_is_refused_brings_no_other_error_with_it() -> None:
     assert told(text, "error") == ["t: a receive task needs a message"]
 
 
+def test_a_constant_that_takes_too_long_to_compute_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fame.scripting.budget.DEFAULT", 10_000)
+    endless = script("count(for i in 1..1000000000 return i)", format="feel")
+    (error,) = (one for one in checked(alone(row(endless))) if one.level == "error")
+    assert "t: cannot be computed: an expression took more than 1000 loop passes" in str(error)
+
+
 def test_an_error_names_the_line_of_the_script() -> None:
     (error,) = (one for one in checked(alone(row(script("x = 1\ny = 2\nz = (")))) if one.level == "error")
     assert str(error) == "bad.bpmn:6: error: t: not valid Python: '(' was never closed: `z = (`"

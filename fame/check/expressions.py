@@ -14,7 +14,8 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import lru_cache
+from typing import Any, Literal
 
 from fame.bpmn.model import (
     Activity,
@@ -37,7 +38,8 @@ from fame.bpmn.model import (
 )
 from fame.bpmn.topics import topics_of
 from fame.errors import ModelError
-from fame.scripting import code_names, script_names
+from fame.scripting import code_names, compile_expression, script_names
+from fame.scripting.budget import BudgetExceeded
 from fame.scripting.python import called_name
 
 Use = Literal["script", "condition", "payload", "timer", "mapping", "value"]
@@ -90,6 +92,19 @@ def _code_of(script: Expression) -> frozenset[str]:
         return code_names(script)
     except (ModelError, RecursionError):
         return frozenset()
+
+
+@lru_cache
+def constant(expression: Expression) -> tuple[Any, str]:
+    """The value of an expression that reads no names, else None; and why it cannot be computed in time, else empty."""
+    if expression.language in ("python", "javascript"):
+        return None, ""
+    try:
+        return None if script_names(expression)[0] else compile_expression(expression)({}), ""
+    except BudgetExceeded as error:
+        return None, str(error)
+    except Exception:  # reported by the compiler, or when the element is reached
+        return None, ""
 
 
 def _texts(element: Element) -> Iterator[Found]:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 
 from fame.bpmn.model import Activity, Body, Element, Expression, SubProcess
-from fame.check.expressions import ExpressionUse, expressions_in
+from fame.check.expressions import ExpressionUse, constant, expressions_in
 from fame.check.graph import graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.errors import ModelError
@@ -64,6 +64,9 @@ def check_scripts(scope: CheckScope) -> Iterator[Finding]:
         scripts = [text for text in texts if text.use == "script"]
         for text in texts:
             yield from _misused_interface(process, text)
+            endless = constant(text.expression)[1]
+            if endless:
+                yield process.finding("error", f"cannot be computed: {endless}", text.element, text.expression.line)
         for text in scripts:
             if _BLOCKS.search(text.expression.text):
                 found = "time.sleep blocks the whole robot: use await sleep(...)"

@@ -28,6 +28,7 @@ from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.engine import UNDEFINED
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
+from fame.scripting.budget import BudgetExceeded
 from fame.scripting.grammar import ExpressionError
 from fame.scripting.python import called_name, parse_python
 from fame.scripting.substitution import is_text, payload
@@ -222,7 +223,7 @@ def payload_findings(process: CheckedProcess, node: FlowNode, expression: Expres
         value = payload(expression.text, lambda path, error: computed.append(path))[0]({})
     except ExpressionError:  # the compiler reports it
         return
-    except Exception:  # a ${...} of constants that cannot be evaluated: no telling
+    except (Exception, BudgetExceeded):  # a ${...} of constants that cannot be evaluated: no telling
         value = UNDEFINED
     if value is UNDEFINED and is_text(expression.text) and _has_fields(type):
         value = expression.text

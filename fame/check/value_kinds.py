@@ -17,7 +17,7 @@ from typing import Any
 from fame.bpmn.model import Activity, Element, Expression, FlowNode
 from fame.bpmn.topics import EMPTY_TYPE, topics_of
 from fame.check.endpoints import TopicEndpoint, by_topic, message_fields, types_of
-from fame.check.expressions import ExpressionUse, expressions_in, names_of, python_tree
+from fame.check.expressions import ExpressionUse, constant, expressions_in, names_of, python_tree
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.check.topics import misfit
 from fame.check.variables import assigned_objects, named_by, sharing, uses_of
@@ -25,7 +25,7 @@ from fame.engine import UNDEFINED
 from fame.engine.data import variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
-from fame.scripting import compile_expression
+from fame.scripting.budget import BudgetExceeded
 from fame.scripting.grammar import ExpressionError
 from fame.scripting.python import called_name, parse_python
 from fame.scripting.substitution import payload
@@ -115,7 +115,7 @@ def _samples(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[tupl
         for item in body.data_objects:
             for name, expression in item.values if item.id in assigned else ():
                 if expression.text.strip():
-                    yield name, Sample(process, item, _constant(expression))
+                    yield name, Sample(process, item, constant(expression)[0])
 
 
 def _of_messages(
@@ -153,14 +153,6 @@ def _field(type: str, path: str) -> tuple[Any, bool]:
     for name in path.split("."):
         value = getattr(value, name, None)
     return _plain(value), isinstance(value, bool | int | float)
-
-
-def _constant(expression: Expression) -> Any:
-    """The value of a constant expression, else None."""
-    try:
-        return None if names_of(expression)[0] else compile_expression(expression)({})
-    except Exception:  # reported by the compiler, or when the element is reached
-        return None
 
 
 def _of_script(text: ExpressionUse) -> Iterator[tuple[str, tuple[Any, bool]]]:
@@ -285,7 +277,7 @@ def _misfits(end: TopicEndpoint, known: Samples, types: Mapping[str, str]) -> It
         errors = [_error(evaluate(dict(zip(names, case, strict=True))), type) for case in itertools.product(*values)]
     except ExpressionError:  # the compiler reports it
         return
-    except Exception:  # it fails with a sample: no telling
+    except (Exception, BudgetExceeded):  # it fails with a sample: no telling
         return
     if all(error is not None for error in errors):
         yield end.process.finding("warning", f"the payload does not fit: {errors[0]}", end.node, expression.line)

@@ -43,6 +43,8 @@ _OTHER = {
 }  # fmt: skip
 """Elements of a scope that are not flow nodes."""
 _B = f"{{{BPMN}}}"
+_LEVELS = 64
+"""How deep sub-processes may be nested: readers, compiler and checks walk them recursively."""
 
 
 def read_body(process: ProcessContext, element: Node, parts: Parts) -> Body:
@@ -239,6 +241,7 @@ def _call(process: ProcessContext, element: Node, wiring: Connections) -> FlowNo
 
 def _sub_process(process: ProcessContext, element: Node, wiring: Connections) -> SubProcess:
     node = read_node(process, element, wiring)
+    _limit_levels(process.context, element)
     resume = node.extensions.take("resume")
     completion, active = node.parts.get("completionCondition"), node.extensions.active.strip()
     listed = node.extensions.take("activities") if local_name(element) == "adHocSubProcess" else None
@@ -253,6 +256,12 @@ def _sub_process(process: ProcessContext, element: Node, wiring: Connections) ->
         cancel_remaining=node.flag("cancelRemainingInstances", True),
         **read_activity(node),
     )
+
+
+def _limit_levels(context: Context, element: Node) -> None:
+    """Raise ModelError for a sub-process inside too many others."""
+    if sum(local_name(one) in _SUB_PROCESSES for one in element.iterancestors()) >= _LEVELS:
+        raise context.error(element, f"expected at most {_LEVELS} sub-processes inside each other, got more")
 
 
 _READERS: Mapping[str, Callable[[ProcessContext, Node, Connections], FlowNode]] = {
