@@ -352,8 +352,9 @@ class Peers:
             publisher.close()
 
     def _listener(self, robot: str, log: Callable[[str], object]) -> Callable[[Any], None]:
-        vouched = self._envelope.engines.get(robot, "")
-        reader = ReportReader(robot, signed=bool(self._envelope.signature), vouched=vouched)
+        signed = bool(self._envelope.signature)  # without keys nobody vouches, and a robot that was started anew counts
+        vouched = self._envelope.engines.get(robot, "") if signed else ""
+        reader = ReportReader(robot, signed=signed, vouched=vouched)
         return boundary(partial(self._on_report, reader), lambda reason: log(f"report of {robot}: {reason}"))
 
     def _on_report(self, reader: ReportReader, message: Any) -> None:

@@ -125,6 +125,7 @@ class Link:
             self.known = True
             for end in list(self.source.ends()):
                 self.target.discover(end)
+            self._release()  # what was announced before the link went down and up
 
     def _expire(self, since: int) -> None:
         if self._lost_at == since and not self.open:

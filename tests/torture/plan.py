@@ -53,7 +53,7 @@ class Plan:
         return cls(found["seed"], tuple(Step(*step) for step in found["steps"]))
 
 
-FAULTS = ("kill", "stop", "cut", "loss", "delay", "match", "clock", "kill sender", "stop sender")
+FAULTS = ("kill", "stop", "cut", "loss", "delay", "match", "clock", "drift", "kill sender", "stop sender")
 KEYS = ("stranger",)
 """What strikes only teams with keys."""
 DISK_FAULTS = ("power", "fuse", "full", "read-only", "flip", "erase")
@@ -121,6 +121,13 @@ def _fault(chance: random.Random, kind: str) -> Step:
                 kind,
                 chance.choice((*ROBOTS, DESK)),
                 _rounded(chance.choice((1, 60, 1e5)) * chance.uniform(-1, 1)),
+            )
+        case "drift":
+            return Step(
+                time,
+                kind,
+                chance.choice((*ROBOTS, DESK)),
+                round(10 ** chance.uniform(-5, -1) * chance.choice((-1, 1)), 6),
             )
     return Step(time, kind, "", long)
 

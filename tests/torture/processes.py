@@ -34,6 +34,11 @@ class Machine:
         """Seconds since 1970, as its clock says."""
         return START + self._scheduler.now / SECOND * (1 + self.drift) + self.ahead
 
+    def change_drift(self, drift: float) -> None:
+        """Its clock runs faster or slower from now on, without a jump."""
+        self.ahead -= self._scheduler.now / SECOND * (drift - self.drift)
+        self.drift = drift
+
 
 class Process(Scheduler):
     """A process on a machine. `on_error` gets what leaves one of its entries: an error, or a loss of power."""

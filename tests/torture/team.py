@@ -161,6 +161,8 @@ class Team:
                 self._drop_matches(self.robots[step.target])
             case "clock":
                 self.machines[step.target].ahead += step.value
+            case "drift":
+                self.machines[step.target].change_drift(step.value)
             case "kill sender" | "stop sender":
                 for sender in [one for one in self.senders if one.alive][-1:]:
                     if step.kind == "kill sender":
@@ -188,7 +190,7 @@ class Team:
         self._armed.clear()
         for machine in self.machines.values():
             if self.key is not None:  # what is signed is refused where clocks differ
-                machine.ahead = 0.0
+                machine.ahead = machine.drift = 0.0
             machine.disk.fuse = machine.disk.room = None
             machine.disk.trouble = 0
         self.fabric.loss, self.fabric.delay = 0.0, 0.002
