@@ -32,6 +32,7 @@ _DURATION = re.compile(
 )
 _DATETIME = re.compile(r"[0-9]{4}[0-9W-]*(?:T[0-9:.,]+(?:Z|[+-][0-9:]+)?)?")
 _NAMED = re.compile(r"([^@\[]*)(?:@([^@\[\]]+)|\[([^@\[\]]+)\])")
+_ZONE = re.compile(r"[\w+-]{1,40}(?:/[\w+-]{1,40}){0,3}", re.ASCII)
 _END_OF_DAY = re.compile(r"T24(?=(?::?00(?::?00(?:[.,]0+)?)?)?(?:Z|[+-]|$))")
 
 
@@ -204,17 +205,27 @@ def nanoseconds_between(start: datetime, end: datetime) -> int:
     return (end.astimezone(UTC) - start.astimezone(UTC)) // timedelta(microseconds=1) * 1000
 
 
+def zone_named(name: str) -> tzinfo:
+    """The time zone of that name, such as ``Europe/Berlin``. Raises ValueError."""
+    from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+    try:
+        if not _ZONE.fullmatch(name):  # a longer path would be followed, however deep
+            raise ValueError
+        return ZoneInfo(name)
+    except (ValueError, OSError, ZoneInfoNotFoundError):
+        raise ValueError(f"the time zone {name!r} is not known here") from None
+
+
 def _named_zone(text: str, zone: tzinfo) -> tuple[str, tzinfo]:
     """A date without the zone that FEEL writes behind it (``@Europe/Berlin``, ``[Europe/Berlin]``), and the zone for
     one without offset."""
     found = _NAMED.fullmatch(text)
     if found is None:
         return text, zone
-    from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
-
     try:
-        return found[1], ZoneInfo(found[2] or found[3])
-    except (ValueError, OSError, ZoneInfoNotFoundError):
+        return found[1], zone_named(found[2] or found[3])
+    except ValueError:
         raise ValueError(f"{text!r} has a time zone that is not known here: an offset such as +01:00 is") from None
 
 

@@ -310,6 +310,8 @@ def test_feel_finds_no_python_behind_the_data_either() -> None:
         ("if x then 1", "feel", "expected `else`"),
         ("substr(x)", "feel", "there is no function `substr` here; did you mean substring?"),
         ("(" * 500 + "1" + ")" * 500, "feel", "nested more than"),
+        ("1" + " + 1" * 1000, "feel", "more than 300 operators"),
+        ("${x" + ".y" * 1000 + "}", "juel", "more than 300 operators"),
         ("x = 1", "python", "not valid Python: .*use `==` to compare"),
         ("x > (3", "python", "was never closed"),
         ("", "python", "not valid Python"),

@@ -197,7 +197,7 @@ def write_segment(path: Path, header: Mapping[str, Any], state: Mapping[str, Any
 
 
 def _seed(journal: str) -> int:
-    return zlib.crc32(journal.encode())
+    return zlib.crc32(journal.encode(errors="surrogatepass"))  # JSON may have lone surrogates
 
 
 # ---- the directory ---------------------------------------------------------------------------------------------------

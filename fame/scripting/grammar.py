@@ -100,6 +100,8 @@ Infix = Callable[["Parser", Evaluate], Evaluate]
 
 _DEPTH = 100
 """Levels of nesting that are accepted."""
+_CHAIN = 300
+"""Operators that are accepted, each on the result of the one before: every one takes a frame when it is evaluated."""
 
 _WORDS = 4
 """Words in the name of a function, at most."""
@@ -131,7 +133,7 @@ class Parser:
         self.dialect: Dialect = dialect
         self.names: dict[str, None] = {}
         self.counts: bool = False
-        self._tokens, self._index, self._depth = tokenize(text), 0, 0
+        self._tokens, self._index, self._depth, self._height = tokenize(text), 0, 0, 0
         self._bound: list[str] = []
         self._fields = 0
         self.after: Callable[[Any], Any] | None = None
@@ -151,14 +153,19 @@ class Parser:
         self._depth += 1
         if self._depth > _DEPTH:
             raise ExpressionError(f"nested more than {_DEPTH} levels deep", self.token.place)
+        before, self._height = self._height, 0
         left = self._operand()
         while self.token.kind in ("operator", "name"):
             binding, build = self.dialect.infixes.get(str(self.token.value), (0, None))
             if build is None or binding <= power:
                 break
-            self.advance()
+            sign = self.advance()
             left = build(self, left)
+            self._height += 1
+            if self._height > _CHAIN:
+                raise ExpressionError(f"more than {_CHAIN} operators, each on the result of the one before", sign.place)
         self._depth -= 1
+        self._height = max(before, self._height)
         return left
 
     # ---- tokens ------------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
 from functools import lru_cache
 from typing import Any
 
-from fame.iso8601 import Duration, add, nanoseconds_between, parse_duration
+from fame.iso8601 import Duration, add, nanoseconds_between, parse_duration, zone_named
 from fame.scripting.budget import PASS, spend
 from fame.scripting.data import Undefined, field, fields_of, is_list, is_number, plain, product, quotient
 
@@ -92,12 +92,7 @@ def zone_of(text: str) -> tuple[tzinfo, str]:
         hours, minutes, seconds = (int(part) for part in f"{text[1:]}:00".split(":")[:3])
         offset = timedelta(hours=hours, minutes=minutes, seconds=seconds)
         return timezone(-offset if text[0] == "-" else offset), text if offset else "Z"
-    from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
-
-    try:
-        return ZoneInfo(text), f"@{text}"
-    except (OSError, ZoneInfoNotFoundError):
-        raise ValueError(f"the time zone {text!r} is not known here") from None
+    return zone_named(text), f"@{text}"
 
 
 def moment(value: Any, *kinds: str) -> Moment:
