@@ -230,7 +230,7 @@ class Realm:
     def _aborted(self, script: Script, environment: Environment, error: Exception) -> Outcome:
         """The outcome of a step that exceeded a limit. What it did before still counts."""
         outcome = _OVER
-        with suppress(source.failure()), source.spare_memory(self._context):
+        with suppress(source.failure()), source.reporting(self._context):
             outcome = self._process(script, environment, self._collect())
         with suppress(source.failure()):
             self._cancel()

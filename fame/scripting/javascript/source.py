@@ -47,13 +47,15 @@ def new_context() -> Any:
 
 
 @contextmanager
-def spare_memory(context: Any) -> Iterator[None]:
-    """Allow a little more memory, to report what happened."""
+def reporting(context: Any) -> Iterator[None]:
+    """Allow a little more memory, but less time: reporting what happened may run the script's ``toJSON``."""
     context.set_memory_limit(MEMORY + 2**20)
+    context.set_time_limit(SECONDS / 10)
     try:
         yield
     finally:
         context.set_memory_limit(MEMORY)
+        context.set_time_limit(SECONDS)
 
 
 @cache
