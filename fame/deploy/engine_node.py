@@ -457,7 +457,7 @@ class EngineNode:
         if candidate is not None:
             candidate.close()
             if self._keeper is not None and not self._stopped:
-                self._keeper.forget_promise()
+                self._keeper.drop_promise(candidate.envelope.deployment)
         if self.running is not None and not self._lost_promise:
             self.running.release()
 

@@ -57,6 +57,7 @@ class StateKeeper:
     ) -> None:
         self.directory: StateDirectory = directory
         self.recorder: Recorder | None = None
+        self._kept = ""  # the deployment whose promise is on the disk
         self._robot, self._scheduler, self._on_trouble, self._wall_time = robot, scheduler, on_trouble, wall_time
         self._touch()
 
@@ -93,7 +94,9 @@ class StateKeeper:
         path, (key, _, text) = self.directory.path / _PROMISE, data.partition(b"\n")
         if key != sha256(text).hexdigest().encode():
             raise ConfigError("is damaged", file=str(path))
-        return _verified(text, path, trusted)
+        envelope = _verified(text, path, trusted)
+        self._kept = envelope.deployment
+        return envelope
 
     def _read_file(self, name: str) -> bytes | None:
         try:
@@ -128,10 +131,17 @@ class StateKeeper:
             self.directory.write_file(_PROMISE, sha256(text).hexdigest().encode() + b"\n" + text)
         except OSError as error:
             return f"its promise cannot be written to {self.directory.path}: {error.strerror}"
+        self._kept = candidate.envelope.deployment
         return ""
+
+    def drop_promise(self, deployment: str) -> None:
+        """A deployment was called off. The promise of what runs stays until its journal is on the disk."""
+        if self._kept == deployment:
+            self.forget_promise()
 
     def forget_promise(self) -> None:
         """The sender, or the team, has decided."""
+        self._kept = ""
         with suppress(OSError):
             self.directory.remove_file(_PROMISE)
 
