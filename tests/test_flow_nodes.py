@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from bpmn_text import body_of, document, node_of, process, properties
+from bpmn_text import body_of, document, node_of, process, properties, refused
 
 from fame.bpmn import read_text
 from fame.bpmn.model import CallActivity, Expression, Gateway, MultiInstance, StandardLoop, SubProcess, Task
@@ -164,9 +164,10 @@ def test_walk_meets_every_node_at_every_depth() -> None:
     assert [node.id for node in body.walk()] == ["a", "b", "c", "d"]
 
 
-def test_sub_processes_may_be_two_hundred_deep() -> None:
-    opened = "".join(f'<subProcess id="s{depth}">' for depth in range(200))
-    assert len(list(body_of(opened + "</subProcess>" * 200).walk())) == 200
+def test_sub_processes_may_be_64_deep_and_no_deeper() -> None:
+    opened, closed = "".join(f'<subProcess id="s{depth}">' for depth in range(240)), "</subProcess>" * 240
+    assert len(list(body_of(opened[: opened.index('<subProcess id="s64"')] + "</subProcess>" * 64).walk())) == 64
+    assert "s64: expected at most 64 sub-processes inside each other" in str(refused(process(opened + closed)))
 
 
 def test_loops_are_read() -> None:

@@ -467,15 +467,3 @@ def test_the_reader_names_a_wrong_element_by_label_and_id() -> None:
     assert '"Stop" (a): two elements have this id' in str(twice)
     faults = read_text(process('<task id="a" name="Go" default="x"/>')).processes[0].faults
     assert [fault.display_name for fault in faults] == ['"Go" (a)']
-
-
-def test_sub_processes_inside_too_many_others_are_refused() -> None:
-    inside = '<task id="t"/>'
-    for level in range(64, 0, -1):
-        inside = f'<subProcess id="s{level}">{inside}</subProcess>'
-    assert read_text(process(inside)).processes
-    error = refused(process(f'<subProcess id="outer">{inside}</subProcess>'))
-    assert "expected at most 64 sub-processes inside each other" in str(error)
-    for level in range(64, 240):
-        inside = f'<subProcess id="p{level}">{inside}</subProcess>'
-    assert "expected at most 64" in str(refused(process(inside)))
