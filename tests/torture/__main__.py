@@ -38,12 +38,12 @@ def reduced(plan: Plan) -> Plan:
         at = 0
         while at < len(steps):
             fewer = [*steps[:at], *steps[at + size :]]
-            if any(sought == _kind(one) for one in outcome(Plan(plan.seed, tuple(fewer)))[0]):
+            if any(sought == _kind(one) for one in outcome(plan.with_steps(fewer))[0]):
                 steps = fewer
             else:
                 at += size
         size //= 2
-    return Plan(plan.seed, tuple(steps))
+    return plan.with_steps(steps)
 
 
 def _kind(sentence: str) -> str:

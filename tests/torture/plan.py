@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import json
 import random
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from .missions import ROBOTS
 
-HEAL = 45.0
-"""When all faults end (s)."""
+LONG = 45.0
+"""When all faults end at the latest (s)."""
 DESK = "desk"
 """The machine of the senders."""
 
@@ -39,18 +40,24 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All that happens in the run of a seed."""
+    """All that happens in the run of a seed; all faults end at `heal` (s)."""
 
     seed: int
     steps: tuple[Step, ...]
+    heal: float = LONG
 
     def to_json(self) -> str:
-        return json.dumps({"seed": self.seed, "steps": [list(asdict(step).values()) for step in self.steps]})
+        steps = [list(asdict(step).values()) for step in self.steps]
+        return json.dumps({"seed": self.seed, "heal": self.heal, "steps": steps})
+
+    def with_steps(self, steps: Sequence[Step]) -> Plan:
+        """The same with other steps."""
+        return replace(self, steps=tuple(steps))
 
     @classmethod
     def from_json(cls, text: str) -> Plan:
         found = json.loads(text)
-        return cls(found["seed"], tuple(Step(*step) for step in found["steps"]))
+        return cls(found["seed"], tuple(Step(*step) for step in found["steps"]), found.get("heal", LONG))
 
 
 FAULTS = ("kill", "stop", "cut", "loss", "delay", "match", "clock", "drift", "kill sender", "stop sender")
@@ -73,10 +80,12 @@ def draw(seed: int) -> Plan:
     kinds = FAULTS + DISK_FAULTS * bool(durable) + KEYS * signed
     for kind in [kind for kind in kinds if chance.random() < 0.3]:
         for _ in range(chance.randint(1, 4)):
-            steps.append(_when(chance, begun, _fault(chance, kind)))
+            steps.append(_when(chance, begun, _fault(chance, kind, min(begun))))
+    heal = chance.choice((12.0, 20.0, 30.0, LONG))  # many short runs try more than a few long ones
     if chance.random() < 0.5:
-        steps.append(Step(0.0, "delay", "", [chance.choice((0.05, 0.5, 2.0)), HEAL]))
-    return Plan(seed, tuple(sorted(steps, key=lambda step: step.time)))
+        steps.append(Step(0.0, "delay", "", [chance.choice((0.05, 0.5, 2.0)), heal]))
+    sooner = [replace(step, time=_rounded(step.time * max(heal / LONG, 0.4))) for step in steps]
+    return Plan(seed, tuple(sorted((step for step in sooner if step.time < heal), key=lambda step: step.time)), heal)
 
 
 def _when(chance: random.Random, begun: list[float], step: Step) -> Step:
@@ -99,8 +108,8 @@ def _deployments(chance: random.Random) -> list[Step]:
     return steps
 
 
-def _fault(chance: random.Random, kind: str) -> Step:
-    time = _rounded(chance.uniform(2, 30))
+def _fault(chance: random.Random, kind: str, begun: float) -> Step:
+    time = _rounded(chance.uniform(begun - 1, 30))
     long = _rounded(chance.choice((0.2, 2.0, 8.0, 14.0)) * (0.5 + chance.random()))
     match kind:
         case "kill" | "stop" | "match" | "power" | "read-only" | "flip" | "erase" | "stranger":

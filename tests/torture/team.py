@@ -24,13 +24,15 @@ from fame.robot.journal import StateDirectory
 from .disks import PowerLoss
 from .fabric import Fabric, Wire
 from .missions import ROBOTS, mission
-from .plan import DESK, HEAL, Plan, Step
+from .plan import DESK, Plan, Step
 from .processes import Machine, Process
 
 STRANGER = 66
 """The version that somebody deploys who has no key of the team."""
 QUIET = 60.0
-"""How long the team has after the last fault (s)."""
+"""How long the team has after the last fault (s), if it does not come to rest before."""
+REST = 12.0
+"""How long nothing is under way before a team is at rest (s): an end that is lost is forgotten in 10 s."""
 
 
 @dataclass
@@ -104,13 +106,34 @@ class Team:
         for step in self.plan.steps:
             action = partial(self._armed.append, step) if step.on else partial(self._do, step)
             self.scheduler.at(round(step.time * SECOND), action, Kind.MESSAGE)
-        self.pass_until(HEAL)
+        self.pass_until(self.plan.heal)
         self._heal()
-        self.pass_time(QUIET)
+        self.come_to_rest(QUIET)
 
     def pass_time(self, seconds: float) -> None:
         """Let simulated time pass."""
         self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
+
+    def come_to_rest(self, longest: float) -> None:
+        """Let at most `longest` s pass, until nothing has been under way for `REST` s."""
+        rested = 0
+        for _ in range(round(longest)):
+            self.pass_time(1)
+            rested = 0 if self._is_busy() else rested + 1
+            if rested >= REST:
+                return
+
+    def _is_busy(self) -> bool:
+        """Whether a deployment is under way, or a process is not up."""
+        if any(sender.alive for sender in self.senders):
+            return True
+        for robot in self.robots.values():
+            if robot.engine is None or robot.engine.resuming:
+                return True
+            state = robot.engine._protocol.state
+            if state.candidate or state.waiting or state.loading or state.promised:
+                return True
+        return False
 
     def pass_until(self, time: float) -> None:
         self.scheduler.run(round(time * SECOND))

@@ -1,0 +1,45 @@
+"""Models that are read, checked and split once per text: the teams of thousands of seeds run the same few."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+from unittest.mock import patch
+
+from fame.check import gate
+from fame.deploy import loading, sender
+
+_results: dict[tuple[Any, ...], Any] = {}
+
+
+@contextmanager
+def each_model_once() -> Iterator[None]:
+    """What is computed of a model alone is kept meanwhile, and for the next time."""
+    with ExitStack() as patches:
+        for module, name, key in _FUNCTIONS:
+            patches.enter_context(patch.object(module, name, _kept(getattr(module, name), key)))
+        yield
+
+
+def _kept(function: Callable[..., Any], key: Callable[..., tuple[Any, ...]]) -> Callable[..., Any]:
+    def once(*arguments: Any, **named: Any) -> Any:
+        sought = (function.__name__, *key(*arguments, **named))
+        if sought not in _results:
+            _results[sought] = function(*arguments, **named)
+        return _results[sought]
+
+    return once
+
+
+_FUNCTIONS: tuple[tuple[Any, str, Callable[..., tuple[Any, ...]]], ...] = (
+    (sender, "split", lambda definitions, library: (definitions.file,)),
+    (sender, "promises", lambda definitions, pools, library: (definitions.file, *sorted(pools))),
+    (
+        gate,
+        "refuse_errors",
+        lambda definitions, processes, *_, **__: (definitions.file, *(process.id for process in processes)),
+    ),
+    (loading, "_read", lambda model, robot, library, services, durable: (model, robot, durable)),
+)
+"""What depends on nothing but a model (a file has one text), and what it depends on."""
