@@ -355,3 +355,71 @@ def test_each_example_runs_as_its_parts_do(path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(scenario_run, "make_mission", make_part)
     assert shown(Scenario.load(path, duration=20).run()) == whole
+
+
+# ---- depth -----------------------------------------------------------------------------------------------------------
+
+
+def chain(calls: int, nested: int, inside: str = "") -> list[str]:
+    """Processes P, P1, P2 ... each of which calls the next one, inside `nested` sub-processes."""
+    found = []
+    for number in range(calls + 1):
+        end = f'<scriptTask id="end" scriptFormat="feel"><script>{"(" * 40}1{")" * 40}</script></scriptTask>'
+        text = f'<callActivity id="c{number}" calledElement="P{number + 1}"/>' if number < calls else end
+        for level in range(nested, 0, -1):
+            text = f'<subProcess id="s{number}_{level}">{inside}{text}</subProcess>'
+        found.append(f'<process id="P{number or ""}" isExecutable="true">{text}</process>')
+    return found
+
+
+@pytest.mark.parametrize("apart", [False, True], ids=["one file", "a file each"])
+@pytest.mark.parametrize(
+    ("calls", "nested", "element"),
+    [(120, 0, ""), (59, 1, ""), (121, 0, "c120"), (60, 1, "s60_1"), (400, 0, "c120"), (9, 60, "s1_60")],
+)
+def test_calls_and_sub_processes_are_at_most_120_deep_together(
+    calls: int, nested: int, element: str, apart: bool, tmp_path: Path
+) -> None:
+    processes = chain(calls, nested)
+    path = tmp_path / "P.bpmn"
+    path.write_text(document("".join(processes[:1] if apart else processes)))
+    for number, text in enumerate(processes[1:] if apart else (), 1):
+        (tmp_path / f"P{number}.bpmn").write_text(document(text))
+    errors = [one for one in check(fame.read(path)) if one.level == "error"]
+    if element:
+        with pytest.raises(ModelError, match="expected at most 120 calls and sub-processes inside each other") as found:
+            fame.Simulation(fame.read(path), process="P")
+        assert [str(one).replace(" error:", "") for one in errors] == [str(found.value)]
+        assert f": {element}: " in str(found.value)
+    else:
+        simulation = fame.Simulation(fame.read(path), process="P")
+        simulation.run()
+        assert not errors
+        assert simulation.instances[0].status == "completed"
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        '<multiInstanceLoopCharacteristics isSequential="true"><loopCardinality>1</loopCardinality>'
+        "</multiInstanceLoopCharacteristics>",
+        '<ioSpecification><inputSet/><outputSet/></ioSpecification><standardLoopCharacteristics loopMaximum="1"/>',
+    ],
+    ids=["multi-instance", "loop"],
+)
+def test_what_repeats_may_be_as_deep(kind: str) -> None:
+    definitions = read_bytes(document("".join(chain(59, 1, kind))).encode(), file="deep.bpmn")
+    assert not [one for one in check(definitions) if one.level == "error"]
+    simulation = fame.Simulation(definitions, process="P")
+    simulation.run()
+    assert simulation.instances[0].status == "completed"
+
+
+def test_a_process_that_is_called_late_and_early_is_as_deep_as_where_it_is_called_first() -> None:
+    """P calls P400 first, then P399 and so on: each is compiled before the one that calls it again."""
+    processes = chain(400, 0)
+    early = "".join(f'<callActivity id="e{number}" calledElement="P{number}"/>' for number in range(400, 0, -1))
+    processes[0] = f'<process id="P" isExecutable="true">{early}</process>'
+    definitions = read_bytes(document("".join(processes)).encode(), file="deep.bpmn")
+    assert not [one for one in check(definitions) if one.level == "error"]
+    fame.Simulation(definitions, process="P")

@@ -34,6 +34,7 @@ from fame.check.events import check_timers
 from fame.check.scope import CheckedProcess, CheckScope, Finding, arranged, find_scope, of_error
 from fame.check.topics import check_topic_types
 from fame.engine import Host, compile_program
+from fame.engine.scope_compiler import NESTED, TOO_DEEP
 from fame.errors import ModelError, UnavailableError
 from fame.scripting import compile_expression, compile_script
 
@@ -113,11 +114,39 @@ _SOME_SIGNAL = (SignalDefinition(topic=_SOME_TOPIC),)
 def check_compilation(scope: CheckScope) -> Iterator[Finding]:
     """Everything that prevents each process from being compiled, and calls of processes that do not exist."""
     yield from map(of_error, scope.missing)
+    yield from _too_deep(scope)
     called = scope.called()
     for process in scope.processes:
         for as_callee in (False, True):
             if process in (called if as_callee else scope.roots):
                 yield from _compiled(process, as_callee)
+
+
+def _too_deep(scope: CheckScope) -> Iterator[Finding]:
+    """The first element of each start that is too deep, on the way of the compiler: it goes into each call once."""
+    for root in scope.roots:
+        seen, way = {root}, [(root, _openings(root.bpmn.body, 0))]
+        while way:
+            process, openings = way[-1]
+            node, depth = next(openings, (None, 0))
+            callee = process.called_by(node) if isinstance(node, CallActivity) else None
+            if node is None:
+                way.pop()
+            elif depth >= NESTED:
+                yield process.finding("error", TOO_DEEP, node)
+                break
+            elif callee is not None and callee not in seen:
+                seen.add(callee)
+                way.append((callee, _openings(callee.bpmn.body, depth + 1)))
+
+
+def _openings(body: Body, depth: int) -> Iterator[tuple[SubProcess | CallActivity, int]]:
+    """The sub-processes and calls of a body, and how deep they are."""
+    for node in body.nodes:
+        if isinstance(node, SubProcess | CallActivity):
+            yield node, depth
+        if isinstance(node, SubProcess):
+            yield from _openings(node.body, depth + 1)
 
 
 def _compiled(process: CheckedProcess, as_callee: bool) -> Iterator[Finding]:

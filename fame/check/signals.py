@@ -88,15 +88,22 @@ def progress(roots: Iterable[CheckedProcess], topics: Topics, passes: Passes = l
     while True:
         found = Progress(thrown=set(thrown))
         for root in roots:
-            _Walk(root, topics.keys(), throws, passes, frozenset(thrown), found).enter(root, root.bpmn.body)
+            _Walk(root, topics.keys(), throws, passes, frozenset(thrown), found).walk()
         if found.thrown == thrown:
             return found
         thrown = found.thrown
 
 
+_Place = tuple[CheckedProcess, Graph, FlowNode]
+
+
 @dataclass(slots=True)
 class _Walk:
-    """One walk through a process and all processes that it calls."""
+    """One walk through a process and all processes that it calls, without recursion.
+
+    pending  reached nodes, and whether a token passes them
+    inside   bodies that were entered, and the nodes that tokens pass at their end; those that `ended`
+    """
 
     root: CheckedProcess
     topics: Iterable[str]
@@ -104,55 +111,68 @@ class _Walk:
     passes: Passes
     thrown: frozenset[str]
     found: Progress
-    ended: dict[tuple[CheckedProcess, int], bool] = field(default_factory=dict)
+    pending: list[tuple[_Place, bool]] = field(default_factory=list)
+    seen: set[tuple[CheckedProcess, int, str]] = field(default_factory=set)
+    inside: dict[tuple[CheckedProcess, int], list[_Place]] = field(default_factory=dict)
+    ended: set[tuple[CheckedProcess, int]] = field(default_factory=set)
 
-    def enter(self, process: CheckedProcess, body: Body) -> bool:
-        """Walk through a body. Returns whether a token may get to its end."""
-        key = (process, id(body))
-        if key in self.ended:
-            return self.ended[key]
-        self.ended[key] = False  # of a process that calls itself, until it is known
-        graph = graph_of(body)
-        pending = [*graph.beginnings(), *filter(is_handler, body.nodes)]
-        seen: set[str] = set()
-        while pending:
-            node = pending.pop()
-            if node.id not in seen:
-                seen.add(node.id)
-                ways = self._ways(process, graph, node)
-                pending += ways
-                if not ways and not is_handler(node) and self._goes_on(process, node):
-                    self.ended[key] = True
-        return self.ended[key]
+    def walk(self) -> None:
+        """Follow the tokens from the start of the process."""
+        self._enter(self.root, self.root.bpmn.body)
+        while self.pending:
+            place, passes = self.pending.pop()
+            process, graph, node = place
+            key = process, id(graph.body), node.id
+            if passes:
+                self._pass(place)
+            elif key not in self.seen:
+                self.seen.add(key)
+                self._reach(place)
 
-    def _ways(self, process: CheckedProcess, graph: Graph, node: FlowNode) -> list[FlowNode]:
-        """The nodes after a reached node."""
+    def _enter(self, process: CheckedProcess, body: Body) -> None:
+        """Go to where tokens start in a body, once."""
+        if (process, id(body)) not in self.inside:
+            self.inside[process, id(body)] = []
+            graph = graph_of(body)
+            self._go(process, graph, [*graph.beginnings(), *filter(is_handler, body.nodes)])
+
+    def _go(self, process: CheckedProcess, graph: Graph, nodes: Iterable[FlowNode]) -> None:
+        self.pending += [((process, graph, node), False) for node in nodes]
+
+    def _pass(self, place: _Place) -> None:
+        """Go to the nodes after one; without such nodes, a token is at the end of the body."""
+        process, graph, node = place
+        ways = [graph.nodes[id] for id in graph.following[node.id]]
+        self._go(process, graph, ways)
+        key = process, id(graph.body)
+        if not ways and not is_handler(node) and key not in self.ended:
+            self.ended.add(key)
+            self.pending += [(outer, True) for outer in self.inside[key]]
+
+    def _reach(self, place: _Place) -> None:
+        """Go as far as a token gets from a node."""
+        process, graph, node = place
         self.found.reached.add((process, node.id))
         self.found.thrown |= self.throws.get((process, node.id), set())
-        ways = [graph.nodes[id] for id in graph.following[node.id]]
-        boundary = [way for way in ways if is_event(way, "boundary")]
-        if self._goes_on(process, node):
-            return ways
-        waited = self._waited(node)
-        if waited:
-            choice = [graph.nodes[graph.flows[flow].source] for flow in node.incoming]
-            escape = bool(boundary) or any(getattr(one, "kind", "") == "event" for one in choice)
-            inside = is_event(node, "start") and graph.body is not self.root.bpmn.body
-            escape |= inside or is_event(node, "boundary")
-            self.found.waits.append(Wait(self.root, process, node, waited, escape))
-        return boundary
-
-    def _goes_on(self, process: CheckedProcess, node: FlowNode) -> bool:
-        """Whether a token may pass a node."""
+        boundary = [way for way in map(graph.nodes.__getitem__, graph.following[node.id]) if is_event(way, "boundary")]
         waited = self._waited(node)
         if not self.passes(node) or (waited and not waited & self.thrown):
-            return False
-        if isinstance(node, SubProcess):
-            return self.enter(process, node.body) or node.kind == "adhoc"
-        if isinstance(node, CallActivity):
-            callee = next((callee for call, callee in process.calls if call is node), None)
-            return callee is None or self.enter(callee, callee.bpmn.body)
-        return True
+            self._go(process, graph, boundary)
+            if waited:
+                choice = [graph.nodes[graph.flows[flow].source] for flow in node.incoming]
+                escape = bool(boundary) or any(getattr(one, "kind", "") == "event" for one in choice)
+                inside = is_event(node, "start") and graph.body is not self.root.bpmn.body
+                escape |= inside or is_event(node, "boundary")
+                self.found.waits.append(Wait(self.root, process, node, waited, escape))
+            return
+        inner = _inside(process, node)
+        if inner is not None:
+            callee, body = inner
+            self._go(process, graph, boundary)
+            self._enter(callee, body)
+            self.inside[callee, id(body)].append(place)
+        if inner is None or (callee, id(body)) in self.ended or getattr(node, "kind", "") == "adhoc":
+            self.pending.append((place, True))
 
     def _waited(self, node: FlowNode) -> frozenset[str]:
         """The topics of which one must be thrown before a token passes; empty if the token may pass anyway."""
@@ -161,6 +181,14 @@ class _Walk:
             isinstance(one, SignalDefinition | MessageDefinition) for one in node.definitions
         )
         return frozenset() if others or not names <= set(self.topics) else names
+
+
+def _inside(process: CheckedProcess, node: FlowNode) -> tuple[CheckedProcess, Body] | None:
+    """The body that a token enters at a node, and its process; None if the node has none, or it is not known."""
+    if isinstance(node, SubProcess):
+        return process, node.body
+    callee = process.called_by(node) if isinstance(node, CallActivity) else None
+    return None if callee is None else (callee, callee.bpmn.body)
 
 
 # ---- robots that wait for each other ---------------------------------------------------------------------------------

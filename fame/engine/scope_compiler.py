@@ -25,6 +25,10 @@ from fame.errors import ModelError
 Library = Callable[[str, str, model.CallActivity], tuple[model.Process, str]]
 """Finds a called process: (name, calling file, the call) -> the process and its file. Raises ModelError."""
 
+NESTED = 120
+"""How deep sub-processes and called processes may be inside each other: the compiler goes into them recursively."""
+TOO_DEEP = f"expected at most {NESTED} calls and sub-processes inside each other, got more"
+
 
 class Compiler:
     """State of the compilation of one program.
@@ -69,6 +73,7 @@ class ScopeCompiler:
     leads           links the outgoing flows of an element, for families that do it themselves
     compensated     the node that compensation refers to, if it is not the node of the element
     transaction     whether it is inside a transaction
+    depth           how many sub-processes and calls it is inside
     """
 
     compiler: Compiler
@@ -83,10 +88,12 @@ class ScopeCompiler:
         file: str,
         outer: ScopeCompiler | None = None,
         body: Body | None = None,
+        depth: int = 0,
     ) -> None:
         self.compiler, self.file, self.owner, self.content = compiler, file, owner, owner.body
         self.body: Body = body or Body(owner.id)
         self.body.transaction = isinstance(owner, model.SubProcess) and owner.kind == "transaction"
+        self.depth: int = outer.inside(owner) if outer else depth
         self.transaction: bool = self.body.transaction or (outer is not None and outer.transaction)
         self.model: dict[str, model.FlowNode] = {node.id: node for node in self.content.nodes}
         self.flows: dict[str, model.SequenceFlow] = {flow.id: flow for flow in self.content.flows}
@@ -164,6 +171,12 @@ class ScopeCompiler:
     def refuse(self, text: str, element: model.Element) -> NoReturn:
         """Raise ModelError for an element."""
         raise ModelError.at(element, text, file=self.file)
+
+    def inside(self, element: model.Element) -> int:
+        """The depth of the body that an element opens. Raises ModelError if that is too deep."""
+        if self.depth >= NESTED:
+            self.refuse(TOO_DEEP, element)
+        return self.depth + 1
 
     # ---- the body ------------------------------------------------------------------------------------
 

@@ -172,7 +172,7 @@ def make_call(context: ScopeCompiler, element: model.CallActivity) -> Node:
         node.body = compiler.called[key] = Body(process.id)
         outside = compiler.original, compiler.unfilled
         compiler.admit(process, home)
-        inner = ScopeCompiler(compiler, process, home, body=node.body)
+        inner = ScopeCompiler(compiler, process, home, body=node.body, depth=context.inside(element))
         inner.compile()
         inner.open_with(inner.begin())
         compiler.original, compiler.unfilled = outside
