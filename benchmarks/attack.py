@@ -16,11 +16,14 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from attacks import deployment, engines, network, people
+from attacks import deployment, engines, faults, network, people
 from attacks.field import Fell, Field
 
 ATTACKS: tuple[Callable[[Field], None], ...] = (
-    engines.uninterruptible,  # the longest first
+    faults.stopped_sender,  # the longest first
+    faults.stopped_first,
+    faults.stopped_last,
+    engines.uninterruptible,
     deployment.silent_other,
     engines.large_model,
     network.signals_at_full_rate,

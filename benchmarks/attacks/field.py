@@ -86,12 +86,16 @@ class Field:
         self.engines: list[Engine] = []
         self.reports: dict[str, list[Report]] = {}
         self._publishers: dict[str, Any] = {}
+        self._people: list[subprocess.Popen[str]] = []
 
     def close(self) -> None:
         for engine in self.engines:
             if engine.alive:
                 engine.process.kill()
             engine.process.wait()
+        for person in self._people:
+            person.kill()
+            person.communicate()
         self.middleware.close()
         self._folder.cleanup()
 
@@ -169,6 +173,13 @@ class Field:
         return subprocess.run(
             command, env=self.environment, cwd=ROOT, capture_output=True, text=True, timeout=wait, check=False
         )
+
+    def begin(self, *words: str) -> subprocess.Popen[str]:
+        """The same, which goes on meanwhile."""
+        command = [sys.executable, "-m", "fame", *words]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
+        self._people.append(person := subprocess.Popen(command, env=self.environment, cwd=ROOT, text=True, **pipes))
+        return person
 
     def file(self, name: str, text: str) -> str:
         path = self.folder / name

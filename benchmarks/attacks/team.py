@@ -1,0 +1,242 @@
+"""A team of real engines under attack, and its history in the form that the invariants of simulated teams judge.
+
+The attacks strike at moments of a deployment (`Team.at`). After the last one `Team.judge` heals what is left, waits
+until nothing is under way any more, and applies `tests.torture.invariants`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import signal
+import subprocess
+import time
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from attacks.field import START, WAIT, Engine, Field, held, model, process
+from fame.deploy import STATUS_QOS, STRING, Report
+from fame.deploy.envelope import PROCESS_QOS, read_envelope
+from tests.torture.invariants import broken_promises, forgotten, half_applied
+from tests.torture.team import Said
+
+PATIENCE = 90.0
+"""How long a team may need until nothing is under way any more after the last fault (s). Participants of DDS that took
+each other for dead may find each other only after half a minute."""
+
+
+def mission(version: int, robots: Iterable[str], *, tasks: int = 0) -> str:
+    """A version of a mission: all robots wait for `go` of the first, which has `tasks` more to load."""
+    first, *others = robots
+    pools = "".join(f'<participant id="P{robot}" name="{robot}" processRef="p{robot}"/>' for robot in (first, *others))
+    throws = '<intermediateThrowEvent id="t"><signalEventDefinition signalRef="S"/></intermediateThrowEvent>'
+    catches = '<intermediateCatchEvent id="c{}"><signalEventDefinition signalRef="S"/></intermediateCatchEvent>'
+    more = [f'<task id="more{number}"/>' for number in range(tasks)]
+    own = lambda robot, element: element.replace('id="', f'id="{robot}_')  # noqa: E731
+    first_process = process(f"p{first}", *(own(first, element) for element in (START, throws, WAIT, *more)))
+    other_processes = (
+        process(f"p{robot}", *(own(robot, element) for element in (START, catches.format(version), WAIT)))
+        for robot in others
+    )
+    return model(
+        '<signal id="S" name="go"/>',
+        f'<collaboration id="c{version}">{pools}</collaboration>',
+        first_process,
+        *other_processes,
+    )
+
+
+@dataclass
+class Robot:
+    """A robot as the invariants see it: `engine` is its last report, or None while its process is dead."""
+
+    name: str
+    process: Engine
+    durable: bool = False
+    spoilt: bool = False
+    reports: int = 0
+    last: Report | None = None
+
+    @property
+    def engine(self) -> Report | None:
+        return self.last if self.process.alive else None
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether no deployment is under way."""
+        report = self.engine
+        return report is not None and not report.candidate and report.state not in ("loading", "ready", "holding")
+
+
+@dataclass
+class Sender:
+    """A ``fame deploy`` of a version, in a process of its own."""
+
+    version: int
+    process: subprocess.Popen[str]
+    begun: float = field(default_factory=time.monotonic)
+    said: str = ""
+
+    @property
+    def alive(self) -> bool:
+        return self.process.poll() is None
+
+    @property
+    def outcome(self) -> str:
+        """Its exit code and what it said."""
+        if not self.said:
+            with suppress(ValueError):
+                self.said = "\n".join(filter(None, self.process.communicate())).strip()
+        return f"exit code {self.process.returncode}: {self.said}"
+
+    def owns(self, deployment: str) -> bool:
+        return deployment.startswith(f"deploy-{self.process.pid}-")
+
+
+class Team:
+    """Engines of some `names`, each with the options `words`; those that are `durable` have a directory."""
+
+    def __init__(self, field: Field, names: Iterable[str], *words: str, durable: Collection[str] = ()) -> None:
+        self.field, self.words = field, words
+        self.robots: dict[str, Robot] = {}
+        self.senders: list[Sender] = []
+        self.said: list[Said] = []
+        self.phases: list[tuple[str, str, str]] = []  # phase, robot, deployment: what was sent
+        self.released: set[tuple[str, str]] = set()
+        self._versions = itertools.count(1)
+        for name in names:
+            self.listen(name)
+            self.robots[name] = Robot(name, self._engine(name, durable=name in durable), name in durable)
+        self.await_robots()
+
+    def listen(self, name: str) -> None:
+        """Hear what a robot says, and what is said to it."""
+        stranger = self.field.stranger
+        stranger.subscription(f"/{name}/bpmn_status", STRING, lambda said: self._on_report(name, said), STATUS_QOS)
+        stranger.subscription(f"/{name}/bpmn_process", STRING, lambda said: self._on_sent(name, said), PROCESS_QOS)
+
+    def _engine(self, name: str, *, durable: bool) -> Engine:
+        state = ("--state", str(self.field.folder / f"{name}.state")) if durable else ()
+        engine = Engine(name, (*self.words, *state), self.field.environment, self.field.folder, None)
+        self.field.engines.append(engine)
+        return engine
+
+    def await_robots(self, within: float = 60) -> None:
+        """Wait until every engine has spoken."""
+        silent = lambda: [robot for robot in self.robots.values() if not robot.reports and robot.process.alive]  # noqa: E731
+        held(self.field.until(lambda: not silent(), within), f"never spoke: {[robot.name for robot in silent()]}")
+
+    def restart(self, name: str) -> None:
+        """Start the engine of a robot again that was killed."""
+        robot = self.robots[name]
+        robot.process.process.wait()
+        robot.reports, robot.last = 0, None
+        robot.process = self._engine(name, durable=robot.durable)
+
+    # ---- history -----------------------------------------------------------------------------------------------------
+
+    def _on_report(self, name: str, message: Any) -> None:
+        report, robot = Report.from_json(message.data), self.robots.get(name)
+        if report is None or robot is None:
+            return
+        robot.reports += 1
+        robot.last = report
+        if report.answer and report.deployment:
+            by = f"{name}#{report.born}"
+            self.said.append(Said(time.monotonic(), name, by, report.answer, report.deployment, report.reason))
+
+    def _on_sent(self, name: str, message: Any) -> None:
+        envelope = read_envelope(message.data, name, time.time())
+        self.phases.append((envelope.phase, name, envelope.deployment))
+
+    # ---- deployments -------------------------------------------------------------------------------------------------
+
+    def deploy(self, *words: str, tasks: int = 0, robots: Iterable[str] = ()) -> Sender:
+        """Begin to deploy the next version."""
+        version = next(self._versions)
+        file = self.field.file(f"version{version}.bpmn", mission(version, robots or self.robots, tasks=tasks))
+        self.senders.append(sender := Sender(version, self.field.begin("deploy", file, *words)))
+        return sender
+
+    def at(self, moment: str, sender: Sender, within: float = 30) -> bool:
+        """Wait for a moment of a deployment: ``load`` is sent, ``A ready`` is answered, ... Whether it came."""
+        robot, _, answer = moment.rpartition(" ")
+
+        def came() -> bool:
+            if robot:
+                found = ((said.robot, said.answer, said.deployment) for said in self.said)
+            else:
+                found = (("", phase, deployment) for phase, _, deployment in self.phases)
+            return any(who == robot and what == answer and sender.owns(which) for who, what, which in found)
+
+        self.field.until(lambda: came() or not sender.alive, within)
+        return came()
+
+    # ---- the end -----------------------------------------------------------------------------------------------------
+
+    def settle(self) -> list[str]:
+        """Wait until nothing is under way any more; the names of the robots that hold."""
+        heard = {name: robot.reports for name, robot in self.robots.items()}
+        since = {name: robot.process for name, robot in self.robots.items()}
+
+        def settled() -> bool:
+            fresh = all(
+                robot.reports > (heard[name] if robot.process is since[name] else 0) + 2 or not robot.process.alive
+                for name, robot in self.robots.items()
+            )
+            there = [robot for robot in self.robots.values() if robot.process.alive]
+            return fresh and all(robot.at_rest for robot in there) and not any(one.alive for one in self.senders)
+
+        self.field.until(settled, PATIENCE)
+        for sender in self.senders:
+            held(not sender.alive, f"the sender of version {sender.version} has not ended after {PATIENCE:g} s")
+        restless = [robot for robot in self.robots.values() if robot.process.alive and not robot.at_rest]
+        for robot in restless:
+            report = robot.last
+            held(report is not None and report.state == "holding", f"{robot.name} is {report and report.state}")
+        return [robot.name for robot in restless]
+
+    def judge(self) -> None:
+        """Raise Fell for what does not hold now that no fault is left."""
+        for engine in (robot.process for robot in self.robots.values()):
+            if engine.alive:
+                engine.tell(signal.SIGCONT)
+        holding = self.settle()
+        self._hold(*broken_promises(self), *half_applied(self), *forgotten(self))  # type: ignore[arg-type]
+        for name in holding:
+            self.release(name)
+        if holding:
+            held(not self.settle(), f"{holding} hold although a person has aborted")
+        self._hold(*broken_promises(self), *half_applied(self))  # type: ignore[arg-type]
+        self._hold(*self._betrayed())
+
+    def finish(self, *words: str) -> None:
+        """A new deployment starts on all robots."""
+        sender = self.deploy(*words)
+        self.field.until(lambda: not sender.alive, 60)
+        held(not sender.alive, "a new deployment does not end on a healthy team")
+        held(sender.process.returncode == 0, f"a new deployment fails on a healthy team: {sender.outcome}")
+        self.judge()
+
+    def _betrayed(self) -> Iterator[str]:
+        """What a sender said that it had started runs, or something newer."""
+        done = max((sender.version for sender in self.senders if sender.process.returncode == 0), default=0)
+        for robot in self.robots.values():
+            runs = robot.engine.deployed if robot.engine is not None else ""
+            if runs and not any(sender.owns(runs) for sender in self.senders if sender.version >= done):
+                yield f"{robot.name} runs {runs}, although the sender of version {done} said that all have started that"
+
+    def release(self, name: str, *words: str) -> None:
+        """A person aborts what a robot holds, and says so."""
+        robot = self.robots[name]
+        reason = next(
+            (said.reason for said in reversed(self.said) if (said.robot, said.answer) == (name, "asking")), ""
+        )
+        held(reason, f"{name} holds and does not say for whom")
+        if robot.last is not None:
+            self.released.add((name, robot.last.candidate))
+        self.field.fame("abort", name, *words)
+
+    def _hold(self, *problems: str) -> None:
+        held(not problems, "; ".join(problems))
