@@ -30,7 +30,9 @@ from check_drawing import (
 )
 
 from fame.bpmn.library import Library
+from fame.bpmn.model import Expression
 from fame.check import check
+from fame.scripting.languages import parse_expression
 from fame.text import NAMES
 
 ERRORS = {
@@ -217,11 +219,62 @@ def test_what_is_refused_brings_no_other_error_with_it() -> None:
     assert told(text, "error") == ["t: a receive task needs a message"]
 
 
-def test_a_constant_that_takes_too_long_to_compute_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+GREEDY = "count(for i in 1..1000000000 return i)"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        GREEDY,
+        f"x + {GREEDY}",
+        f"{GREEDY} + x",
+        f"2 * {GREEDY} > x + 1",
+        f"if x > 1 then x else {GREEDY}",
+        f"for y in x return y + {GREEDY}",
+        f"max(x, {GREEDY})",
+        f"x[item > {GREEDY}]",
+        f"{{a: x, b: {GREEDY}}}.a",
+        "x + count(for i in 1..1000, j in 1..1000 return i + j)",
+        "x in (1, count((for i in 1..1000000000 return i)[item > 3]))",
+        "(function(a) count(for i in 1..1000000000 return i + a))(3) - x",
+    ],
+)
+def test_a_constant_part_that_takes_too_long_to_compute_is_an_error(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fame.scripting.budget.DEFAULT", 10_000)
-    endless = script("count(for i in 1..1000000000 return i)", format="feel")
-    (error,) = (one for one in checked(alone(row(endless))) if one.level == "error")
+    (error,) = (
+        one for one in checked(alone(row(script(text.replace("<", "&lt;"), format="feel")))) if one.level == "error"
+    )
     assert "t: cannot be computed: an expression took more than 1000 loop passes" in str(error)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x + count(for i in 1..10 return i)",
+        "count(for i in 1..x return count(for j in 1..i return i))",
+        "count(for i in 1..10 return x)",
+        "count(for x in 1..10 return x) + x",
+        "for i in 1..10 return (for j in i..10 return i + x)",
+    ],
+)
+def test_what_depends_on_a_variable_is_not_computed(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fame.scripting.budget.DEFAULT", 1_000)
+    assert [one for one in checked(alone(row(script(text, format="feel")))) if one.level == "error"] == []
+
+
+def test_the_constant_parts_of_an_expression_are_the_largest() -> None:
+    """Each is tried once: it is not tried again inside another one."""
+    for text, values in {
+        "sum([1, 2]) + sum([3]) + x": [6],
+        "x + sum([1, 2]) + sum([3])": [3, 3],
+        "x * (sum([1, 2]) + sum([3]))": [6],
+        "sum([sum([1]), sum([x])])": [1],
+        "for i in [1, 2] return i + x + sum([2])": [2],
+        "1 + 2 + x": [],
+        "sum([1])": [1],
+    }.items():
+        parts = parse_expression(Expression(text, "feel")).constants
+        assert [part({}) for part in parts] == values, text
 
 
 def test_an_error_names_the_line_of_the_script() -> None:

@@ -38,8 +38,9 @@ from fame.bpmn.model import (
 )
 from fame.bpmn.topics import topics_of
 from fame.errors import ModelError
-from fame.scripting import code_names, compile_expression, script_names
+from fame.scripting import code_names, script_names
 from fame.scripting.budget import BudgetExceeded
+from fame.scripting.languages import parse_expression
 from fame.scripting.python import called_name
 
 Use = Literal["script", "condition", "payload", "timer", "mapping", "value"]
@@ -96,15 +97,25 @@ def _code_of(script: Expression) -> frozenset[str]:
 
 @lru_cache
 def constant(expression: Expression) -> tuple[Any, str]:
-    """The value of an expression that reads no names, else None; and why it cannot be computed in time, else empty."""
+    """The value of an expression that reads no names, else None; and why it cannot be computed in time, else empty.
+
+    What cannot be computed may be a part that reads no names: ``x + count(for i in 1..1000000000 return i)``.
+    """
     if expression.language in ("python", "javascript"):
         return None, ""
     try:
-        return None if script_names(expression)[0] else compile_expression(expression)({}), ""
-    except BudgetExceeded as error:
-        return None, str(error)
-    except Exception:  # reported by the compiler, or when the element is reached
+        whole, names, parts = parse_expression(expression)
+    except (ModelError, RecursionError):  # reported by the compiler
         return None, ""
+    value = None
+    for evaluate in parts if names else [whole]:
+        try:
+            value = evaluate({})
+        except BudgetExceeded as error:
+            return None, str(error)
+        except Exception:  # reported when the element is reached
+            value = None
+    return None if names else value, ""
 
 
 def _texts(element: Element) -> Iterator[Found]:

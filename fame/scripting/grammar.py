@@ -7,12 +7,13 @@ result of parsing is a function of the variables. No Python text is made or eval
 from __future__ import annotations
 
 import builtins
+import math
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from fame.scripting.budget import metered
 from fame.scripting.data import PLAIN, Evaluate, Undefined, checked
@@ -118,16 +119,26 @@ class Dialect:
     undefined_is_null: bool
 
 
+class Parsed(NamedTuple):
+    """A parsed text: its value, the variables that it reads, and its constant parts that have loops or calls."""
+
+    evaluate: Evaluate
+    names: Mapping[str, None]
+    constants: Sequence[Evaluate] = ()
+
+
 class Parser:
     """A walk over the tokens of one expression.
 
     `names` collects the variables that it reads; `counts`: it has loops or calls, which count against the budget;
-    `after` converts the final value, None if it needs no conversion.
+    `constants`: its largest parts with loops or calls that read no variables; `after` converts the final value, None if
+    it needs no conversion.
     """
 
     dialect: Dialect
     names: dict[str, None]
     counts: bool
+    constants: list[Evaluate]
 
     def __init__(self, text: str, dialect: Dialect) -> None:
         self.dialect: Dialect = dialect
@@ -136,6 +147,9 @@ class Parser:
         self._tokens, self._index, self._depth, self._height = tokenize(text), 0, 0, 0
         self._bound: list[str] = []
         self._fields = 0
+        self._outermost: float = math.inf
+        """Where the outermost name that is read is bound, in `_bound`; -1: it is a variable."""
+        self.constants: list[Evaluate] = []
         self.after: Callable[[Any], Any] | None = None
 
     def whole(self) -> Evaluate:
@@ -148,15 +162,26 @@ class Parser:
         evaluate = evaluate if self.after is None else _then(evaluate, self.after)
         return metered(evaluate) if self.counts else evaluate
 
+    def parsed(self) -> Parsed:
+        """The same, with the variables and constants."""
+        return Parsed(self.whole(), self.names, self.constants)
+
     def expression(self, power: int = 0) -> Evaluate:
         """Parse an operand and all operators after it that bind tighter than `power`."""
         self._depth += 1
         if self._depth > _DEPTH:
             raise ExpressionError(f"nested more than {_DEPTH} levels deep", self.token.place)
         before, self._height = self._height, 0
+        around, self._outermost, self.counts = (self._outermost, self.counts), math.inf, False
+        within, constant = len(self.constants), None
         left = self._operand()
-        while self.token.kind in ("operator", "name"):
-            binding, build = self.dialect.infixes.get(str(self.token.value), (0, None))
+        while True:
+            if self._outermost >= len(self._bound):
+                constant, so_far = left, (self.counts, len(self.constants))
+            elif constant is not None:
+                self._keep(constant, within, *so_far)
+                constant = None
+            binding, build = self._following()
             if build is None or binding <= power:
                 break
             sign = self.advance()
@@ -164,9 +189,23 @@ class Parser:
             self._height += 1
             if self._height > _CHAIN:
                 raise ExpressionError(f"more than {_CHAIN} operators, each on the result of the one before", sign.place)
+        if constant is not None:
+            self._keep(constant, within, *so_far)
         self._depth -= 1
         self._height = max(before, self._height)
+        self._outermost, self.counts = min(around[0], self._outermost), around[1] or self.counts
         return left
+
+    def _keep(self, constant: Evaluate, start: int, counts: bool, end: int) -> None:
+        """Keep a part that reads no variables instead of the parts of it, which are those from `start` to `end`."""
+        if counts:
+            self.constants[start:end] = [metered(constant)]
+
+    def _following(self) -> tuple[int, Infix | None]:
+        """What the next token makes of the operand before it, and how tight it binds."""
+        token = self.token
+        found = self.dialect.infixes.get(str(token.value)) if token.kind in ("operator", "name") else None
+        return found or (0, None)
 
     # ---- tokens ------------------------------------------------------------------------------------------------------
 
@@ -276,6 +315,8 @@ class Parser:
             raise ExpressionError(f"there is no function `{name}` here{python}{self._likely(name)}", place)
         if name not in self._bound and not self._fields:
             self.names[name] = None
+        innermost = max((place for place, bound in enumerate(self._bound) if bound == name), default=-1)
+        self._outermost = min(self._outermost, innermost)
         return variable(name, self.dialect.undefined_is_null)
 
     def _likely(self, name: str) -> str:

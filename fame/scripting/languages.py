@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from fame.bpmn.model import Expression
 from fame.errors import ModelError
-from fame.scripting.data import Evaluate, Undefined, judged
+from fame.scripting.data import Undefined, judged
 from fame.scripting.feel import FEEL
-from fame.scripting.grammar import ExpressionError, Parser
+from fame.scripting.grammar import ExpressionError, Parsed, Parser
 from fame.scripting.javascript import compile_javascript
 from fame.scripting.juel import JUEL
 from fame.scripting.python import Code, compile_python
@@ -50,7 +50,7 @@ def compile_expression(
 
 def parse_expression(
     expression: Expression, *, file: str = "", element: str = "", warn: Warn | None = None, strict: bool = False
-) -> tuple[Evaluate, Mapping[str, None]]:
+) -> Parsed:
     """As `compile_expression`, of any language that is ours; with the names that it reads, in order."""
     text = expression.text
     try:
@@ -70,8 +70,8 @@ def parse_expression(
             case _:
                 text = text.strip() if inside(text.strip()) is None else str(inside(text.strip()))
                 parser = Parser(text, JUEL)
-        evaluate = parser.whole()
-        return judged(evaluate) if expression.condition else evaluate, parser.names
+        found = parser.parsed()
+        return found._replace(evaluate=judged(found.evaluate)) if expression.condition else found
     except ExpressionError as error:
         skipped = expression.text.find(text)
         line = expression.line + expression.text[: max(0, skipped) + error.place].count("\n")

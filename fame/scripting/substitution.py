@@ -15,7 +15,7 @@ from typing import Any
 from fame.engine.data import UNDEFINED
 from fame.scripting.data import Evaluate, Undefined, to_text
 from fame.scripting.feel import FEEL
-from fame.scripting.grammar import ExpressionError, Parser, constant
+from fame.scripting.grammar import ExpressionError, Parsed, Parser, constant
 from fame.scripting.juel import JUEL
 
 # ---- texts with ${...} -----------------------------------------------------------------------------------------------
@@ -31,17 +31,23 @@ _FLOW = (*_COLLECTION, '"', "'")
 
 
 class Substituted:
-    """A text taken apart: `marked` is the text with marks, `parsers` and `evaluates` are the expressions by mark."""
+    """A text taken apart: `marked` is the text with marks, `evaluates` are the expressions by mark."""
 
-    __slots__ = ("evaluates", "marked", "names", "text")
+    __slots__ = ("constants", "evaluates", "marked", "names", "text")
 
     text: str
     evaluates: list[Evaluate]
     names: dict[str, None]
+    constants: list[Evaluate]
     marked: str
 
     def __init__(self, text: str) -> None:
-        self.text, self.evaluates, self.names = text, list[Evaluate](), dict[str, None]()
+        self.text, self.evaluates, self.names, self.constants = (
+            text,
+            list[Evaluate](),
+            dict[str, None](),
+            list[Evaluate](),
+        )
         if _MARK.search(text):
             raise ExpressionError("the private signs U+E000 and U+E001 cannot be used here")
         marked, last = [], 0
@@ -58,7 +64,12 @@ class Substituted:
         except ExpressionError as error:
             raise ExpressionError(f"{self.text[start:end]}: {error}", error.place + start + 2) from None
         self.names |= parser.names
+        self.constants += parser.constants
         return evaluate
+
+    def parsed(self, evaluate: Evaluate) -> Parsed:
+        """A function that fills the values in, with what it reads."""
+        return Parsed(evaluate, self.names, self.constants)
 
 
 def inside(text: str) -> str | None:
@@ -77,16 +88,16 @@ def is_text(text: str) -> bool:
     return not text.startswith(_COLLECTION) and inside(text) is None and bool(_HOLE.search(text))
 
 
-def template(text: str) -> tuple[Evaluate, Mapping[str, None]]:
+def template(text: str) -> Parsed:
     """Return a function that fills in the text, and the names that it reads.
 
     Raises ExpressionError; the function raises Undefined.
     """
     substituted = Substituted(text)
-    return _text(substituted.marked, substituted.evaluates), substituted.names
+    return substituted.parsed(_text(substituted.marked, substituted.evaluates))
 
 
-def payload(text: str, missing: Missing) -> tuple[Evaluate, Mapping[str, None]]:
+def payload(text: str, missing: Missing) -> Parsed:
     """A function that gives the value, or UNDEFINED; and the names that it reads. Raises ExpressionError."""
     substituted = Substituted(text.strip())
     marked = substituted.marked
@@ -96,14 +107,13 @@ def payload(text: str, missing: Missing) -> tuple[Evaluate, Mapping[str, None]]:
         if marked.startswith(_COLLECTION):
             raise ExpressionError(f"not valid YAML or JSON: {error}: {_plainly(substituted.text)}") from None
         tree = marked
-    return _build(tree, "", substituted.evaluates, missing), substituted.names
+    return substituted.parsed(_build(tree, "", substituted.evaluates, missing))
 
 
-def feel_payload(text: str, missing: Missing) -> tuple[Evaluate, Mapping[str, None]]:
+def feel_payload(text: str, missing: Missing) -> Parsed:
     """As `payload`, of one FEEL expression (without its ``=``): what is null in it is as a name that is not set."""
-    parser = Parser(text, FEEL)
-    evaluate = parser.whole()
-    return lambda variables: _without_nulls(evaluate(variables), "", missing), parser.names
+    evaluate, names, constants = Parser(text, FEEL).parsed()
+    return Parsed(lambda variables: _without_nulls(evaluate(variables), "", missing), names, constants)
 
 
 def _without_nulls(value: Any, path: str, missing: Missing) -> Any:
@@ -116,15 +126,15 @@ def _without_nulls(value: Any, path: str, missing: Missing) -> Any:
     return value
 
 
-def value(text: str, missing: Missing) -> tuple[Evaluate, Mapping[str, None]]:
+def value(text: str, missing: Missing) -> Parsed:
     """As `payload`, of a data object's property: no text only declares the name, and a text may begin with any sign."""
     if not text.strip():
-        return constant(UNDEFINED), {}
+        return Parsed(constant(UNDEFINED), {})
     try:
         return payload(text, missing)
     except ExpressionError:
         substituted = Substituted(text.strip())
-        return _build(substituted.marked, "", substituted.evaluates, missing), substituted.names
+        return substituted.parsed(_build(substituted.marked, "", substituted.evaluates, missing))
 
 
 def _holes(text: str) -> Iterator[tuple[int, int]]:
