@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 import quickjs
 from javascript_models import Peer, definitions, error_of, flows, run, simulate, task
@@ -20,23 +22,56 @@ def tight(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(source, "REACTIONS", 1000)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "for (;;) {}",
-        "try { for (;;) {} } catch (error) { next() } finally { next() }",
-        "for (;;) try { for (;;) {} } catch (error) {}",
-        "setTimeout(() => { while (true) {} next() }, 1000)",
-        "/^(a+)+$/.test('a'.repeat(50) + 'b')",
-        "[1, 2, 3].sort((a, b) => { for (;;) {} })",
-        "new Array(2 ** 32 - 1).indexOf(1)",
-        "Promise.resolve().then(() => { for (;;) {} })",
-        "this.environment.variables.x = {toJSON() { for (;;) {} }}",
-        "const spin = {get x() { for (;;) {} }}; node.createPublisher('std_msgs/msg/Bool', 'a').publish(spin)",
-    ],
-)
+ENDLESS = [
+    "for (;;) {}",
+    "try { for (;;) {} } catch (error) { next() } finally { next() }",
+    "for (;;) try { for (;;) {} } catch (error) {}",
+    "setTimeout(() => { while (true) {} next() }, 1000)",
+    "/^(a+)+$/.test('a'.repeat(50) + 'b')",
+    "[1, 2, 3].sort((a, b) => { for (;;) {} })",
+    "new Array(2 ** 32 - 1).indexOf(1)",
+    "Promise.resolve().then(() => { for (;;) {} })",
+    "this.environment.variables.x = {toJSON() { for (;;) {} }}",
+    "const spin = {get x() { for (;;) {} }}; node.createPublisher('std_msgs/msg/Bool', 'a').publish(spin)",
+]
+
+
+@pytest.mark.parametrize("text", ENDLESS)
 def test_a_step_that_does_not_end_is_an_error_of_its_script(text: str) -> None:
     assert "one step of the script took more than 0.1 s" in error_of(f"{V}const node = v.node; {text}").text
+
+
+class Timed:
+    """What a context gives; calls that are interrupted add the limit of that moment (s) to `spent`."""
+
+    def __init__(self, value: Any, spent: list[float], limit: list[float]) -> None:
+        self.value, self.spent, self.limit = value, spent, limit
+
+    def __getattr__(self, name: str) -> Any:
+        return Timed(getattr(self.value, name), self.spent, self.limit)
+
+    def __call__(self, *given: Any) -> Any:
+        try:
+            found = self.value(*[one.value if isinstance(one, Timed) else one for one in given])
+        except quickjs.JSException as error:
+            self.spent += self.limit[-1:] if "interrupted" in str(error) else []
+            raise
+        return Timed(found, self.spent, self.limit) if isinstance(found, quickjs.Object) else found
+
+    def set_time_limit(self, seconds: float) -> None:
+        self.limit.append(seconds)
+        self.value.set_time_limit(seconds)
+
+
+@pytest.mark.parametrize("text", [*ENDLESS, "v.x = {toJSON() { for (;;) {} }}; throw new Error('x')"])
+def test_a_step_that_does_not_end_takes_its_limit_once(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To report what it did before may run it again, a tenth as long."""
+    spent: list[float] = []
+    make = source.new_context
+    monkeypatch.setattr(source, "new_context", lambda: Timed(make(), spent, [source.SECONDS]))
+    error_of(f"{V}const node = v.node; {text}")
+    assert spent[0] == 0.1
+    assert sum(spent) <= 0.12
 
 
 def test_promises_that_react_for_ever_are_an_error() -> None:
