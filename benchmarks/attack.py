@@ -20,7 +20,8 @@ from attacks import deployment, engines, faults, network, people
 from attacks.field import Fell, Field
 
 ATTACKS: tuple[Callable[[Field], None], ...] = (
-    faults.stopped_sender,  # the longest first
+    faults.half_killed,  # the longest first
+    faults.stopped_sender,
     faults.stopped_first,
     faults.stopped_last,
     engines.uninterruptible,
@@ -47,7 +48,7 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
     people.stopped_engine,
     people.model_bomb,
 )
-PATIENCE = 180
+PATIENCE = 240
 """How long an attack may take (s)."""
 DOMAINS = 232
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import signal
 
 from attacks.field import Field, held
@@ -44,3 +45,24 @@ def stopped_first(field: Field) -> None:
 def stopped_last(field: Field) -> None:
     """The robot that is ready last is stopped and continued, in each phase of a deployment."""
     _stopped(field, "A")
+
+
+def half_killed(field: Field) -> None:
+    """Half of 20 engines are killed while deploying, at last with the sender, and started again."""
+    names = [f"R{number}" for number in range(20)]
+    team = Team(field, names, durable=names[::2])
+    team.finish()
+    for number, moment in enumerate(("load", "R1 ready", "R2 started", "R1 ready")):
+        sender = team.deploy(tasks=TASKS)
+        held(team.at(moment, sender), f"no {moment!r}: {sender.outcome if not sender.alive else 'silence'}")
+        victims = random.Random(number).sample(names, len(names) // 2)
+        for name in victims:
+            team.robots[name].process.process.kill()
+        if number == 3:
+            sender.process.kill()
+        field.pass_time(3)
+        for name in victims:
+            team.restart(name)
+        team.await_robots()
+        team.judge()
+    team.finish()

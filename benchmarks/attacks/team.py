@@ -175,20 +175,26 @@ class Team:
 
     # ---- the end -----------------------------------------------------------------------------------------------------
 
-    def settle(self) -> list[str]:
-        """Wait until nothing is under way any more; the names of the robots that hold."""
+    def settle(self, *, released: bool = False) -> list[str]:
+        """Wait until nothing is under way any more; the names of the robots that hold until they are `released`."""
         heard = {name: robot.reports for name, robot in self.robots.items()}
-        since = {name: robot.process for name, robot in self.robots.items()}
+
+        def there() -> list[Robot]:
+            return [robot for robot in self.robots.values() if robot.process.alive]
+
+        def fresh() -> bool:
+            return all(robot.reports > heard[robot.name] + 2 for robot in there())
 
         def settled() -> bool:
-            fresh = all(
-                robot.reports > (heard[name] if robot.process is since[name] else 0) + 2 or not robot.process.alive
-                for name, robot in self.robots.items()
-            )
-            there = [robot for robot in self.robots.values() if robot.process.alive]
-            return fresh and all(robot.at_rest for robot in there) and not any(one.alive for one in self.senders)
+            return fresh() and all(robot.at_rest for robot in there()) and not any(one.alive for one in self.senders)
 
-        self.field.until(settled, PATIENCE)
+        def stays() -> bool:
+            """Whether all that is left are robots that wait for what engines promised that are no more."""
+            left = [robot for robot in there() if not robot.at_rest]
+            holds = lambda robot: robot.last.state == "holding" and "was started anew" in self.why_it_holds(robot.name)  # noqa: E731
+            return not released and bool(left) and fresh() and all(map(holds, left))
+
+        self.field.until(lambda: settled() or stays(), PATIENCE)
         for sender in self.senders:
             held(not sender.alive, f"the sender of version {sender.version} has not ended after {PATIENCE:g} s")
         restless = [robot for robot in self.robots.values() if robot.process.alive and not robot.at_rest]
@@ -202,12 +208,16 @@ class Team:
         for engine in (robot.process for robot in self.robots.values()):
             if engine.alive:
                 engine.tell(signal.SIGCONT)
+        for sender in self.senders:
+            if sender.alive:
+                sender.process.send_signal(signal.SIGCONT)
         holding = self.settle()
         self._hold(*broken_promises(self), *half_applied(self), *forgotten(self))  # type: ignore[arg-type]
         for name in holding:
-            self.release(name)
+            if not self.robots[name].at_rest:
+                self.release(name)
         if holding:
-            held(not self.settle(), f"{holding} hold although a person has aborted")
+            held(not self.settle(released=True), f"{holding} hold although a person has aborted")
         self._hold(*broken_promises(self), *half_applied(self))  # type: ignore[arg-type]
         self._hold(*self._betrayed())
 
@@ -227,16 +237,22 @@ class Team:
             if runs and not any(sender.owns(runs) for sender in self.senders if sender.version >= done):
                 yield f"{robot.name} runs {runs}, although the sender of version {done} said that all have started that"
 
+    def why_it_holds(self, name: str) -> str:
+        """What a robot said last of the deployment that it cannot decide alone."""
+        report = self.robots[name].last
+        held_one = ("asking", name, report.candidate if report is not None else "")
+        asked = (said for said in reversed(self.said) if (said.answer, said.robot, said.deployment) == held_one)
+        return next((said.reason for said in asked if said.reason), "")
+
     def release(self, name: str, *words: str) -> None:
         """A person aborts what a robot holds, and says so."""
         robot = self.robots[name]
-        reason = next(
-            (said.reason for said in reversed(self.said) if (said.robot, said.answer) == (name, "asking")), ""
-        )
+        reason = self.why_it_holds(name)
         held(reason, f"{name} holds and does not say for whom")
         if robot.last is not None:
             self.released.add((name, robot.last.candidate))
         self.field.fame("abort", name, *words)
+        self.field.pass_time(2)
 
     def _hold(self, *problems: str) -> None:
         held(not problems, "; ".join(problems))
