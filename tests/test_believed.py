@@ -177,10 +177,9 @@ def test_an_older_engine_without_keys_does_not_end_one_that_runs_something():
     assert field.engines["A"].state == "running"
 
 
-@pytest.mark.parametrize("answer", ["started", "aborted", "asking"])
-@pytest.mark.parametrize("by", [None, Identity.new()], ids=["unsigned", "by a stranger"])
-def test_a_robot_that_holds_believes_the_engines_alone_for_which_its_deployment_vouched(keys, answer, by):
-    field = Guarded(keys, "A", "B")
+def one_that_holds(keys, identities):
+    """A is ready for d1 and hears of nothing: its sender is gone, and so is the engine of B, but not its key."""
+    field = Guarded(keys, "A", "B", identities=identities)
     text = TEAM.replace('name="go"', 'name="~/go"')
     made_by = Deployment(
         read_text(text, file="team.bpmn"), id="d1", sequence=1, scheduler=field.scheduler,
@@ -193,9 +192,26 @@ def test_a_robot_that_holds_believes_the_engines_alone_for_which_its_deployment_
     kill(made_by)
     field.engines["B"].close()
     field.pass_time(6)
+    return field
+
+
+@pytest.mark.parametrize("answer", ["started", "aborted", "asking"])
+@pytest.mark.parametrize("by", [None, Identity.new()], ids=["unsigned", "by a stranger"])
+def test_a_robot_that_holds_believes_the_engines_alone_for_which_its_deployment_vouched(keys, answer, by):
+    field = one_that_holds(keys, {})
     field.forge(Report(robot="B", state="running", deployment="d1", answer=answer, deployed="d1", time=1e6), by)
     field.pass_time(3)
     assert field.engines["A"].state == "holding"
+
+
+@pytest.mark.parametrize(("later", "state"), [(1, "running"), (-1, "holding")])
+def test_a_robot_that_holds_believes_a_later_engine_with_the_same_key(keys, tmp_path, later, state):
+    identity = proved(keys, tmp_path, "B")
+    field = one_that_holds(keys, {"B": identity})
+    born = field.engines["B"].born + later
+    field.forge(Report(robot="B", state="running", born=born, deployment="d1", answer="started", time=1e6), identity)
+    field.pass_time(3)
+    assert field.engines["A"].state == state
 
 
 def test_robots_that_trust_keys_decide_together_when_their_sender_is_gone(keys):

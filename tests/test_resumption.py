@@ -515,6 +515,33 @@ def test_a_deployment_that_arrives_while_an_engine_resumes_starts(field: Durable
     assert (field.engine.deployed, field.engine.state, field.variables("A")) == ("d2", "running", {"mark": 7})
 
 
+def test_a_robot_that_held_when_a_newer_one_came_keeps_both_promises_across_a_crash(field: Durable) -> None:
+    field.deploy(MISSION)
+    told(field, "d2", 2, patrol(7), "load", team=["A", "B"])
+    field.pass_time(20)
+    assert field.engine.state == "holding"
+    told(field, "d3", 3, patrol(8), "load", team=["A", "B"])
+    field.pass_time(1)
+    assert (field.engine.state, field.said[-1].candidate) == ("ready", "d3")
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    assert (field.engine.state, field.said[-1].candidate) == ("ready", "d3")
+    told(field, "d3", 3, "", "abort")
+    field.pass_time(1)
+    assert (field.engine.state, field.said[-1].candidate) == ("holding", "d2")
+    told(field, "d2", 2, "", "start")  # the engine before had said that it asks
+    field.pass_time(1)
+    assert (field.engine.state, field.engine.deployed) == ("holding", "d1")
+    field.send("A", Envelope(deployment="d2", sequence=2, robot="A", phase="start", begun=True).to_json())
+    field.pass_time(1)
+    assert (field.engine.deployed, field.variables("A")) == ("d2", {"mark": 7})
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    assert (field.engine.deployed, field.engine.state, field.said[-1].candidate) == ("d2", "running", "")
+
+
 def test_a_promise_that_the_disk_refuses_is_answered_refused(field: Durable) -> None:
     field.deploy(MISSION)
     field.disk.full = True

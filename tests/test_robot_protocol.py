@@ -15,7 +15,9 @@ from fame.deploy.robot_state import (
     Discard,
     Drop,
     Event,
+    Forget,
     Hold,
+    Kept,
     Load,
     LoadDue,
     Loaded,
@@ -33,12 +35,14 @@ from fame.deploy.robot_state import (
     RobotState,
     Run,
     ScheduleLoad,
+    SetAside,
     Stopped,
 )
 from fame.deploy.termination import NONE_STARTED, Answered, Silence
 
 FIRST = Envelope(deployment="d1", sequence=1, robot="A", phase="load", team=["A", "B"])
 SECOND = replace(FIRST, deployment="d2", sequence=2)
+THIRD = replace(FIRST, deployment="d3", sequence=3)
 BARE = Envelope(deployment="plain-1", sequence=-1, robot="A", phase="run")
 
 
@@ -63,6 +67,14 @@ UNDER_WAY = "another deployment is under way; ask again when it is over"
 REBORN = "the engine was started after that deployment began; what the one before promised is not known"
 NOT_READY = "the sender fell silent; it was not ready here"
 HOLDS = (*READY, Silence(), Silence())
+WHY = "the sender fell silent, and what became of it at B is not known"
+HELD = f"holds deployment d1: {WHY}; fame abort A ends that"
+ASKS = [AskOthers(), AwaitSender(1.0), Reply("asking", "d1", WHY)]
+ASIDE = (*HOLDS, Received(SECOND), LoadDue())
+AWAY = "its sender fell silent, and a newer deployment is under way"
+REPLACED = "the newer deployment d2 was started in its place"
+NEWER = (*ASIDE, Loaded(), Matched(), Promised(), told("start", SECOND), Replaced())
+AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched())
 
 
 @pytest.mark.parametrize(
@@ -81,6 +93,25 @@ HOLDS = (*READY, Silence(), Silence())
         ((*LOADED, Matched(), told("abort")), [Drop(), Reply("aborted", "d1")]),
         ((*LOADED, Matched(), Stopped()), [Drop(), Reply("aborted", "d1", "the engine ends")]),
         ((told("ask", born=7),), [Reply("unknown", "d1", REBORN)]),
+        ((*HOLDS, Received(SECOND)), [ScheduleLoad()]),
+        ((*ASIDE,), [SetAside(), Load(SECOND)]),
+        ((*HOLDS, Received(BARE), Silence()), [*ASKS, Reply("refused", BARE.deployment, HELD)]),
+        ((*ASIDE, told("ask")), [Reply("asking", "d1")]),
+        ((*ASIDE, told("start")), [Reply("asking", "d1", AWAY)]),
+        ((*ASIDE, told("abort")), [Forget("d1"), Reply("aborted", "d1")]),
+        ((*ASIDE, Received(BARE)), [Reply("refused", BARE.deployment, UNDER_WAY)]),
+        ((*ASIDE, Loaded("is wrong")), [Reply("refused", "d2", "is wrong"), ScheduleLoad()]),
+        ((*ASIDE, Loaded(), told("abort", SECOND)), [Drop(), Reply("aborted", "d2"), ScheduleLoad()]),
+        (
+            (*ASIDE, Loaded(), Received(THIRD), LoadDue()),
+            [Drop(), Reply("superseded", "d2"), ScheduleLoad(), Load(THIRD)],
+        ),
+        ((*AGAIN,), [Hold(), AwaitSender(1.0), Reply("asking", "d1", WHY)]),
+        ((*AGAIN, Received(SECOND)), [Reply("aborted", "d2", repeated=True)]),
+        ((*AGAIN, Received(THIRD), LoadDue()), [SetAside(), Load(THIRD)]),
+        ((*NEWER, told("ask")), [Reply("asking", "d1", REPLACED)]),
+        ((*NEWER[:-1], Replaced()), [Run(), Reply("started", "d2"), Reply("stale", "d1", REPLACED)]),
+        ((*ASIDE, Stopped()), [Reply("aborted", "d2", "the engine ends"), Reply("left", "d1", "the engine ends")]),
         (
             (Received(FIRST), told("ask", born=7)),
             [Reply("aborted", "d1", NOT_READY), Reply("aborted", "d1", NOT_READY)],
@@ -161,8 +192,8 @@ ANY_TIME = (
 def possible(state: RobotState) -> Iterator[Event]:
     """The events that can happen in a state: anything may be received, results follow what was begun."""
     yield from ANY_TIME
-    if state.promised:
-        yield Received(FIRST)
+    if state.promises:
+        yield Received(state.promises[-1].envelope)
     if state.loading is not None:
         yield from (Loaded(), Loaded("is wrong"))
     stage = state.candidate.stage if state.candidate is not None else ""
@@ -178,7 +209,7 @@ def possible(state: RobotState) -> Iterator[Event]:
 
 @cache
 def reachable() -> list[tuple[RobotState, Event, RobotState, tuple[Action, ...]]]:
-    first = {RobotState("A"), RobotState("A", promised="d1")}
+    first = {RobotState("A"), RobotState("A", promises=(Kept(FIRST),))}
     seen, left, transitions = set(first), list(first), []
     while left:
         state = left.pop()
@@ -212,23 +243,34 @@ def test_every_transition_keeps_what_the_protocol_promises():
         promised = state.candidate is not None and state.candidate.has_promised
         said = {answer.answer for answer in answers}
         if "ready" in said:
-            on_disk = event == Promised() or bool(state.promised)
+            on_disk = event == Promised() or bool(state.promises)
             assert on_disk or event.envelope.phase == "ask", about  # only what is on the disk is promised
         if isinstance(event, Received) and event.envelope.born and "aborted" in said:
             assert state.waiting or state.candidate or state.loading or state.answer_to("d1"), about
-        if state.promised and {"aborted", "refused"} & {one.answer for one in answers if one.deployment == "d1"}:
-            assert event in (told("abort"), Loaded("is wrong")), about  # nor does an engine that is born again
-        if promised and following.candidate is None and isinstance(event, Received):
-            assert event.envelope.phase == "abort", about  # a newer model never breaks a promise
+        for kept in state.promises:
+            final = {one.answer for one in answers if one.deployment == kept.envelope.deployment}
+            if {"aborted", "refused", "superseded"} & final:  # nor does an engine that is born again
+                assert event in (told("abort", kept.envelope), Loaded("is wrong")), about
+            if state.kept(kept.envelope.deployment) and not following.kept(kept.envelope.deployment):
+                ready = following.candidate_of(kept.envelope.deployment)
+                assert final or Forget(kept.envelope.deployment) in actions or (ready and ready.has_promised), about
+        if promised and isinstance(event, Received | LoadDue):
+            deployment = state.candidate.envelope.deployment
+            kept = following.candidate_of(deployment) or following.kept(deployment)
+            assert kept or event.envelope.phase == "abort", about  # a newer model never breaks a promise
+        if SetAside() in actions:
+            assert following.holds or not state.holds, about  # what runs stays suspended
         if isinstance(event, Stopped) and promised:
             said = [answer.answer for answer in answers if answer.deployment == state.candidate.envelope.deployment]
             assert said[-1] == "left", about  # others may have started
         if Load(SECOND) in actions or Load(FIRST) in actions:
-            assert following.answer_to(following.loading.deployment) is None, about  # never loaded twice
+            again = following.kept(following.loading.deployment)
+            assert again or following.answer_to(following.loading.deployment) is None, about  # never loaded twice
         if following.waiting is not None and state.waiting is None:
             assert ScheduleLoad() in actions, about
         if state.waiting is not None and following.waiting not in (None, state.waiting):
-            assert any(answer.answer == "superseded" for answer in answers), about
+            kept = state.kept(state.waiting.deployment)
+            assert kept or any(one.deployment == state.waiting.deployment for one in answers), about
     assert len(states) > 500
 
 
@@ -247,8 +289,8 @@ def test_a_robot_that_nobody_talks_to_any_more_comes_to_rest():
 def next_result(state: RobotState) -> Event | None:
     if state.loading is not None:
         return Loaded()
-    if state.promised and state.candidate is None and state.waiting is None:
-        return Received(FIRST)
+    if state.promises and state.candidate is None and state.waiting is None:
+        return Received(state.promises[-1].envelope)
     if state.candidate is None:
         return LoadDue() if state.waiting is not None else None
     if state.candidate.stage == "matching":

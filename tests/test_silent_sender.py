@@ -159,20 +159,60 @@ def test_robots_that_hear_each_other_again_and_were_not_told_to_start_keep_what_
     assert settled(field) == ({""}, {"waiting"})
 
 
-def test_a_robot_that_holds_refuses_a_newer_one_and_says_how_a_person_ends_that(monkeypatch):
+def holding(field: Field) -> Deployment:
+    """B runs d0 and has promised d1, whose sender is silent: A does not know what became of it."""
+    assert not field.deploy(TEAM, "d0").failed
+    dead = made(field, TEAM, "d1", 1)
+    field.send("B", dead.envelopes["B"].to_json())
+    field.pass_time(20)
+    assert (field.engines["B"].state, is_held(field)) == ("holding", True)
+    return dead
+
+
+def is_held(field: Field) -> bool:
+    return field.engines["B"].running.engine.held is not None
+
+
+def candidate(field: Field) -> str:
+    return next(report.candidate for report in reversed(field.said) if report.robot == "B")
+
+
+def test_a_newer_deployment_ends_what_a_robot_holds():
+    field = Field("A", "B")
+    holding(field)
+    assert not field.deploy(TEAM, "d2", 2).failed
+    assert (field.engines["B"].state, field.engines["B"].deployed, is_held(field)) == ("running", "d2", False)
+    assert [report.deployment for report in field.said if report.answer == "stale"] == ["d1"]
+
+
+def test_a_newer_deployment_that_fails_leaves_the_robot_holding_for_the_older_one():
+    field = Field("A", "B")
+    dead = holding(field)
+    running = field.engines["B"].running
+    newer = made(field, TEAM, "d2", 2)
+    field.send("B", newer.envelopes["B"].to_json())
+    field.pass_time(1)
+    assert (candidate(field), is_held(field)) == ("d2", True)
+    field.send("B", newer._envelope("B", "abort").to_json())
+    field.pass_time(2)
+    assert (field.engines["B"].state, candidate(field), is_held(field)) == ("holding", "d1", True)
+    field.send("B", dead._envelope("B", "start").to_json())  # it has said that it asks: it takes no plain start
+    field.pass_time(1)
+    assert field.engines["B"].state == "holding"
+    field.send("B", dead._envelope("B", "abort").to_json())
+    field.pass_time(1)
+    assert (field.engines["B"].state, is_held(field), field.engines["B"].running) == ("running", False, running)
+
+
+def test_a_bare_model_does_not_end_what_a_robot_holds(monkeypatch):
     field = ready_without_a_sender(monkeypatch, "A")
     field.engines["A"].close()
     field.islands = ()
     field.pass_time(20)
-    assert field.engines["B"].state == "holding"
-    field.send("B", replace(made(field, TEAM, "d2", 2).envelopes["B"], deployment="d2").to_json())
+    field.send("B", made(field, TEAM, "d2", 2).envelopes["B"].model)
     field.pass_time(2)
     refused = [report for report in field.said if report.answer == "refused"][-1]
-    assert refused.deployment == "d2"
     assert "what became of it at A is not known; fame abort B ends that" in refused.reason
-    field.send("B", made(field, TEAM, "d1", 1)._envelope("B", "abort").to_json())
-    field.pass_time(0.1)
-    assert (field.engines["B"].state, field.said[-1].candidate) == ("waiting", "")
 
 
 def test_an_engine_that_ends_while_it_is_ready_has_not_aborted_what_others_may_have_started():

@@ -47,7 +47,8 @@ def test_a_report_with_every_field_at_its_limit_has_rows():
 
 def test_a_robot_that_holds_says_for_what_and_how_a_person_ends_that():
     report = Report(robot="REX", state="holding", candidate="d1")
-    assert [row[6] for row in rows("REX", report)] == ["its sender and the others for d1; fame abort REX ends that"]
+    ends = "a newer deployment or fame abort REX ends that"
+    assert [row[6] for row in rows("REX", report)] == [f"its sender and the others for d1; {ends}"]
 
 
 def test_a_robot_of_the_team_whose_engine_is_gone_is_reported_by_the_others_with_since_when():

@@ -155,7 +155,8 @@ def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
         yield (*head, "", "", f"and {report.more_waits:,} more waiting tokens", "")
         head = ("", "", "", "")
     if report.state == "holding":
-        yield (*head, "", "", f"its sender and the others for {report.candidate}; fame abort {robot} ends that", "")
+        ends = f"a newer deployment or fame abort {robot} ends that"
+        yield (*head, "", "", f"its sender and the others for {report.candidate}; {ends}", "")
         head = ("", "", "", "")
     for incident in report.incidents:
         text = f"incident: {incident.get('text', '')}; fame retry {robot} {incident.get('element', '')}"

@@ -32,7 +32,7 @@ class ReportReader:
     """Reads what claims to be a report of one robot. Nothing here looks at a clock.
 
     signed    whether keys are used; then `trusted` are the public keys that vouch for names
-    vouched   the `Report.engine` for which its deployment vouches: no other one is believed
+    vouched   the `Report.engine` for which its deployment vouches: only that, and later ones with its key, are believed
     patience  how long the engine that is believed may be silent before another one takes its place (s)
     rival     whether another engine, no better proved, claims to be this robot
     """
@@ -71,7 +71,7 @@ class ReportReader:
     def read(self, text: str, now: float = 0.0) -> Report | None:
         """The report that was received `now` (s), or None if its authentication fails."""
         report = Report.from_json(text)
-        if report is None or (self.vouched and report.engine != self.vouched):
+        if report is None or not self._is_vouched(report):
             return None
         if not self.signed:
             return report
@@ -86,6 +86,13 @@ class ReportReader:
             return None
         self._last, self._received = moment, now
         return report
+
+    def _is_vouched(self, report: Report) -> bool:
+        """Whether it is from the engine that was vouched for, or a later one with the same key."""
+        born, _, key = self.vouched.partition(" ")
+        return (
+            report.engine == self.vouched or not self.vouched or (key == report.key != "" and report.born > int(born))
+        )
 
     def _is_believed(self, report: Report, now: float) -> bool:
         """Whether it is from the engine that is believed, or from one that takes its place."""

@@ -43,6 +43,7 @@ from fame.deploy.robot_state import (
     Event,
     Forget,
     Hold,
+    Kept,
     Load,
     LoadDue,
     Loaded,
@@ -60,12 +61,13 @@ from fame.deploy.robot_state import (
     RobotState,
     Run,
     ScheduleLoad,
+    SetAside,
     Stopped,
     resumed,
 )
 from fame.deploy.signing import Identity
 from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
-from fame.deploy.termination import Silence
+from fame.deploy.termination import Ready, Silence
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
 from fame.randomness import new_seed, robot_random
@@ -80,6 +82,8 @@ if TYPE_CHECKING:
     from fame.robot.journal import StateDirectory
     from fame.robot.live import FeedLog, LiveFeed
 
+_DEPLOYMENT, _PROMISE, _DISK = "deployment", "promise", "disk"
+"""Why a mission is suspended: for `RobotNode.hold`."""
 _END_PERIOD = SECOND // 10
 """Least time between two reports because of instances that have ended (ns)."""
 
@@ -162,7 +166,6 @@ class EngineNode:
         self._trouble = ""  # why the state cannot be written
         self._lost_promise = ""  # why it is not known whether its team has started something newer
         self._resumed: ResumedMission | None = None
-        self._promise: Envelope | None = None  # what the engine before was ready to start
         self._protocol: Machine[RobotState, Event, Action] = Machine(
             RobotState(robot, born=self.born), step, self._perform
         )
@@ -340,14 +343,17 @@ class EngineNode:
                 self._discard()
             case Match(envelope):
                 self._match(envelope)
-            case Forget():
-                if self._keeper is not None:
-                    self._keeper.forget_promise()
+            case Forget(deployment):
+                self._decided(deployment)
             case Hold():
                 if self.running is not None:
-                    self.running.hold()
+                    self.running.hold(_DEPLOYMENT)
             case Drop():
-                self._drop()
+                if (candidate := self.candidate) is not None:
+                    self._close_candidate()
+                    self._decided(candidate.envelope.deployment)
+            case SetAside():
+                self._close_candidate()
             case _ if self.candidate is not None:
                 self._perform_on(self.candidate, action)
 
@@ -391,7 +397,7 @@ class EngineNode:
             return
         preview = candidate.envelope.preview
         if self.running is not None and not preview:
-            self.running.hold()
+            self.running.hold(_DEPLOYMENT)
         busy = self.running is None or (self.running.leaving and not preview)  # it may be resuming
         if busy and self.scheduler.now < until:
             self.scheduler.after(SECOND // 50, partial(self._map_state, candidate, until), Kind.TIMER)
@@ -452,14 +458,17 @@ class EngineNode:
         self.candidate, self._loaded = Candidate(envelope, self._loaded, **around), None
         self.candidate.match(lambda missing: self._protocol.handle(Matched(tuple(missing))))
 
-    def _drop(self) -> None:
+    def _close_candidate(self) -> None:
         candidate, self.candidate = self.candidate, None
         if candidate is not None:
             candidate.close()
-            if self._keeper is not None and not self._stopped:
-                self._keeper.drop_promise(candidate.envelope.deployment)
-        if self.running is not None and not self._lost_promise:
-            self.running.release()
+
+    def _decided(self, deployment: str) -> None:
+        """Nothing is promised for this deployment any more."""
+        if self._keeper is not None and not self._stopped:
+            self._keeper.drop_promise(deployment)
+        if self.running is not None and not self._protocol.state.holds:
+            self.running.release(_DEPLOYMENT)
 
     def _close_running(self, safe: str) -> None:
         """The safe state (of a mission that is so) comes last: scripts that leave may have commanded something else."""
@@ -493,7 +502,7 @@ class EngineNode:
         envelope = self._resumed.read(self._trusted)
         if envelope is not None:
             self._protocol.state, self._before = resumed(self.robot, envelope, self.born), envelope.hash
-        self._read_promise()
+        self._read_promises()
         if envelope is None:
             self._keep_promise()
         else:
@@ -509,30 +518,32 @@ class EngineNode:
 
     def _on_resumed(self) -> None:
         if self._lost_promise and self.running is not None:  # others may run what it cannot read any more
-            self.running.hold()
+            self.running.hold(_PROMISE)
         else:
             self._note("continues its mission")
         self._keep_promise()
 
     def _keep_promise(self) -> None:
         """Load what the engine before had promised to start: its sender, or the others of its team, decide."""
-        if self._promise is not None and self._protocol.state.promised == self._promise.deployment:
-            self._protocol.handle(Received(self._promise))
+        promises = self._protocol.state.promises
+        if promises and promises[-1].commit is None:
+            self._protocol.handle(Received(promises[-1].envelope))
 
-    def _read_promise(self) -> None:
+    def _read_promises(self) -> None:
         """What the engine before had promised to start, if that is not what runs: nothing else is taken before it."""
         assert self._keeper is not None
         try:
-            envelope = self._keeper.promised(self._trusted)
+            envelopes = self._keeper.promised(self._trusted)
         except ConfigError as error:  # others of its team are told that it does not know
             self._lost_promise = f"what it had promised to start is lost: {error}; deploy again"
             self._note(self._lost_promise)
             return
-        if envelope is not None and envelope.deployment == self._protocol.state.deployed:
-            self._keeper.forget_promise()
-        elif envelope is not None:
-            self._promise = envelope
-            self._protocol.state = replace(self._protocol.state, promised=envelope.deployment)
+        runs = self._protocol.state.running
+        if runs is not None:
+            self._keeper.forget_promises(runs.order)
+            envelopes = [envelope for envelope in envelopes if envelope.order > runs.order]
+        older = tuple(Kept(one, Ready(frozenset(one.team) - {self.robot}, asking=True)) for one in envelopes[:-1])
+        self._protocol.state = replace(self._protocol.state, promises=older + tuple(map(Kept, envelopes[-1:])))
 
     def _on_disk_trouble(self, reason: str) -> None:
         """Hold the mission while its state cannot be written."""
@@ -542,8 +553,7 @@ class EngineNode:
         self._note(
             f"holds: its state cannot be written: {reason}" if reason else "continues: its state can be written again"
         )
-        holds = reason or self._lost_promise
-        self.scheduler.soon(running.hold if holds else running.release, Kind.RESUMPTION)
+        self.scheduler.soon(partial(running.hold if reason else running.release, _DISK), Kind.RESUMPTION)
 
     # ---- the end ---------------------------------------------------------------------------------------------------
 

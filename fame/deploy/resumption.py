@@ -2,7 +2,8 @@
 
 The directory holds the journal of the mission (`fame.robot.journal`) and a file with the envelope of its deployment,
 which the header of the journal names by its hash. A new deployment writes both anew before its process starts. A robot
-that is ready to start one keeps that as well: if its engine ends then, the next one is ready again.
+that is ready to start one keeps that as well: if its engine ends then, the next one is ready again. (It may have
+promised several: what it held for when a newer one came, and that one.)
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class StateKeeper:
     ) -> None:
         self.directory: StateDirectory = directory
         self.recorder: Recorder | None = None
-        self._kept = ""  # the deployment whose promise is on the disk
+        self._kept: list[Envelope] = []  # whose promises are on the disk, oldest first
         self._robot, self._scheduler, self._on_trouble, self._wall_time = robot, scheduler, on_trouble, wall_time
         self._touch()
 
@@ -86,17 +87,15 @@ class StateKeeper:
             raise ConfigError("is damaged, or not the deployment that the journal names", file=str(path))
         return _verified(data, path, trusted)
 
-    def promised(self, trusted: Sequence[Any]) -> Envelope | None:
-        """What the engine before was ready to start, verified, if there was something. Raises ConfigError."""
-        data = self._read_file(_PROMISE)
-        if data is None:
-            return None
-        path, (key, _, text) = self.directory.path / _PROMISE, data.partition(b"\n")
-        if key != sha256(text).hexdigest().encode():
+    def promised(self, trusted: Sequence[Any]) -> list[Envelope]:
+        """What the engine before was ready to start, verified, oldest first. Raises ConfigError."""
+        data, path = self._read_file(_PROMISE), self.directory.path / _PROMISE
+        lines = [] if data is None else data.split(b"\n")
+        promises = list(zip(lines[::2], lines[1::2], strict=False))
+        if len(lines) % 2 or any(key != sha256(text).hexdigest().encode() for key, text in promises):
             raise ConfigError("is damaged", file=str(path))
-        envelope = _verified(text, path, trusted)
-        self._kept = envelope.deployment
-        return envelope
+        self._kept = [_verified(text, path, trusted) for _, text in promises]
+        return list(self._kept)
 
     def _read_file(self, name: str) -> bytes | None:
         try:
@@ -127,23 +126,33 @@ class StateKeeper:
         Returns why that is not possible, or nothing.
         """
         try:
-            text = _text(candidate.envelope)
-            self.directory.write_file(_PROMISE, sha256(text).hexdigest().encode() + b"\n" + text)
+            self._write_promises([*self._kept, candidate.envelope])
         except OSError as error:
             return f"its promise cannot be written to {self.directory.path}: {error.strerror}"
-        self._kept = candidate.envelope.deployment
         return ""
 
     def drop_promise(self, deployment: str) -> None:
         """A deployment was called off. The promise of what runs stays until its journal is on the disk."""
-        if self._kept == deployment:
-            self.forget_promise()
+        if any(one.deployment == deployment for one in self._kept):
+            self._keep_only([one for one in self._kept if one.deployment != deployment])
 
-    def forget_promise(self) -> None:
-        """The sender, or the team, has decided."""
-        self._kept = ""
-        with suppress(OSError):
+    def forget_promises(self, order: tuple[int, str]) -> None:
+        """What was promised up to this deployment (`Envelope.order`) is decided: it runs, and that is on the disk."""
+        self._keep_only([one for one in self._kept if one.order > order])
+
+    def _keep_only(self, envelopes: list[Envelope]) -> None:
+        self._kept = envelopes
+        with suppress(OSError):  # an engine that reads it again asks the others of its team
+            self._write_promises(envelopes)
+
+    def _write_promises(self, envelopes: list[Envelope]) -> None:
+        if envelopes:
+            texts = map(_text, envelopes)
+            lines = [sha256(text).hexdigest().encode() + b"\n" + text for text in texts]
+            self.directory.write_file(_PROMISE, b"\n".join(lines))
+        else:
             self.directory.remove_file(_PROMISE)
+        self._kept = envelopes
 
     def begin(self, envelope: Envelope, process: RobotNode) -> None:
         """Record a process that is about to start."""
@@ -164,11 +173,12 @@ class StateKeeper:
         }
         journal = Journal(self.directory, header, partial(process.scheduler.worker, "fame journal"))
         self.recorder = Recorder(process, journal, on_trouble=self._on_trouble)
-        self.recorder.begin_with(lambda: self.directory.write_file(name, data), lambda: self._remove_all_but(name))
+        clean = partial(self._remove_all_but, name, envelope.order)
+        self.recorder.begin_with(lambda: self.directory.write_file(name, data), clean)
 
-    def _remove_all_but(self, name: str) -> None:
-        """Remove the deployments of before, as soon as no journal names them, and the promise."""
-        self.forget_promise()
+    def _remove_all_but(self, name: str, order: tuple[int, str]) -> None:
+        """Remove the deployments of before, as soon as no journal names them, and their promises."""
+        self.forget_promises(order)
         for path in self.directory.files(_ENVELOPE):
             if path.name != name:
                 self.directory.remove_file(path.name)

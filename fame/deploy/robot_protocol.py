@@ -16,6 +16,8 @@ Invariants, checked for every reachable state in ``tests/test_robot_protocol.py`
 - A robot that answered ``ready`` has given its promise: only ``abort`` of its sender or the decision with the other
   robots (`fame.deploy.termination`) drops the candidate. A newer one waits meanwhile.
 - What the engine before had promised is neither refused nor aborted on its own: this one becomes ready for it, too.
+- A promise whose robot holds, since nobody knows what became of it, is set aside for a newer deployment. If that starts
+  here, the older one is ``stale``; if not, the robot holds for the older one again. It never takes a plain ``start``.
 - Of the envelopes that wait only the newest is loaded; the others are answered ``superseded``.
 - A promise that the disk refuses is not made: the answer is ``refused``.
 - What began before this engine was born, and was never received by it, is ``unknown``, never ``aborted``.
@@ -43,6 +45,7 @@ from fame.deploy.robot_state import (
     Event,
     Forget,
     Hold,
+    Kept,
     Load,
     LoadDue,
     Loaded,
@@ -60,6 +63,7 @@ from fame.deploy.robot_state import (
     RobotState,
     Run,
     ScheduleLoad,
+    SetAside,
     Stopped,
 )
 from fame.deploy.termination import Answered, Instruction, Ready, Silence
@@ -74,6 +78,8 @@ _NOT_READY_FOR_PEER = "the sender fell silent; it was not ready here"
 _REBORN = "the engine was started after that deployment began; what the one before promised is not known"
 _ENDS = "the engine ends"
 _UNDER_WAY = "another deployment is under way; ask again when it is over"
+_SET_ASIDE = "its sender fell silent, and a newer deployment is under way"
+_REPLACED = "the newer deployment {} was started in its place"
 
 
 # ---- transitions -----------------------------------------------------------------------------------------------------
@@ -119,13 +125,16 @@ class _Transition:
             self._receive_model(envelope)
         elif envelope.phase == "ask":
             self._answer_peer(envelope)
-        elif self._is_promised(deployment):
+        elif (kept := self.state.kept(deployment)) is not None:
             if envelope.phase == "abort":
-                self._release_promise()
+                self._release(kept)
+            elif kept.commit is not None:
+                self._do(Reply("asking", deployment, _SET_ASIDE))
         elif waiting is not None and waiting.deployment == deployment:
             if envelope.phase == "abort":
                 self.state = replace(self.state, waiting=None)
                 self._answer("aborted", deployment)
+                self._load_next()
         elif (candidate := self.state.candidate_of(deployment)) is None:
             self._repeat(deployment, Reply("refused", deployment, _NOT_LOADED))
         else:
@@ -144,28 +153,40 @@ class _Transition:
             self.state = replace(self.state, waiting=envelope)
             if waiting is None:
                 self._do(ScheduleLoad())
-            else:
+            elif not self._is_promised(waiting.deployment):
                 self._answer("superseded", waiting.deployment)
 
     def _has_no_room(self, envelope: Envelope) -> bool:
-        """Whether something goes first: what the engine before had promised; for a preview, all that is under way."""
-        if envelope.preview and (self.state.waiting or self.state.loading or self.state.candidate):
+        """Whether something goes first: what the engine before had promised, or what a bare model or preview must not
+        set aside."""
+        promises = self.state.promises
+        if envelope.preview and (self.state.waiting or self.state.loading or self.state.candidate or promises):
             return True
-        return self.state.promised not in ("", envelope.deployment)
+        if not promises or self._is_promised(envelope.deployment):
+            return False
+        return envelope.phase == "run" or promises[-1].commit is None
 
     def _is_promised(self, deployment: str) -> bool:
-        """Whether the engine before was ready to start a deployment, and this one is not so far yet."""
-        return self.state.promised == deployment
+        """Whether a promise for this deployment waits until it is loaded (again)."""
+        return self.state.kept(deployment) is not None
 
-    def _release_promise(self) -> None:
-        """The sender aborts what the engine before was ready to start."""
-        promised, loading = self.state.promised, self.state.waiting
-        self.state = replace(self.state, promised="", waiting=None if loading is not None else self.state.waiting)
-        self._do(Forget())
-        if self.state.candidate_of(promised) is not None:
+    def _release(self, kept: Kept) -> None:
+        """The sender, or a person, aborts what was promised and is not loaded."""
+        deployment, waiting = kept.envelope.deployment, self.state.waiting
+        self._forget(deployment)
+        if waiting is not None and waiting.deployment == deployment:
+            self.state = replace(self.state, waiting=None)
+        if self.state.candidate_of(deployment) is not None:
             self._drop("aborted")
         else:
-            self._answer("aborted", promised)
+            self._answer("aborted", deployment)
+            self._load_next()
+
+    def _forget(self, deployment: str) -> None:
+        """A promise that waited is decided."""
+        if (kept := self.state.kept(deployment)) is not None:
+            self.state = replace(self.state, promises=tuple(one for one in self.state.promises if one is not kept))
+            self._do(Forget(deployment))
 
     def _is_known(self, deployment: str) -> bool:
         """Whether a deployment is under way or was answered."""
@@ -197,8 +218,11 @@ class _Transition:
         answered = self.state.answer_to(deployment)
         running = self.state.running is not None and self.state.running.deployment == deployment
         started = running or (answered is not None and answered.answer == "started")
-        if self._is_promised(deployment):
-            self._do(Reply("ready", deployment))
+        if (kept := self.state.kept(deployment)) is not None:
+            self._do(Reply(kept.answer, deployment))
+            return
+        if answered is not None and answered.answer == "stale":  # it asked, and has started a newer one since
+            self._do(Reply("asking", deployment, answered.reason))
             return
         answer = termination.reply(candidate.commit if candidate is not None else None, started=started)
         if answer == "aborted" and envelope.born != self.state.born and not self._knows(deployment):
@@ -224,7 +248,14 @@ class _Transition:
         envelope, candidate = self.state.waiting, self.state.candidate
         if envelope is None or self.state.loading is not None:
             return
-        if candidate is not None and candidate.has_promised:
+        if candidate is not None and self._is_promised(candidate.envelope.deployment):
+            self._set_aside()
+        elif candidate is not None and candidate.stage == "ready" and candidate.holds and envelope.phase == "load":
+            self.state = replace(
+                self.state, promises=(*self.state.promises, Kept(candidate.envelope, candidate.commit))
+            )
+            self._set_aside()
+        elif candidate is not None and candidate.has_promised:
             self._ask_sender_for_room()
             return
         self._drop("superseded")
@@ -237,8 +268,9 @@ class _Transition:
             return
         self.state = replace(self.state, loading=None, waiting=None if wanted else self.state.waiting)
         if wanted and result.error:
-            self.state = replace(self.state, promised="")
+            self._forget(envelope.deployment)
             self._answer("refused", envelope.deployment, result.error, result.problem)
+            self._load_next()
         elif wanted:
             self.state = replace(self.state, candidate=Candidate(envelope))
             self._do(Match(envelope))
@@ -275,9 +307,9 @@ class _Transition:
 
     def _promise(self, candidate: Candidate) -> None:
         self.state = replace(self.state, candidate=replace(candidate, stage="promising"))
-        if self._is_promised(candidate.envelope.deployment):  # it is on the disk
-            self.state = replace(self.state, promised="")
-            self.promised("")
+        if (kept := self.state.kept(candidate.envelope.deployment)) is not None:  # it is on the disk
+            self.state = replace(self.state, promises=tuple(one for one in self.state.promises if one is not kept))
+            self._become_ready(candidate, kept.commit)
         else:
             self._do(Promise())
 
@@ -289,10 +321,26 @@ class _Transition:
         if error:
             self._drop("refused", error)
             return
-        commit = Ready(frozenset(candidate.envelope.team) - {self.state.robot})
-        self.state = replace(self.state, candidate=replace(candidate, stage="ready", commit=commit))
-        self._do(AwaitSender(SILENCE))
-        self._answer("ready", candidate.envelope.deployment)
+        self._become_ready(candidate, None)
+
+    def _become_ready(self, candidate: Candidate, commit: Ready | None) -> None:
+        """`commit` is that of a promise that was set aside: its robot holds, and goes on asking."""
+        if commit is None:
+            commit = Ready(frozenset(candidate.envelope.team) - {self.state.robot})
+        holds = commit.asking
+        candidate = replace(candidate, stage="ready", commit=commit, asked=holds, holds=holds)
+        self.state = replace(self.state, candidate=candidate)
+        if holds:
+            self._do(
+                Hold(), AwaitSender(ASKING), Reply("asking", candidate.envelope.deployment, candidate.why_it_holds)
+            )
+        else:
+            self._do(AwaitSender(SILENCE))
+            self._answer("ready", candidate.envelope.deployment)
+
+    def _set_aside(self) -> None:
+        self.state = replace(self.state, candidate=None)
+        self._do(SetAside())
 
     # ---- a candidate that is ready ----
 
@@ -328,7 +376,10 @@ class _Transition:
         reason = f"holds deployment {candidate.envelope.deployment}: {candidate.why_it_holds}"
         if not candidate.holds:
             self._do(Hold(), Note(reason))
-        if (waiting := self.state.waiting) is not None:
+        waiting = self.state.waiting
+        if waiting is not None and waiting.phase == "load":
+            self._load_next()
+        elif waiting is not None:
             self.state = replace(self.state, waiting=None)
             self._answer("refused", waiting.deployment, f"{reason}; fame abort {self.state.robot} ends that")
 
@@ -348,13 +399,15 @@ class _Transition:
         candidate = self.state.candidate
         if candidate is None or candidate.stage != "replacing":
             return
-        envelope = candidate.envelope
-        self.state = replace(self.state, candidate=None, running=replace(envelope, model=""))
+        envelope, promises = candidate.envelope, self.state.promises
+        self.state = replace(self.state, candidate=None, running=replace(envelope, model=""), promises=())
         self._do(Run())
         reason = "it had this process before, and takes it up again from the start" if envelope.again else ""
         if reason:
             self._do(Note(reason))
         self._answer("started", envelope.deployment, reason)
+        for kept in promises:
+            self._answer("stale", kept.envelope.deployment, _REPLACED.format(envelope.deployment))
         self._load_next()
 
     def _drop(self, answer: str, reason: str = "") -> None:
@@ -367,12 +420,15 @@ class _Transition:
 
     def stop(self) -> None:
         waiting, candidate = self.state.waiting, self.state.candidate
-        self.state = replace(self.state, waiting=None)
-        if waiting is not None:
-            self._answer("left" if self._is_promised(waiting.deployment) else "aborted", waiting.deployment, _ENDS)
+        promises = {kept.envelope.deployment for kept in self.state.promises}
+        self.state = replace(self.state, waiting=None, promises=())
+        if waiting is not None and waiting.deployment not in promises:
+            self._answer("aborted", waiting.deployment, _ENDS)
         if candidate is not None:  # after a promise not even a robot that ends may say that it aborted
-            promised = candidate.has_promised or self._is_promised(candidate.envelope.deployment)
+            promised = candidate.has_promised or candidate.envelope.deployment in promises
             self._drop("left" if promised else "aborted", _ENDS)
+        for deployment in sorted(promises - {candidate.envelope.deployment if candidate is not None else ""}):
+            self._answer("left", deployment, _ENDS)
 
     # ---- actions ----
 
@@ -380,7 +436,11 @@ class _Transition:
         self.actions += actions
 
     def _load_next(self) -> None:
-        if self.state.waiting is not None:
+        """Load what waits; else, unless something is under way, the newest promise that was set aside."""
+        promises, under_way = self.state.promises, self.state.loading or self.state.candidate
+        if self.state.waiting is None and promises and promises[-1].commit is not None and not under_way:
+            self.state = replace(self.state, waiting=promises[-1].envelope)
+        if self.state.waiting is not None and self.state.loading is None:
             self._do(ScheduleLoad())
 
     def _answer(self, answer: str, deployment: str, reason: str = "", problem: Problem | None = None) -> None:

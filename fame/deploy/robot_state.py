@@ -52,6 +52,22 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
+class Kept:
+    """A promise whose process is not loaded: it was set aside for a newer one, or the engine before gave it.
+
+    commit  what was promised and set aside; its robot asked the others, and takes no plain ``start`` any more
+    """
+
+    envelope: Envelope
+    commit: Ready | None = None
+
+    @property
+    def answer(self) -> str:
+        """What another robot is told that asks."""
+        return "ready" if self.commit is None else "asking"
+
+
+@dataclass(frozen=True, slots=True)
 class RobotState:
     """How far a robot is.
 
@@ -59,7 +75,7 @@ class RobotState:
     waiting  the newest envelope that is not loaded yet; it keeps waiting while it is being loaded
     loading  the envelope whose model is being loaded, even if it has been aborted meanwhile
     newest   `Envelope.order` of the newest that was loaded: older ones are ``stale``
-    promised the deployment that the engine before was ready to start, until this one is ready as well
+    promises what it was ready to start and has not loaded (again) yet, oldest first
     answers  the last final answer to each of the last 100 deployments, oldest first
     born     as of `Report`: what an engine before may have promised is not known
     """
@@ -70,7 +86,7 @@ class RobotState:
     loading: Envelope | None = None
     candidate: Candidate | None = None
     newest: tuple[int, str] = (-1, "")
-    promised: str = ""
+    promises: tuple[Kept, ...] = ()
     answers: tuple[Reply, ...] = ()
     born: int = 0
 
@@ -89,10 +105,20 @@ class RobotState:
         return self.candidate if same else None
 
     def knows(self, deployment: str) -> bool:
-        """Whether it is under way here or was answered, or the engine before was ready to start it."""
+        """Whether it is under way here, promised or answered."""
         under_way = any(one is not None and one.deployment == deployment for one in (self.waiting, self.loading))
         answered = self.candidate_of(deployment) is not None or self.answer_to(deployment) is not None
-        return under_way or answered or (bool(deployment) and self.promised == deployment)
+        return under_way or answered or self.kept(deployment) is not None
+
+    def kept(self, deployment: str) -> Kept | None:
+        """The promise for a deployment, if it waits."""
+        return next((kept for kept in self.promises if kept.envelope.deployment == deployment), None)
+
+    @property
+    def holds(self) -> bool:
+        """Whether what runs is to stay suspended, since the fate of a promise is not known."""
+        holds = self.candidate is not None and self.candidate.holds
+        return holds or any(kept.commit is not None for kept in self.promises)
 
 
 def resumed(robot: str, envelope: Envelope, born: int = 0) -> RobotState:
@@ -215,7 +241,9 @@ class Promise:
 
 @dataclass(frozen=True, slots=True)
 class Forget:
-    """Remove from disk what the engine before had promised: it is decided."""
+    """A promise that waited is decided: remove it from disk. What runs goes on unless the robot `holds`."""
+
+    deployment: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,7 +265,12 @@ class Hold:
 
 @dataclass(frozen=True, slots=True)
 class Drop:
-    """Close the candidate; what runs goes on."""
+    """Close the candidate; what runs goes on unless the robot `holds`."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetAside:
+    """Close the candidate, whose promise stays: a newer one is loaded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,5 +285,5 @@ class Run:
 
 Action = (
     Reply | Note | ScheduleLoad | Load | Discard | Match | MapState | Promise | Forget | AwaitSender | AskOthers
-    | Hold | Drop | Replace | Run
+    | Hold | Drop | SetAside | Replace | Run
 )  # fmt: skip

@@ -31,12 +31,13 @@ def _judge(team: Team) -> list[str]:
         *strangers(team),
     ]
     for robot in team.robots.values():
-        if robot.engine is not None and robot.engine.state == "holding":
-            team.note(f"{robot.name} holds: a person aborts")
-            team.abort(robot)
-            team.pass_time(10)
+        for _ in range(5 * (team.plan.seed % 2)):  # in every other run: a newer deployment has to end it as well
             if robot.engine is not None and robot.engine.state == "holding":
-                found.append(f"{robot.name} holds although a person has aborted")
+                team.note(f"{robot.name} holds: a person aborts")
+                team.abort(robot)
+                team.pass_time(10)
+        if team.plan.seed % 2 and robot.engine is not None and robot.engine.state == "holding":
+            found.append(f"{robot.name} holds although a person has aborted")
     sender = team.deploy(LAST)
     for _ in range(40):
         if not sender.ended:
@@ -45,6 +46,11 @@ def _judge(team: Team) -> list[str]:
     if not sender.ended.startswith("started"):
         found.append(f"a new deployment has failed on a healthy team: {sender.ended or 'no end after 40 s'}")
     found += half_applied(team)
+    holds = [
+        robot.name for robot in team.robots.values() if robot.engine is not None and robot.engine.state != "running"
+    ]
+    if not found and holds:
+        found.append(f"{', '.join(holds)} does not run what was deployed on a healthy team")
     return list(dict.fromkeys([*found, *team.problems]))
 
 

@@ -12,7 +12,7 @@ from fame.deploy import robot_protocol, sender_protocol, termination
 from fame.deploy.engine_node import EngineNode
 from fame.deploy.envelope import Envelope
 from fame.deploy.request_verifier import RequestVerifier
-from fame.deploy.resumption import _PROMISE, StateKeeper, _text
+from fame.deploy.resumption import _PROMISE, StateKeeper
 from fame.robot.durable import Recorder
 from fame.robot.journal import Journal, StateDirectory
 from fame.robot.live import LiveFeed
@@ -166,7 +166,7 @@ def _promise_overwrites_nothing(original: Any) -> Any:
 
     def promise(self: StateKeeper, candidate: Any) -> str:
         if self.directory.read_file(_PROMISE) is None:
-            self.directory.write_file(_PROMISE, _text(candidate.envelope))
+            self._write_promises([candidate.envelope])
         return ""
 
     return promise
@@ -178,9 +178,9 @@ BUGS: dict[str, Bug] = {
     "a promise that the disk refused": (StateKeeper, "promise", _promise_without_disk),
     "a candidate's feed is forgotten": (LiveFeed, "begin", _feed_begins_alone),
     "a promise that is not written": (StateKeeper, "promise", _empty),
-    "a promise that is not read again": (EngineNode, "_read_promise", _promise_not_resumed),
+    "a promise that is not read again": (EngineNode, "_read_promises", _promise_not_resumed),
     "a promise that hides the next one": (StateKeeper, "promise", _promise_overwrites_nothing),
-    "a promise that is never removed": (StateKeeper, "forget_promise", _nothing),
+    "a promise that is never removed": (StateKeeper, "_keep_only", _nothing),
     "an effect before its record": (Journal, "sync", _effect_before_record),
     "a record that claims too much": (Journal, "append", _claims_too_much),
     "a change that is not recorded": (Journal, "append", _changes_forgotten),

@@ -131,7 +131,7 @@ class Team:
             if robot.engine is None or robot.engine.resuming:
                 return True
             state = robot.engine._protocol.state
-            if state.candidate or state.waiting or state.loading or state.promised:
+            if state.candidate or state.waiting or state.loading or state.promises:
                 return True
         return False
 
