@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from attacks import deployment, engines, faults, network, people
@@ -24,6 +25,7 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
     faults.stopped_sender,
     faults.stopped_first,
     faults.stopped_last,
+    faults.redeployments,
     engines.uninterruptible,
     deployment.silent_other,
     engines.large_model,
@@ -48,8 +50,8 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
     people.stopped_engine,
     people.model_bomb,
 )
-PATIENCE = 240
-"""How long an attack may take (s)."""
+PATIENCE, LONG_PATIENCE = 240, 7200
+"""How long an attack may take (s), and with ``--long``."""
 DOMAINS = 232
 
 
@@ -59,36 +61,38 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(attack.__name__ for attack in ATTACKS))
     parser.add_argument("--jobs", type=int, default=3, metavar="N", help="how many at a time (3)")
     parser.add_argument("--again", action="store_true", help="repeat an attack that fell, alone; twice counts")
+    parser.add_argument("--long", action="store_true", help="redeployments: by 500 commands (a quarter of an hour)")
     parser.add_argument("--here", type=int, metavar="DOMAIN", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     chosen = [attack for attack in ATTACKS if not arguments.names or attack.__name__ in arguments.names]
     if not chosen or len(chosen) < len(set(arguments.names)):
         parser.error("no such attack")
     if arguments.here is not None:
-        return here(chosen[0], arguments.here)
-    begun = time.monotonic()
+        return here(chosen[0], arguments.here, long=arguments.long)
+    begun, make = time.monotonic(), partial(apart, long=arguments.long)
     with ThreadPoolExecutor(arguments.jobs) as pool:
-        effects = pool.map(apart, chosen, range(len(chosen)))
+        effects = pool.map(make, chosen, range(len(chosen)))
         fell = [attack for attack, effect in zip(chosen, effects, strict=True) if effect]
     if arguments.again:  # on a busy machine robots may need longer to meet than an attack waits
-        fell = [attack for number, attack in enumerate(fell) if apart(attack, len(chosen) + number)]
+        fell = [attack for number, attack in enumerate(fell) if make(attack, len(chosen) + number)]
     print(f"{len(chosen) - len(fell)} held, {len(fell)} fell, in {time.monotonic() - begun:.0f} s")
     return min(len(fell), 1)
 
 
-def apart(attack: Callable[[Field], None], number: int) -> bool:
+def apart(attack: Callable[[Field], None], number: int, *, long: bool) -> bool:
     """Make one in a process of its own and print how it went; whether it had its effect."""
     domain = 1 + (os.getpid() * 37 + number) % DOMAINS
-    command = [sys.executable, __file__, attack.__name__, "--here", str(domain)]
+    command = [sys.executable, __file__, attack.__name__, "--here", str(domain), *["--long"] * long]
+    patience = LONG_PATIENCE if long else PATIENCE
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[1])}
     begun = time.monotonic()
     process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        out, err = process.communicate(timeout=PATIENCE)
+        out, err = process.communicate(timeout=patience)
     except subprocess.TimeoutExpired:
         process.terminate()  # its engines are its children, which it ends
         out, err = process.communicate()
-        out = out or f"not over within {PATIENCE} s"
+        out = out or f"not over within {patience} s"
     what = str(attack.__doc__).splitlines()[0]
     reason = "" if process.returncode == 0 else out.strip() or err.strip()[-500:] or f"exit code {process.returncode}"
     took = f"{time.monotonic() - begun:5.1f} s"
@@ -98,13 +102,13 @@ def apart(attack: Callable[[Field], None], number: int) -> bool:
     return bool(reason)
 
 
-def here(attack: Callable[[Field], None], domain: int) -> int:
+def here(attack: Callable[[Field], None], domain: int, *, long: bool) -> int:
     """Make one in this process; the exit code."""
     signal.signal(
         signal.SIGINT, signal.default_int_handler
     )  # which whoever runs the attacks may ignore, and engines then do
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that its engines are ended
-    field = Field(domain)
+    field = Field(domain, long=long)
     try:
         attack(field)
     except Fell as effect:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import random
 import signal
+import time
 
 from attacks.field import Field, held
-from attacks.team import Team
+from attacks.team import Team, mission
+from fame.bpmn.reader import read_text
+from fame.deploy import Deployment
 
 MOMENTS = ("", "load", "B ready", "A ready", "start", "B started", "A started")
 """Of a deployment at which somebody is stopped: soon after the sender begins, or when something is said."""
@@ -14,6 +17,9 @@ TASKS = 4000
 """So many keep A loading while B is ready."""
 SHORT, LONG = 2.0, 7.0
 """Shorter, and longer, than the lease of DDS and the time that a robot waits for its sender (s)."""
+
+REDEPLOYMENTS, GROWTH = 500, 5
+"""So many, and how much the last 400 may add to what an engine holds (MB)."""
 
 
 def _stopped(field: Field, victim: str) -> None:
@@ -66,3 +72,41 @@ def half_killed(field: Field) -> None:
         team.await_robots()
         team.judge()
     team.finish()
+
+
+def redeployments(field: Field) -> None:
+    """500 redeployments of two robots: the last 400 take no memory, threads or files."""
+    team = Team(field, "AB", durable="A")
+    texts = [mission(version, "AB", tasks=100) for version in (1, 2)]
+    before = {}
+    for number in range(1, REDEPLOYMENTS + 1):
+        _redeploy(field, texts[number % 2], number)
+        if number == REDEPLOYMENTS // 5:
+            before = {name: robot.process.holds() for name, robot in team.robots.items()}
+    for name, robot in team.robots.items():
+        (megabytes, *others), (megabytes_before, *others_before) = robot.process.holds(), before[name]
+        held(megabytes - megabytes_before < GROWTH, f"{name} grew from {megabytes_before} to {megabytes} MB")
+        more = any(after > then for after, then in zip(others, others_before, strict=True))
+        held(not more, f"{name} has {others} threads and files, had {others_before}")
+    team.judge()
+
+
+def _redeploy(field: Field, text: str, number: int) -> None:
+    """Deploy a model to A and B, in this process unless there is time for a command each."""
+    if field.long:
+        done = field.fame("deploy", field.file("again.bpmn", text))
+        held(done.returncode == 0, f"redeployment {number} failed: {done.stdout}{done.stderr}")
+        return
+    deployment = Deployment(
+        read_text(text, file="again.bpmn"),
+        id=f"redeployment {number}",
+        sequence=round(time.time() * 1e6),
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        ended=lambda _: None,
+        robots=["A", "B"],
+    )
+    deployment.begin()
+    held(field.until(lambda: deployment.done, 30), f"redeployment {number} does not end")
+    held(not deployment.failed, f"redeployment {number} failed: {deployment.robots}")
+    deployment.close()

@@ -56,6 +56,11 @@ class Engine:
         status = Path(f"/proc/{self.process.pid}/status").read_text()
         return next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS")) // 1000
 
+    def holds(self) -> tuple[int, int, int]:
+        """Memory (MB), threads and open files."""
+        folder = Path(f"/proc/{self.process.pid}")
+        return self.megabytes, len(list((folder / "task").iterdir())), len(list((folder / "fd").iterdir()))
+
     @property
     def said(self) -> str:
         return self.log.read_text(errors="replace")
@@ -74,9 +79,10 @@ class Engine:
 
 
 class Field:
-    """See the module. All processes are ended when it closes."""
+    """See the module. All processes are ended when it closes. `long`: attacks may take as long as they like."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self, domain: int, *, long: bool = False) -> None:
+        self.long = long
         self._folder = tempfile.TemporaryDirectory(prefix="fame-attack-")
         self.folder = Path(self._folder.name)
         self.environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "PYTHONPATH": str(ROOT)}

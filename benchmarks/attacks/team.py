@@ -234,7 +234,7 @@ class Team:
         done = max((sender.version for sender in self.senders if sender.process.returncode == 0), default=0)
         for robot in self.robots.values():
             runs = robot.engine.deployed if robot.engine is not None else ""
-            if runs and not any(sender.owns(runs) for sender in self.senders if sender.version >= done):
+            if done and runs and not any(sender.owns(runs) for sender in self.senders if sender.version >= done):
                 yield f"{robot.name} runs {runs}, although the sender of version {done} said that all have started that"
 
     def why_it_holds(self, name: str) -> str:
