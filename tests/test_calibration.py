@@ -18,6 +18,7 @@ from fame.monitor.calibration import (
     runs_needed,
 )
 from fame.monitor.pipeline.compare import _left_out_thresholds
+from fame.monitor.storage import from_plain, to_plain
 
 
 def scores(seed: int, runs: int, channels: int = 12) -> np.ndarray:
@@ -106,7 +107,7 @@ def test_intervals_are_those_of_the_exact_binomial_test(count: int, total: int):
 
 def test_a_calibration_comes_back_from_plain_data():
     found = calibrate(scores(6, 20), 0.1)
-    again = Calibration.from_plain(found.to_plain())
+    again = from_plain(Calibration, to_plain(found))
     assert (again.thresholds, again.promised, again.text) == (found.thresholds, found.promised, found.text)
 
 

@@ -18,9 +18,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -82,27 +80,6 @@ class Calibration:
 
         above = round((self.promised or 0.0) * (self.runs + 1))  # scores above the threshold, and one more
         return float(beta.sf(above / (self.runs + 1), above, self.runs + 1 - above)) if above else 0.0
-
-    def to_plain(self) -> dict[str, Any]:
-        """Give all values as plain data and arrays."""
-        return {
-            "thresholds": list(self.thresholds), "asked": self.asked, "promised": self.promised, "runs": self.runs,
-            "margin": self.margin, "scores": self.scores, "levels": list(self.levels),
-            "deviations": list(self.deviations), "least": self.least,
-        }  # fmt: skip
-
-    @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> Calibration:
-        """Give what `to_plain` described. Raises KeyError, TypeError or ValueError for anything else."""
-        promised = plain["promised"]
-        thresholds, levels, deviations = (
-            tuple(map(float, plain[name])) for name in ("thresholds", "levels", "deviations")
-        )
-        return cls(
-            thresholds, float(plain["asked"]), None if promised is None else float(promised), int(plain["runs"]),
-            float(plain["margin"]), np.asarray(plain["scores"], dtype=np.float64), levels, deviations,
-            float(plain.get("least", 0.0)),
-        )  # fmt: skip
 
 
 _RATE_TEXT = re.compile(r"\s*([0-9.eE+-]+)\s*(?:per\s+(run|hour))?\s*")

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from fame.errors import ConfigError
 from fame.monitor.calibration import interval, measured_alarms
 
 if TYPE_CHECKING:
@@ -29,21 +28,15 @@ _EXCHANGEABLE = ("The promise holds for runs like those of the training: same ta
 def load_any(path: str | Path) -> TrainedModel | Model:
     """Read a model of ``fame train`` or of ``fame adm learn``. Raises ConfigError for any other file."""
     from fame.monitor.anomaly import model as anomaly
-    from fame.monitor.pipeline.trained_model import FIRST_FORMAT, FORMAT, TrainedModel
-    from fame.monitor.storage import read_artefact
+    from fame.monitor.pipeline.trained_model import FIRST_FORMAT, FORMAT, TrainedModel, trained_from_plain
+    from fame.monitor.storage import read_model
 
-    path = Path(path)
-    if path.suffix == ".onnx":
+    if Path(path).suffix == ".onnx":
         return TrainedModel.load(path)
-    content = read_artefact(path, "fame train or fame adm learn")
-    found = content.get("format") if isinstance(content, dict) else None
-    if found in (FORMAT, FIRST_FORMAT):
-        return TrainedModel.load(path)
-    if found in anomaly.FORMATS:
-        return anomaly.load_model(path)
-    known = ", ".join((FORMAT, FIRST_FORMAT, *anomaly.FORMATS))
-    text = f"is not a model of this version: expected one of the formats {known}, got {found!r}"
-    raise ConfigError(f"{text}; fame train or fame adm learn makes it anew", file=str(path))
+    content = read_model(Path(path), "fame train or fame adm learn", (FORMAT, anomaly.FORMAT), (FIRST_FORMAT,))
+    if content["format"] == anomaly.FORMAT:
+        return anomaly.model_from_plain(content, str(path))
+    return trained_from_plain(content, str(path))
 
 
 def card_of(model: TrainedModel | Model) -> Card:

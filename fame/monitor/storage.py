@@ -1,4 +1,4 @@
-"""Models on disk: stored with skops, which holds data and never code.
+"""Models on disk: stored with skops, which holds data and never code; dataclasses as plain data and back.
 
 What is refused, each with its reason: a file that does not exist or is corrupt, one that would unpack to far more than
 its size, and one that holds anything beyond plain data, numpy and classes of scikit-learn (it could be code).
@@ -8,12 +8,18 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO, Any
+from types import UnionType
+from typing import IO, Any, TypeVar, get_args, get_origin, get_type_hints
 from zipfile import BadZipFile, ZipFile, ZipInfo
 
+import numpy as np
+
 from fame.errors import ConfigError, UnavailableError
+from fame.monitor.arrays import Floats, Whole
 
 _INFLATION, _SLACK = 10, 10_000_000
 """How much more than its own size a file may unpack to: times, and bytes on top. What we store is not compressed."""
@@ -99,6 +105,62 @@ def read_artefact(path: Path, maker: str) -> Any:
         return _skops().load(path, trusted=list(_HOLD_DATA))
     except Exception as error:
         raise ConfigError(f"is corrupt ({type(error).__name__}: {error})", file=str(path)) from None
+
+
+def read_model(path: Path, maker: str, formats: Sequence[str], older: Sequence[str] = ()) -> dict[str, Any]:
+    """Read a model of one of some formats. Raises ConfigError for any other file."""
+    content = read_artefact(path, maker)
+    found = content.get("format") if isinstance(content, dict) else None
+    if found not in (*formats, *older):
+        known = " or ".join(map(repr, formats))
+        text = f"is not a model of {maker}: expected format {known}, got {found!r}; {maker} makes it anew"
+        raise ConfigError(text, file=str(path))
+    return dict(content)
+
+
+Stored = TypeVar("Stored")
+
+
+def to_plain(value: Any) -> Any:
+    """Give a dataclass as a mapping of its fields, with its `kind` if it has one, sequences as lists, arrays as they
+    are."""
+    if is_dataclass(value):
+        kind = {"kind": value.kind} if hasattr(value, "kind") else {}
+        return kind | {item.name: to_plain(getattr(value, item.name)) for item in fields(value)}
+    if isinstance(value, Mapping):
+        return {name: to_plain(item) for name, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return list(map(to_plain, value))
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def from_plain(cls: type[Stored], plain: Mapping[str, Any]) -> Stored:
+    """Make the dataclass that `to_plain` described, each value of the type of its field; what has a default may be
+    missing. Raises KeyError, TypeError or ValueError for anything else."""
+    if getattr(cls, "kind", None) != plain.get("kind"):
+        raise ValueError(f"expected the kind {getattr(cls, 'kind', None)!r}, got {plain.get('kind')!r}")
+    required = (item.name for item in fields(cls) if item.default is item.default_factory is MISSING)  # type: ignore[arg-type]
+    names = {*required, *(item.name for item in fields(cls) if item.name in plain)}  # type: ignore[arg-type]
+    return cls(**{name: _as(kind, plain[name]) for name, kind in get_type_hints(cls).items() if name in names})
+
+
+def _as(kind: Any, value: Any) -> Any:
+    """Give a plain value as one of a type; types that are not known here take it as it is."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is UnionType:
+        return None if value is None else _as(parts[0], value)
+    if kind in (Floats, Whole):
+        numbers = np.asarray(value, dtype=np.float64 if kind == Floats else np.int64)
+        if not np.isfinite(numbers).all():
+            raise ValueError("values that are not finite")
+        return numbers
+    if origin is tuple:
+        return tuple(_as(parts[0], item) for item in value)
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return {str(name): _as(parts[1], item) for name, item in value.items()}
+    if is_dataclass(kind) and isinstance(value, Mapping):
+        return from_plain(kind, value)  # type: ignore[arg-type]
+    return kind(value) if kind in (int, float, str) else value
 
 
 def _unpacked(file: Path | IO[bytes], most: int) -> int:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from fame.monitor.anomaly.recording import ANOMALOUS, Recording, read_csv
 from fame.monitor.anomaly.scoring import PathScorer, PointScorer, Scorer
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
-from fame.monitor.storage import read_artefact, versions, write_artefact
+from fame.monitor.storage import from_plain, read_artefact, read_model, to_plain, versions, write_artefact
 
 
 class DataProcess:
@@ -168,8 +168,7 @@ class Model:
 
 
 FORMAT = "fame-adm-1"
-FORMATS = (FORMAT,)
-"""Of stored models that can be read."""
+"""Of stored models."""
 
 
 def data_hash(*recordings: Recording) -> str:
@@ -188,49 +187,39 @@ def save_model(model: Model, path: str | Path) -> None:
 
 def _plain(model: Model) -> dict[str, Any]:
     estimator, process = model.estimator, model.process
+    plain = {item.name: to_plain(getattr(model, item.name)) for item in fields(Model) if item.name != "versions"}
     if isinstance(estimator, Ensemble):
-        stored: Any = {"rule": estimator.rule, "members": [_plain(each) for each in estimator.members]}
-    else:
-        stored = estimator.to_plain() if isinstance(estimator, PathDetector) else estimator
-    return {
-        "name": model.name,
-        "joints": list(model.joints),
-        "estimator": stored,
-        "process": None if process is None else [process.reduction, process.scaling, process.scaler, process.pca],
-        "threshold": float(model.threshold),
-        "nominal": int(model.nominal),
-        "reference": model.reference,
-        "data": model.data,
-        "calibration": None if model.calibration is None else model.calibration.to_plain(),
-    }
+        plain["estimator"] = {"rule": estimator.rule, "members": [_plain(each) for each in estimator.members]}
+    elif isinstance(estimator, PathDetector):
+        plain["estimator"] = estimator.to_plain()
+    plain["process"] = None if process is None else [process.reduction, process.scaling, process.scaler, process.pca]
+    return plain
 
 
 def load_model(path: str | Path) -> Model:
     """Read a stored model. Raises ConfigError, for each of the reasons above."""
-    content = read_artefact(Path(path), "fame adm learn")
-    found = content.get("format") if isinstance(content, dict) else None
-    if found != FORMAT:
-        raise ConfigError(
-            f"is not a model of this version: expected format {FORMAT!r}, got {found!r}; fame adm learn makes it anew",
-            file=str(path),
-        )
+    return model_from_plain(read_model(Path(path), "fame adm learn", (FORMAT,)), str(path))
+
+
+def model_from_plain(content: dict[str, Any], file: str) -> Model:
+    """Give the model of a file. Raises ConfigError if it is of another scikit-learn, or its parts do not fit."""
     stated = content.get("versions")
     made = stated.get("scikit-learn", "unknown") if isinstance(stated, dict) else "unknown"
     ours = version("scikit-learn")
     if made.split(".")[:2] != ours.split(".")[:2]:
         text = f"was made with scikit-learn {made}, here is {ours}: fame adm learn makes it anew"
         text += f", or install scikit-learn {made}"
-        raise ConfigError(text, file=str(path))
+        raise ConfigError(text, file=file)
     try:
         model = _model(content)
         model.scorer().step(model.reference[0].tolist())  # its parts fit each other
         return model
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise ConfigError(f"is damaged: {error!r}", file=str(path)) from None
+        raise ConfigError(f"is damaged: {error!r}", file=file) from None
 
 
 def _model(content: dict[str, Any]) -> Model:
-    estimator, parts, calibration = content["estimator"], content["process"], content.get("calibration")
+    estimator, parts = content["estimator"], content["process"]
     if isinstance(estimator, dict) and "members" in estimator:
         members = tuple(_model({**part, "versions": content["versions"]}) for part in estimator["members"])
         estimator = Ensemble(_rule(estimator["rule"]), members)
@@ -238,22 +227,11 @@ def _model(content: dict[str, Any]) -> Model:
         estimator = PathDetector.from_plain(estimator)
     elif parts is None:
         raise ValueError("a classifier without its process")
-    joints = tuple(map(str, content["joints"]))
-    reference = np.asarray(content["reference"], dtype=np.float64)
-    if reference.ndim != 2 or reference.shape[1] != len(joints):
-        raise ValueError(f"reference of shape {reference.shape} for {len(joints)} joints")
-    return Model(
-        name=str(content["name"]),
-        joints=joints,
-        estimator=estimator,
-        process=None if parts is None else DataProcess(*parts),
-        threshold=float(content["threshold"]),
-        nominal=int(content["nominal"]),
-        reference=reference,
-        data=str(content["data"]),
-        versions=dict(content["versions"]),
-        calibration=None if calibration is None else Calibration.from_plain(calibration),
-    )
+    process = None if parts is None else DataProcess(*parts)
+    model = from_plain(Model, {**content, "estimator": estimator, "process": process})
+    if model.reference.ndim != 2 or model.reference.shape[1] != len(model.joints):
+        raise ValueError(f"reference of shape {model.reference.shape} for {len(model.joints)} joints")
+    return model
 
 
 def _rule(text: str) -> str:

@@ -29,6 +29,7 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
+from fame.monitor.storage import from_plain
 
 ACTIVATIONS = ("relu", "tanh", "logistic", "identity")
 POINTS = 10
@@ -65,9 +66,6 @@ class Detector(Protocol):
 
     def loss(self, windows: Floats) -> Floats:
         """Give the loss (n, channels) of scaled windows (n, window, channels)."""
-
-    def to_plain(self) -> dict[str, Any]:
-        """Give all values as plain data and arrays."""
 
 
 # ---- autoencoders ----------------------------------------------------------------------------------------------------
@@ -112,14 +110,6 @@ class Network:
         errors = self(inputs)
         errors -= inputs
         return np.asarray(np.einsum("cnw,cnw->nc", errors, errors) / windows.shape[1])
-
-    def to_plain(self) -> dict[str, Any]:
-        return {
-            "kind": self.kind,
-            "weights": list(self.weights),
-            "biases": list(self.biases),
-            "activation": self.activation,
-        }
 
     @classmethod
     def of(cls, estimators: Sequence[Any]) -> Network:
@@ -190,9 +180,6 @@ class Components:
         errors = (flat - flat @ self.axes.T @ self.axes).reshape(windows.shape)
         return np.asarray(np.einsum("nwc,nwc->nc", errors, errors) / windows.shape[1])
 
-    def to_plain(self) -> dict[str, Any]:
-        return {"kind": self.kind, "axes": self.axes, "deviations": self.deviations}
-
     @classmethod
     def fit(cls, windows: Floats, settings: Settings, most: int = 64) -> Components:
         flat = windows.reshape(len(windows), -1)
@@ -218,9 +205,6 @@ class Whitening:
         """Give the mean of the squares of the whitened window, about 1 for those that it learned from."""
         white = (windows.reshape(len(windows), -1) @ self.root).reshape(windows.shape)
         return np.asarray(np.einsum("nwc,nwc->nc", white, white) / windows.shape[1])
-
-    def to_plain(self) -> dict[str, Any]:
-        return {"kind": self.kind, "root": self.root}
 
     @classmethod
     def fit(cls, windows: Floats, settings: Settings) -> Whitening:
@@ -256,9 +240,6 @@ class Nearest:
         reduced = _reduced(windows)
         _, nearest = self._tree.query(self._place(reduced))
         return np.asarray(((reduced - self.kept[nearest]) ** 2).mean(axis=1))
-
-    def to_plain(self) -> dict[str, Any]:
-        return {"kind": self.kind, "kept": self.kept, "components": self.components.to_plain()}
 
     @classmethod
     def fit(cls, windows: Floats, settings: Settings) -> Nearest:
@@ -308,12 +289,6 @@ class OneClass:
         density = largest + np.log(np.exp(exponents - largest[:, None]).sum(axis=1))
         return _shared(np.maximum(0.0, 1.0 - (density - np.log(self.offset))), windows)
 
-    def to_plain(self) -> dict[str, Any]:
-        return {
-            "kind": self.kind, "components": self.components.to_plain(), "vectors": self.vectors,
-            "weights": self.weights, "gamma": self.gamma, "offset": self.offset,
-        }  # fmt: skip
-
     @classmethod
     def fit(cls, windows: Floats, settings: Settings) -> OneClass:
         require("sklearn")
@@ -352,11 +327,6 @@ class Forest:
             left = values[rows, self.features[trees, node]] <= self.limits[trees, node]
             node = np.where(left, self.left[trees, node], self.right[trees, node])
         return _shared(2.0 ** (-self.depths[trees, node].mean(axis=1) / self.usual), windows)
-
-    def to_plain(self) -> dict[str, Any]:
-        names = ("features", "limits", "left", "right", "depths", "steps", "usual")
-        plain = {name: getattr(self, name) for name in names}
-        return {"kind": self.kind, "components": self.components.to_plain(), **plain}
 
     @classmethod
     def fit(cls, windows: Floats, settings: Settings) -> Forest:
@@ -420,10 +390,6 @@ class Several:
         found = [part.loss(windows) / usual for part, usual in zip(self.parts, self.usual, strict=True)]
         return np.asarray(np.max(found, axis=0) if self.rule == "any of" else np.min(found, axis=0))
 
-    def to_plain(self) -> dict[str, Any]:
-        parts = [part.to_plain() for part in self.parts]
-        return {"kind": self.kind, "rule": self.rule, "parts": parts, "usual": self.usual}
-
     @classmethod
     def fit(cls, rule: str, names: Sequence[str], windows: Floats, settings: Settings) -> Several:
         parts = tuple(_KINDS[name].fit(windows, settings) for name in names)
@@ -468,35 +434,7 @@ def detector_name(detector: Detector) -> str:
 
 def detector_from_plain(plain: Mapping[str, Any]) -> Detector:
     """Give the detector that `to_plain` described. Raises KeyError, TypeError or ValueError for anything else."""
-    kind = plain["kind"]
-    if kind == Several.kind:
-        parts = tuple(detector_from_plain(part) for part in plain["parts"])
-        return Several(str(plain["rule"]), parts, _numbers(plain["usual"]))
-    if kind == Network.kind:
-        weights, biases = (tuple(map(_numbers, plain[name])) for name in ("weights", "biases"))
-        return Network(weights, biases, str(plain["activation"]))
-    if kind == Components.kind:
-        return Components(_numbers(plain["axes"]), _numbers(plain["deviations"]))
-    if kind == Whitening.kind:
-        return Whitening(_numbers(plain["root"]))
-    components = detector_from_plain(plain["components"])
-    if not isinstance(components, Components):
-        raise ValueError(f"components of kind {components.kind!r}")
-    if kind == Nearest.kind:
-        return Nearest(_numbers(plain["kept"]), components)
-    if kind == OneClass.kind:
-        gamma, offset = float(plain["gamma"]), float(plain["offset"])
-        return OneClass(components, _numbers(plain["vectors"]), _numbers(plain["weights"]), gamma, offset)
-    if kind == Forest.kind:
-        indices = [np.asarray(plain[name], dtype=np.int64) for name in ("features", "left", "right")]
-        limits, depths = _numbers(plain["limits"]), _numbers(plain["depths"])
-        features, left, right = indices
-        return Forest(components, features, limits, left, right, depths, int(plain["steps"]), float(plain["usual"]))
-    raise ValueError(f"detector {kind!r}")
-
-
-def _numbers(value: Any) -> Floats:
-    numbers = np.asarray(value, dtype=np.float64)
-    if not np.isfinite(numbers).all():
-        raise ValueError("values that are not finite")
-    return numbers
+    if plain["kind"] == Several.kind:
+        return from_plain(Several, {**plain, "parts": list(map(detector_from_plain, plain["parts"]))})
+    detector: Detector = from_plain(_KINDS[plain["kind"]], plain)
+    return detector

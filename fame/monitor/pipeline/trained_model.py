@@ -25,7 +25,7 @@ from fame.imports import require
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
 from fame.monitor.pipeline.detectors import ACTIVATIONS, Detector, Network, detector_from_plain, detector_name
-from fame.monitor.storage import read_artefact, versions, write_artefact
+from fame.monitor.storage import from_plain, read_model, to_plain, versions, write_artefact
 
 FORMAT, FIRST_FORMAT = "fame-monitor-2", "fame-autoencoder-1"
 """Of stored models. The first format had autoencoders only, and no calibration."""
@@ -76,22 +76,8 @@ class TrainedModel:
 
     def to_plain(self) -> dict[str, Any]:
         """Give all values as plain data and arrays, as they are stored."""
-        return {
-            "format": FORMAT,
-            "versions": dict(self.versions) or versions(),
-            "columns": list(self.columns),
-            "window": self.window,
-            "rate": float(self.rate),
-            "mean": self.mean,
-            "scale": self.scale,
-            "detector": self.detector.to_plain(),
-            "thresholds": [float(value) for value in self.thresholds],
-            "cutoff": float(self.cutoff),
-            "before": float(self.before),
-            "data": self.data,
-            "metrics": {name: [float(value) for value in values] for name, values in self.metrics.items()},
-            "calibration": self.calibration.to_plain() if self.calibration is not None else None,
-            "conditions": dict(self.conditions),
+        return {"format": FORMAT, "versions": dict(self.versions) or versions()} | {
+            name: value for name, value in to_plain(self).items() if name != "versions"
         }
 
     def save(self, path: str | Path, *, single: bool = False) -> None:
@@ -115,14 +101,8 @@ class TrainedModel:
         if str(path).endswith(".onnx"):
             content = read_onnx(path)
         else:
-            content = read_artefact(Path(path), "fame train")
-            found = content.get("format") if isinstance(content, dict) else None
-            if found not in (FORMAT, FIRST_FORMAT):
-                text = (
-                    f"is not a model of fame train: expected format {FORMAT!r}, got {found!r}; fame train makes it anew"
-                )
-                raise ConfigError(text, file=str(path))
-        model = _from_plain(content, str(path))
+            content = read_model(Path(path), "fame train", (FORMAT,), (FIRST_FORMAT,))
+        model = trained_from_plain(content, str(path))
         model.require(path, columns, data)
         return model
 
@@ -136,27 +116,12 @@ class TrainedModel:
             raise ConfigError(text, file=str(path))
 
 
-def _from_plain(content: Mapping[str, Any], file: str) -> TrainedModel:
+def trained_from_plain(content: Mapping[str, Any], file: str) -> TrainedModel:
     """Give the model that `TrainedModel.to_plain` described. Raises ConfigError if its parts do not fit."""
     try:
         first = "detector" not in content  # the first format
-        calibration = content.get("calibration")
-        model = TrainedModel(
-            columns=tuple(map(str, content["columns"])),
-            window=int(content["window"]),
-            rate=float(content["rate"]),
-            mean=np.asarray(content["mean"], dtype=np.float64),
-            scale=np.asarray(content["scale"], dtype=np.float64),
-            detector=detector_from_plain({**content, "kind": Network.kind} if first else content["detector"]),
-            thresholds=tuple(map(float, content["thresholds"])),
-            cutoff=float(content["cutoff"]),
-            before=float(content["before"]),
-            data=str(content["data"]),
-            versions=dict(content["versions"]),
-            metrics={str(name): tuple(map(float, values)) for name, values in content["metrics"].items()},
-            calibration=None if calibration is None else Calibration.from_plain(calibration),
-            conditions=dict(content.get("conditions", {})),
-        )
+        detector = detector_from_plain({**content, "kind": Network.kind} if first else content["detector"])
+        model = from_plain(TrainedModel, {**content, "detector": detector})
         _check(model)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise ConfigError(f"is damaged: {error!r}", file=file) from None
