@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
-from bpmn_text import process
+from action_server import DRIVE, Server, skip_without_drive
+from bpmn_text import process, properties
+from middleware_contract import BACKENDS, LocalWorld, World, middlewares, world
 
+from fame.clock import SECOND
+from fame.deploy import EngineNode
 from fame.errors import DeploymentError
 from fame.log.live_team import LiveTeam
 from fame.log.wait_reasons import explain
 from fame.middleware import messages
-from fame.middleware.interface import SENSOR_DATA
+from fame.middleware.actions import CANCEL, STATUS, ActionServer
+from fame.middleware.interface import LATCHED, SENSOR_DATA, DeferredResponse
 from tests.test_live_team import Field
 
 SIGNALS = '<signal id="S" name="order"/><message id="M" name="part"/>'
@@ -92,3 +97,141 @@ def test_a_publisher_that_is_not_connected_is_told_with_the_reason(field: Field)
 def test_an_element_where_no_token_waits_is_refused(field: Field) -> None:
     with pytest.raises(DeploymentError, match="no token waits at 'Ordr'; did you mean 'Order'"):
         why(field, CATCH, "Ordr")
+
+
+# ---- servers, on every backend -----------------------------------------------------------------------------------
+
+
+class Watched:
+    """An engine that runs a service task, a driver that may serve it, and a watcher, each with endpoints of its own."""
+
+    def __init__(self, here: World) -> None:
+        self.here = here
+        watcher = here.node("watcher")
+        self.driver = here.node("driver", "REX")
+        sender = watcher.publisher("/REX/bpmn_process", STRING)
+        here.node("_made")
+        made = list(middlewares(here))
+        self.engine = EngineNode("REX", scheduler=here.scheduler, middleware=made[-1])
+        self.follow = lambda: LiveTeam(watcher, made[0], here.scheduler, lambda *told: None)
+        self.team = self.follow()
+        here.connect("/REX/bpmn_process")
+        self.deploy = lambda text: sender.publish(messages.create(STRING, text))
+
+    def run(self, **said: str) -> None:
+        self.deploy(process(f'{START.format("t")}<serviceTask id="t">{properties(**said)}</serviceTask>'))
+
+    def lines(self) -> list[str]:
+        """What --why says now, of who has followed it for a while."""
+        return lines_of(self.team)
+
+    def lines_at_first(self) -> list[str]:
+        """The same, of who has just come."""
+        with self.follow() as team:
+            self.until(lambda: "REX" in team.state.robots, step=SECOND // 100)
+            return lines_of(team)
+
+    def until(self, condition: Callable[[], object], step: int = SECOND // 10) -> None:
+        for _ in range(30 * SECOND // step):
+            if condition():
+                return
+            self.here.scheduler.run(self.here.scheduler.now + step)
+        raise AssertionError(f"it says {self.lines()}; warnings: {self.here.warnings}")
+
+    def until_told(self, *texts: str) -> None:
+        """Wait for lines that begin so, and nothing else."""
+
+        self.until(
+            lambda: (
+                len(lines := self.lines()) == len(texts)
+                and all(line.startswith(f"  {text}") for line, text in zip(lines, texts, strict=True))
+            )
+        )
+
+    def close(self) -> None:
+        self.team.close()
+        self.engine.close()
+
+
+def lines_of(team: LiveTeam) -> list[str]:
+    state = team.state.robots.get("REX")
+    if state is None or not state.tokens:
+        return []
+    reasons = explain(state, team.models.get("REX", {}), "", team.last_time("REX"))
+    return [line for reason in reasons for line in reason.lines("REX")][1:]
+
+
+@pytest.fixture(params=[each for each in BACKENDS if each == "local" or "apart" in str(each)])
+def watched(request: pytest.FixtureRequest) -> Iterator[Watched]:
+    """A type belongs to a topic or service in one process: here each node but those of ``local`` is one of its own."""
+    skip_without_drive(request.param)
+    made = Watched(world(request.param))
+    yield made
+    made.close()
+    made.here.close()
+
+
+def test_a_server_that_says_nothing_and_leaves_is_told(watched: Watched) -> None:
+    server = Server(watched.driver)
+    watched.run(action="drive", type=DRIVE, payload="{distance: 3}")
+    watched.until(lambda: server.goals)
+    assert watched.lines() == []
+    watched.until_told("its server has said nothing for ")
+    server.step()
+    assert watched.lines_at_first() == []
+    server.server.close()
+    watched.until_told("it has had no server for ")
+    server = Server(watched.driver)
+    watched.until(lambda: server.goals)
+    watched.until_told()
+
+
+def test_who_follows_a_robot_is_told_when_its_server_falls_silent_and_speaks_again() -> None:
+    here = LocalWorld()
+    watched = Watched(here)
+    server = Server(watched.driver)
+    watched.run(action="drive", type=DRIVE, payload="{distance: 3}")
+    told = []
+    for _ in range(2):
+        here.scheduler.run(here.scheduler.now + 4 * SECOND)
+        told.append(bool(watched.lines()))
+        server.step()
+        here.scheduler.run(here.scheduler.now + SECOND)
+        told.append(bool(watched.lines()))
+    assert told == [True, False, True, False]
+    watched.close()
+    here.close()
+
+
+def test_a_service_of_another_type_is_told(watched: Watched) -> None:
+    watched.driver.service("blade", "std_srvs/srv/Trigger", lambda request: None)
+    watched.run(service="blade", type="std_srvs/srv/SetBool")
+    other = "std_srvs/srv/SetBool: the service /REX/blade is of type std_srvs/srv/Trigger"
+    watched.until_told("it has had no server for ", other)
+
+
+def test_an_action_of_another_type_is_told(watched: Watched) -> None:
+    ActionServer(watched.driver, "drive", "nav2_msgs/action/Spin", print, print)
+    watched.run(action="drive", type=DRIVE, payload="{distance: 3}")
+    if isinstance(watched.here, LocalWorld):  # a topic has one type in one process: it is refused
+        watched.here.scheduler.run(10 * SECOND)
+        assert watched.engine.running is None
+        return
+    goal = f"{DRIVE}_SendGoal: the service /REX/drive/_action/send_goal is of type nav2_msgs/action/Spin_SendGoal"
+    feedback = (
+        "/REX/drive/_action/feedback: /REX/fame_engine receives nothing from /REX/driver: type: offered nav2_msgs"
+    )
+    watched.until_told("it has had no server for ", goal, feedback)
+
+
+def test_feedback_of_another_quality_of_service_is_told(watched: Watched) -> None:
+    below = "drive/_action"
+    feedback = watched.driver.publisher(f"{below}/feedback", f"{DRIVE}_FeedbackMessage", SENSOR_DATA)
+    watched.driver.publisher(f"{below}/status", STATUS, LATCHED)
+    watched.driver.service(f"{below}/send_goal", f"{DRIVE}_SendGoal", lambda request: {"accepted": True})
+    later = DeferredResponse()
+    watched.driver.service(f"{below}/get_result", f"{DRIVE}_GetResult", lambda request: later)
+    watched.driver.service(f"{below}/cancel_goal", CANCEL, lambda request: None)
+    watched.run(action="drive", type=DRIVE, payload="{distance: 3}")
+    why = "receives nothing from /REX/driver: reliability: offered best_effort, requested reliable"
+    watched.until_told("its server has said nothing for ", f"{feedback.topic}: /REX/fame_engine {why}")

@@ -60,6 +60,12 @@ class ActionClient:
         """Whether a node offers the action now."""
         return self._send_goal.available and self.get_result.available and self.cancel_goal.available
 
+    @property
+    def mismatch(self) -> str:
+        """Why it is not connected to an action of its name that is there; empty if there is none, or it is."""
+        ends = self._send_goal, self.get_result, self.cancel_goal
+        return next((end.mismatch for end in ends if end.mismatch), "")
+
     def send(
         self,
         goal: Any,

@@ -49,6 +49,12 @@ def unavailable_error(name: str, request_type: str, offered: Iterable[str]) -> M
     return MessageError(f"no node offers the service {name}: wait until it is available", type=type)
 
 
+def unfit_text(name: str, request_type: str, offered: Iterable[str]) -> str:
+    """Why a client is not connected to a service that is offered with these types; empty without one."""
+    found = list(offered)
+    return str(unavailable_error(name, request_type, found)) if found else ""
+
+
 def mismatch_warning(topic: str, subscriber: str, publisher: str, reason: str) -> EndpointWarning:
     """Two endpoints are not connected."""
     return EndpointWarning(topic, f"{subscriber} receives nothing from {publisher}: {reason}", "mismatch")

@@ -190,6 +190,10 @@ class Client(Protocol):
     def available(self) -> bool:
         """Whether a node offers the service now."""
 
+    @property
+    def mismatch(self) -> str:
+        """Why it is not connected to a service of its name that is there; empty if there is none, or it is."""
+
     def call(
         self,
         request: Any,

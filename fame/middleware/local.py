@@ -31,6 +31,7 @@ from fame.middleware.errors import (
     type_conflict,
     unanswered_warning,
     unavailable_error,
+    unfit_text,
 )
 from fame.middleware.interface import (
     MAX_MESSAGE_SIZE,
@@ -390,9 +391,14 @@ class LocalClient:
         """Whether a node offers the service now, and can be reached."""
         return bool(self._servers())
 
+    @property
+    def mismatch(self) -> str:
+        """Why it is not connected to a service of its name that is there."""
+        return unfit_text(self.name, self.request_type, () if self.available else self._offered())
+
     def _servers(self) -> frozenset[LocalService]:
         service, network = self.node.middleware.services.get(self.name), self.node.middleware.network
-        if service is None:
+        if service is None or service.request_type != self.request_type:
             return frozenset()
         reached = network is None or network.is_matched((self.node.namespace, service.node.namespace))
         return frozenset((service,)) if reached else frozenset()
@@ -408,8 +414,7 @@ class LocalClient:
         """Send a request. Raises MessageError if it does not fit, or if no node offers the service with this type."""
         service = self.node.middleware.services.get(self.name)
         if service is None or service.request_type != self.request_type:
-            offered = () if service is None else (service.request_type.removesuffix("_Request"),)
-            raise unavailable_error(self.name, self.request_type, offered)
+            raise unavailable_error(self.name, self.request_type, self._offered())
         message, key = messages.create(self.request_type, request), next(self._numbers)
         self.pending.add(key, (service,), callback, lost, or_new)
         self._way(self.node, service.node, partial(self._send, service, message, key))
@@ -417,6 +422,10 @@ class LocalClient:
         pair = self.node.namespace, service.node.namespace
         for time in middleware.network.unmatched_from(pair) if middleware.network is not None else ():
             middleware.scheduler.at(time, self.on_servers_changed)
+
+    def _offered(self) -> Sequence[str]:
+        service = self.node.middleware.services.get(self.name)
+        return () if service is None else (service.request_type.removesuffix("_Request"),)
 
     def on_servers_changed(self) -> None:
         """A server of this name has come or left, or can no longer be reached."""

@@ -24,6 +24,7 @@ from fame.middleware.errors import (
     type_conflict,
     unanswered_warning,
     unavailable_error,
+    unfit_text,
     unreadable_text,
 )
 from fame.middleware.interface import (
@@ -227,6 +228,12 @@ class WireClient(ServiceEndpoint):
     @abstractmethod
     def available(self) -> bool:
         """Whether a node offers the service now."""
+
+    @property
+    def mismatch(self) -> str:
+        """Why it is not connected to a service of its name that is there."""
+        offers = () if self.available else self.node.middleware.offers(self.name)
+        return unfit_text(self.name, self.request_type, (type for type, _ in offers))
 
     @abstractmethod
     def servers(self) -> Set[Hashable]:

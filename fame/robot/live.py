@@ -129,6 +129,8 @@ class LiveFeed:
             self._key_due = 0
             self._current.look()  # who publishes may have changed, if nothing else
             self._send_soon()
+        elif self._current.awaits_server:
+            self._current.look()  # it falls silent and leaves without any step of the mission
 
     def _send_soon(self) -> None:
         if self._next is None and self.watched:
@@ -214,6 +216,11 @@ class ProcessFeed:
     def key(self) -> str:
         """The complete state, as JSON."""
         return self._text.key()
+
+    @property
+    def awaits_server(self) -> bool:
+        """Whether a token waits for a service or an action."""
+        return self.node is not None and self.node.host.runner.awaits_server
 
     def look(self) -> None:
         """Look for changes at the end of this instant."""

@@ -132,8 +132,9 @@ class WaitingTokens:
 
     def state(self, wait: Wait) -> object:
         """A value that is cheap to compare: `details` differ only if it does."""
-        key = wait.key
-        return wait.paused, self._runner.request(key), self.uncorrelated.get(key), self._runner.server_silence(key)
+        key, runner = wait.key, self._runner
+        server = runner.server_silence(key), runner.server_mismatch(key)
+        return wait.paused, runner.request(key), self.uncorrelated.get(key), *server
 
     def last_miss(self, wait: Wait) -> tuple[int, str] | None:
         """When (ns) the last message came that a token waits for, and why it did not count; None if none came."""
@@ -291,10 +292,12 @@ class WaitingTokens:
     def _mismatches(self, wait: Wait) -> Sequence[str]:
         """What keeps the endpoints of an awaited server apart."""
         request, warnings = self._runner.request(wait.key), self._middleware.warnings
-        if not warnings or not isinstance(request, Act | Call):
+        if not isinstance(request, Act | Call):
             return []
+        server = self._runner.server_mismatch(wait.key)
         name = resolve(request.action if isinstance(request, Act) else request.service, self._node.namespace)
-        return [str(each) for each in warnings if each.kind == "mismatch" and f"{each.topic}/".startswith(f"{name}/")]
+        topics = [each for each in warnings if each.kind == "mismatch" and f"{each.topic}/".startswith(f"{name}/")]
+        return [*filter(None, [server]), *map(str, topics)]
 
     def _apart(self, topics: Iterable[str]) -> Sequence[str]:
         """What keeps publishers of awaited topics, if they are still there, from this robot."""

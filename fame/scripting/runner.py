@@ -54,6 +54,8 @@ _AGAIN = (SECOND, 4 * SECOND)
 """Times after which the result of a goal is requested once more whose server was replaced (ns): see `MOMENT`."""
 _SILENT = 3 * SECOND
 """Time without feedback or response after which a server is called silent (ns)."""
+_APART = SECOND
+"""Time after which a server that is there and not connected does not match (ns): before, it may be on the way."""
 
 Ended = Callable[[int, BaseException | None], object]
 Report = Callable[[int, str], object]
@@ -200,6 +202,16 @@ class Runner:
         silent = task.heard is not None and self._scheduler.now - task.heard >= _SILENT
         return ("silent", task.heard) if silent and task.heard is not None else None
 
+    def server_mismatch(self, key: int) -> str:
+        """Why the server of an awaited request, which has been out of reach for a while, is not connected, as text."""
+        task = self._tasks.get(key)
+        request = task.request if task is not None else None
+        if task is None or task.gone is None or self._scheduler.now - task.gone < _APART:
+            return ""
+        if isinstance(request, Act):
+            return self.inbox.action(request.action, request.type).mismatch
+        return self.inbox.client(request.service, request.type).mismatch if isinstance(request, Call) else ""
+
     def awaited_topic(self, key: int) -> str | None:
         """The topic that a script awaits with `receive`, None if it awaits something else."""
         task = self._tasks.get(key)
@@ -209,6 +221,11 @@ class Runner:
     def at_work(self) -> bool:
         """Whether any script is running, waiting or leaving."""
         return bool(self._tasks)
+
+    @property
+    def awaits_server(self) -> bool:
+        """Whether any script awaits a service or an action."""
+        return any(isinstance(task.request, Act | Call) for task in self._tasks.values())
 
     def poll(self) -> None:
         """Evaluate the conditions awaited by `until`, in the order of arming, since something may have changed."""

@@ -442,6 +442,7 @@ class Service(End):
 
 class Client(End):
     role = "client"
+    mismatch = ""
 
     def __init__(self, node: WireNode, name: str, type: str) -> None:
         super().__init__(node, name, type, SIGNAL)
