@@ -26,6 +26,7 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
     faults.stopped_first,
     faults.stopped_last,
     faults.redeployments,
+    faults.flapping,
     engines.uninterruptible,
     deployment.silent_other,
     engines.large_model,

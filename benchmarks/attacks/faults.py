@@ -18,8 +18,9 @@ TASKS = 4000
 SHORT, LONG = 2.0, 7.0
 """Shorter, and longer, than the lease of DDS and the time that a robot waits for its sender (s)."""
 
+BURSTS, PEOPLE = 8, 4
 REDEPLOYMENTS, GROWTH = 500, 5
-"""So many, and how much the last 400 may add to what an engine holds (MB)."""
+"""How many, and how much the last 400 may add to what an engine holds (MB)."""
 
 
 def _stopped(field: Field, victim: str) -> None:
@@ -110,3 +111,20 @@ def _redeploy(field: Field, text: str, number: int) -> None:
     held(field.until(lambda: deployment.done, 30), f"redeployment {number} does not end")
     held(not deployment.failed, f"redeployment {number} failed: {deployment.robots}")
     deployment.close()
+
+
+def flapping(field: Field) -> None:
+    """Four people deploy at the same moment, eight times: one succeeds, and all robots end on the same, the newest."""
+    team = Team(field, "ABC", durable="B")
+    for _ in range(BURSTS):
+        for _ in range(PEOPLE):
+            team.deploy(tasks=TASKS)
+        field.until(lambda: not any(sender.alive for sender in team.senders), 60)
+        burst = team.senders[-PEOPLE:]
+        done = any(sender.process.poll() == 0 for sender in burst)
+        held(done, f"none of {PEOPLE} has deployed: {[sender.outcome for sender in burst if not sender.alive]}")
+    team.judge()
+    running = {robot.last.deployed for robot in team.robots.values() if robot.last is not None}
+    newest = max((said.deployment for said in team.said if said.answer == "started"), key=team.sequences.get)
+    held(running == {newest}, f"{running} run, the newest that started is {newest}")
+    team.finish()

@@ -103,6 +103,7 @@ class Team:
         self.senders: list[Sender] = []
         self.said: list[Said] = []
         self.phases: list[tuple[str, str, str]] = []  # phase, robot, deployment: what was sent
+        self.sequences: dict[str, int] = {}
         self.released: set[tuple[str, str]] = set()
         self._versions = itertools.count(1)
         for name in names:
@@ -148,6 +149,7 @@ class Team:
 
     def _on_sent(self, name: str, message: Any) -> None:
         envelope = read_envelope(message.data, name, time.time())
+        self.sequences[envelope.deployment] = envelope.sequence
         self.phases.append((envelope.phase, name, envelope.deployment))
 
     # ---- deployments -------------------------------------------------------------------------------------------------
@@ -231,11 +233,15 @@ class Team:
 
     def _betrayed(self) -> Iterator[str]:
         """What a sender said that it had started runs, or something newer."""
-        done = max((sender.version for sender in self.senders if sender.process.returncode == 0), default=0)
+        done = [sender for sender in self.senders if sender.process.returncode == 0]
+        known = {
+            which: number for which, number in self.sequences.items() if any(sender.owns(which) for sender in done)
+        }
+        newest = max(known, key=known.__getitem__, default="")
         for robot in self.robots.values():
             runs = robot.engine.deployed if robot.engine is not None else ""
-            if done and runs and not any(sender.owns(runs) for sender in self.senders if sender.version >= done):
-                yield f"{robot.name} runs {runs}, although the sender of version {done} said that all have started that"
+            if runs and newest and self.sequences.get(runs, 0) < known[newest]:
+                yield f"{robot.name} runs {runs}, although the sender of {newest} said that all have started that"
 
     def why_it_holds(self, name: str) -> str:
         """What a robot said last of the deployment that it cannot decide alone."""
