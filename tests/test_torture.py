@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from fame.log import Recording
+from tests.torture.__main__ import outcome
 from tests.torture.invariants import judge
 from tests.torture.plan import Plan, draw
 from tests.torture.planted import planted
@@ -24,6 +26,13 @@ def test_a_seed_gives_the_same_run_each_time() -> None:
     assert judge(first) == judge(second) == []
     assert first.lines == second.lines
     assert len(first.lines) > 20
+
+
+def test_a_run_is_recorded_without_being_changed(tmp_path: Path) -> None:
+    lines = outcome(draw(5))[2]
+    assert outcome(draw(5), tmp_path)[2] == lines
+    with Recording(sorted(tmp_path.glob("A-*.mcap"))[0]) as recording:
+        assert {event.robot for event in recording.events()} == {"A"}
 
 
 @pytest.mark.parametrize(("name", "file"), [("a promise that is not read again", "seed_727")])

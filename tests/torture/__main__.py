@@ -10,17 +10,21 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from fame.log.conversion import merge
 
 from .invariants import judge
-from .plan import DISK_FAULTS, FAULTS, KEYS, Plan, draw
+from .plan import PHASES, Plan, draw
 from .planted import BUGS, seeds_until_found
 from .team import Team
 
 
-def outcome(plan: Plan) -> tuple[list[str], Counter[str], list[str]]:
-    """What does not hold in the run of a plan, what struck, and the lines of the run."""
-    team = Team(plan)
+def outcome(plan: Plan, log: Path | None = None) -> tuple[list[str], Counter[str], list[str]]:
+    """What does not hold in the run of a plan, what struck, and the lines of the run. `log`: a folder to record it."""
+    team = Team(plan, log=log)
     found = judge(team)
+    team.close()
     return found, team.struck + team.fabric.struck, team.lines
 
 
@@ -59,6 +63,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="number of processes (1)")
     parser.add_argument("--seed", type=int, metavar="N", help="run one seed, print what happens")
     parser.add_argument("--reduce", action="store_true", help="with --seed: the fewest steps that still fail")
+    parser.add_argument("--log", metavar="FILE", help="with --seed or --plan: record what the robots do, for fame view")
     parser.add_argument("--plan", metavar="FILE", help="run a plan that was kept")
     parser.add_argument("--planted", type=int, metavar="LIMIT", help="after how many seeds is each planted bug found")
     arguments = parser.parse_args()
@@ -66,13 +71,16 @@ def main() -> int:
         return _find_planted(arguments.planted, arguments.jobs)
     if arguments.seed is not None or arguments.plan:
         plan = draw(arguments.seed) if arguments.plan is None else Plan.from_json(Path(arguments.plan).read_text())
-        return _show(reduced(plan) if arguments.reduce else plan)
+        return _show(reduced(plan) if arguments.reduce else plan, arguments.log)
     first, last = map(int, arguments.seeds.split(":"))
     return _run_all(range(first, last + 1), arguments.jobs, arguments.seconds)
 
 
-def _show(plan: Plan) -> int:
-    found, _, lines = outcome(plan)
+def _show(plan: Plan, log: str | None) -> int:
+    with TemporaryDirectory() as folder:
+        found, _, lines = outcome(plan, Path(folder) if log else None)
+        if log:
+            merge(sorted(Path(folder).glob("*.mcap")), log)
     print(plan.to_json(), *map(str, plan.steps), "", *lines, "", *found, sep="\n")
     return bool(found)
 
@@ -103,9 +111,9 @@ def _run_all(seeds: range, jobs: int, seconds: float | None) -> int:
     for kind, count in sorted(struck.items()):
         print(f"{count:9d}  {kind}")
     print(f"{done} seeds from {seeds.start}, {failed} failed, {took:.0f} s, {done / took:.1f} seeds/s")
-    never = {kind for kind in FAULTS + DISK_FAULTS + KEYS if not any(name.startswith(f"{kind} /") for name in struck)}
+    never = sorted(PHASES - set(struck))
     if done >= 10_000 and never:
-        print(f"never struck: {', '.join(sorted(never))}")
+        print(f"never struck: {', '.join(never)}")
     return bool(failed or (done >= 10_000 and never))
 
 

@@ -90,10 +90,12 @@ def undecided(team: Team) -> Iterator[str]:
 
 
 def forgotten(team: Team) -> Iterator[str]:
-    """A robot with a directory runs what it ran, or something newer."""
+    """A robot with a directory runs what it ran, or something newer, or holds for it."""
     for robot in team.robots.values():
         began = [said.deployment for said in team.said if said.robot == robot.name and said.answer == "started"]
-        if robot.durable and not robot.spoilt and began and not (robot.engine is not None and robot.engine.deployed):
+        engine = robot.engine
+        knows = engine is not None and (engine.deployed or engine.state == "holding")
+        if robot.durable and not robot.spoilt and began and not knows:
             yield f"{robot.name} has forgotten {began[-1]}"
 
 

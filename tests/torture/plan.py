@@ -63,7 +63,16 @@ class Plan:
 FAULTS = ("kill", "stop", "cut", "loss", "delay", "match", "clock", "drift", "kill sender", "stop sender")
 KEYS = ("stranger",)
 """What strikes only teams with keys."""
-DISK_FAULTS = ("power", "fuse", "full", "read-only", "flip", "erase")
+DISK_FAULTS = ("power", "battery", "fuse", "full", "read-only", "flip", "erase")
+
+_OF_ROBOTS = ("kill", "stop", "match", *DISK_FAULTS)
+_STAGES = ("waiting", "loading", "matching", "ready", "holding", "running")
+PHASES = (
+    {f"{kind} / {stage}" for kind in _OF_ROBOTS for stage in _STAGES}
+    | {f"{kind} sender / {phase}" for kind in ("kill", "stop") for phase in ("discovery", "load", "start")}
+    | {f"{kind} / nothing under way" for kind in ("cut", "loss", "delay")}
+)
+"""Each fault with the phases in which it has to strike some time."""
 
 
 def draw(seed: int) -> Plan:
@@ -78,9 +87,10 @@ def draw(seed: int) -> Plan:
     if signed:
         steps.append(Step(0.0, "keys"))
     kinds = FAULTS + DISK_FAULTS * bool(durable) + KEYS * signed
+    moments = [_moment(chance, begun) for _ in range(chance.randint(1, 2))]
     for kind in [kind for kind in kinds if chance.random() < 0.3]:
         for _ in range(chance.randint(1, 4)):
-            steps.append(_when(chance, begun, _fault(chance, kind, min(begun))))
+            steps.append(_when(chance, moments, _fault(chance, kind, min(begun))))
     heal = chance.choice((12.0, 20.0, 30.0, LONG))  # many short runs try more than a few long ones
     if chance.random() < 0.5:
         steps.append(Step(0.0, "delay", "", [chance.choice((0.05, 0.5, 2.0)), heal]))
@@ -88,16 +98,19 @@ def draw(seed: int) -> Plan:
     return Plan(seed, tuple(sorted((step for step in sooner if step.time < heal), key=lambda step: step.time)), heal)
 
 
-def _when(chance: random.Random, begun: list[float], step: Step) -> Step:
-    """Faults strike at any time, soon after a deployment begins, or at an answer of a robot."""
+def _moment(chance: random.Random, begun: list[float]) -> tuple[float, str]:
+    """Soon after a deployment begins, or then at an answer of a robot."""
     soon = _rounded(chance.choice(begun) + chance.choice((0.7, 2, 10)) * chance.random())
-    match chance.choice(("any", "soon", "answer")):
-        case "soon":
-            return replace(step, time=soon)
-        case "answer":
-            answer = chance.choice(("ready", "ready", "started", "asking", "aborted", "refused"))
-            return replace(step, time=soon, on=f"{chance.choice(ROBOTS)} {answer}")
-    return step
+    answer = chance.choice(("ready", "ready", "started", "started", "asking", "aborted", "refused"))
+    return soon, chance.choice(("", f"{chance.choice(ROBOTS)} {answer}"))
+
+
+def _when(chance: random.Random, moments: list[tuple[float, str]], step: Step) -> Step:
+    """Faults strike at any time, or together at a moment."""
+    if chance.random() < 0.3:
+        return step
+    time, on = chance.choice(moments)
+    return replace(step, time=_rounded(time + (0 if on else 0.5 * chance.random())), on=on)
 
 
 def _deployments(chance: random.Random) -> list[Step]:
@@ -116,6 +129,9 @@ def _fault(chance: random.Random, kind: str, begun: float) -> Step:
             return Step(time, kind, chance.choice(ROBOTS), long)
         case "cut":
             return Step(time, kind, " ".join(chance.sample((*ROBOTS, DESK), 2)), long)
+        case "battery":
+            back = _rounded(chance.choice((10, 1e3, 1e5)) * chance.random())
+            return Step(time, kind, chance.choice(ROBOTS), [long, back])
         case "fuse" | "full":
             return Step(
                 time, kind, chance.choice(ROBOTS), [chance.randrange(30) * (100 if kind == "full" else 1), long]

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import sys
 from collections import Counter
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -18,13 +21,14 @@ from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope, Report, signed
 from fame.deploy.robot_state import Reply
 from fame.deploy.signing import Identity, _name_of, sign
 from fame.errors import ConfigError, DeploymentError, FameError
+from fame.log.engine_log import EngineLog
 from fame.middleware import messages
 from fame.robot.journal import StateDirectory
 
 from .disks import PowerLoss
 from .fabric import Fabric, Wire
 from .missions import ROBOTS, mission
-from .plan import DESK, Plan, Step
+from .plan import DESK, DISK_FAULTS, Plan, Step
 from .processes import Machine, Process
 
 STRANGER = 66
@@ -79,9 +83,13 @@ class Sender:
 
 @dataclass
 class Team:
-    """The run of a plan. `lines` tell what happened; `said` has all answers; `problems` what must not be."""
+    """The run of a plan, recorded in the folder `log` if that is given.
+
+    `lines` tell what happened; `said` has all answers; `problems` what must not be.
+    """
 
     plan: Plan
+    log: Path | None = None
     scheduler: Scheduler = field(default_factory=Scheduler)
     said: list[Said] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
@@ -97,6 +105,7 @@ class Team:
         self.key: Ed25519PrivateKey | None = None  # of the team, if it has one
         self._numbers = Counter[str]()
         self._armed: list[Step] = []  # what waits for an answer
+        self._recordings: list[EngineLog] = []
         self._away = 1.0  # how long a machine without power is away (s)
 
     # ---- the run -----------------------------------------------------------------------------------------------------
@@ -143,8 +152,16 @@ class Team:
         self.lines.append(f"{self.scheduler.now / SECOND:10.6f}  {text}")
 
     def _do(self, step: Step) -> None:
-        self.note(f"{step.kind} {step.target} {step.value}")
-        self.struck[self._phase(step)] += 1
+        """Do a step; one that has no effect, since nothing is there to be struck, does not count."""
+        phase = self._phase(step)
+        if self._does(step):
+            self.note(f"{step.kind} {step.target} {step.value}")
+            self.struck[phase] += 1
+
+    def _does(self, step: Step) -> bool:
+        """Whether a step has an effect, which follows."""
+        if step.kind in DISK_FAULTS and not self.robots[step.target].durable:
+            return False
         match step.kind:
             case "start":
                 self.start(self.robots[step.target])
@@ -158,7 +175,12 @@ class Team:
             case "directory":
                 self.robots[step.target].durable = True
             case "kill" | "power" | "flip" | "erase":
-                self._strike(self.robots[step.target], step.kind, step.value)
+                return self._strike(self.robots[step.target], step.kind, step.value)
+            case "battery":
+                away, back = step.value
+                if not self._strike(self.robots[step.target], "kill", away):
+                    return False
+                self.machines[step.target].ahead -= back
             case "fuse":
                 self.machines[step.target].disk.fuse, self._away = step.value
             case "full":
@@ -168,8 +190,10 @@ class Team:
                 self.machines[step.target].disk.trouble = errno.EROFS
                 self._later(step.value, partial(setattr, self.machines[step.target].disk, "trouble", 0))
             case "stop":
-                if (process := self.robots[step.target].process) is not None:
-                    self._stop(process, step.value)
+                process = self.robots[step.target].process
+                if process is None or process.stopped:
+                    return False
+                self._stop(process, step.value)
             case "cut":
                 one, other = step.target.split()
                 self.fabric.cut(one, other)
@@ -181,26 +205,30 @@ class Team:
                 self.fabric.delay = step.value[0]
                 self._later(step.value[1], partial(setattr, self.fabric, "delay", 0.002))
             case "match":
-                self._drop_matches(self.robots[step.target])
+                return self._drop_matches(self.robots[step.target])
             case "clock":
                 self.machines[step.target].ahead += step.value
             case "drift":
                 self.machines[step.target].change_drift(step.value)
             case "kill sender" | "stop sender":
-                for sender in [one for one in self.senders if one.alive][-1:]:
-                    if step.kind == "kill sender":
-                        self.fabric.leave(sender.wire)
-                    else:
-                        self._stop(sender.process, step.value)
+                sender = next((one for one in reversed(self.senders) if one.alive), None)
+                if sender is None:
+                    return False
+                if step.kind == "kill sender":
+                    self.fabric.leave(sender.wire)
+                else:
+                    self._stop(sender.process, step.value)
             case _:
                 raise ValueError(step.kind)
+        return True
 
     def _phase(self, step: Step) -> str:
         """A kind of fault, and in which phase of a deployment it strikes its robot (or the newest)."""
         engine = self.robots[step.target].engine if step.target in self.robots else None
         if engine is not None:
             candidate = engine._protocol.state.candidate
-            return f"{step.kind} / {candidate.stage if candidate is not None else engine.state}"
+            stage = engine.state if candidate is None else "holding" if candidate.holds else candidate.stage
+            return f"{step.kind} / {stage}"
         running = [one.deployment for one in self.senders if one.alive and one.deployment is not None]
         return f"{step.kind} / {running[-1]._protocol.state.phase if running else 'nothing under way'}"
 
@@ -274,22 +302,41 @@ class Team:
             scheduler=process,
             middleware=wire,
             wall_time=robot.machine.wall_time,
+            epoch=datetime.fromtimestamp(robot.machine.wall_time(), UTC),
             state=state,
             seed=self.plan.seed,
             trusted=() if self.key is None else [self.key.public_key()],
             identity=None if self.key is None else self._identity(robot.name, self.key),
+            log=self._recording(robot, process),
         )
         self._listen(robot, robot.engine, process)
 
+    def _recording(self, robot: Robot, process: Process) -> EngineLog | None:
+        """The recording of an engine."""
+        if self.log is None:
+            return None
+        wall_time = robot.machine.wall_time
+        log = EngineLog(self.log, robot.name, process, self.note, files=sys.maxsize, wall_time=wall_time)
+        self._recordings.append(log)
+        return log
+
+    def close(self) -> None:
+        """Finish the recordings."""
+        for log in self._recordings:
+            log.close()
+
     def _listen(self, robot: Robot, engine: EngineNode, process: Process) -> None:
         """Note every answer that an engine gives."""
-        publish = engine.status.publish
+        publish, asked = engine.status.publish, set[str]()
 
         def published(answer: str = "", deployment: str = "", reason: str = "", *rest: Any, **more: Any) -> None:
             if answer and not more.get("repeated"):
                 said = Said(self.scheduler.now / SECOND, robot.name, process.name, answer, deployment, reason)
+                text = f"{process.name}: {answer} {deployment} {reason}".rstrip()
+                if answer not in ("asking", "unknown") or text not in asked:  # they are said each second
+                    self.note(text)
+                    asked.add(text)
                 self.said.append(said)
-                self.note(f"{process.name}: {answer} {deployment} {reason}".rstrip())
             publish(answer, deployment, reason, *rest, **more)
             for step in [step for step in self._armed if step.on == f"{robot.name} {answer}"]:
                 self._armed.remove(step)
@@ -297,11 +344,11 @@ class Team:
 
         engine.status.publish = published  # type: ignore[method-assign]
 
-    def _strike(self, robot: Robot, kind: str, away: float) -> None:
+    def _strike(self, robot: Robot, kind: str, away: float) -> bool:
         """SIGKILL, perhaps with more that happens to the disk, and a restart after a while."""
         disk = robot.machine.disk
         if robot.wire is None or (kind != "kill" and not robot.durable):
-            return
+            return False
         self._end(robot)
         if kind == "power":
             disk.lose_power()
@@ -311,6 +358,7 @@ class Team:
             disk.erase()
             robot.spoilt = True
         self._later(away, partial(self._restart, robot.name))
+        return True
 
     def _is_refused(self, process: Process, error: Exception) -> bool:
         """The engine does not take its state: a person puts that aside. Only a disk that rots may be the cause."""
@@ -345,14 +393,15 @@ class Team:
             process.go_on()
             self.fabric.check()
 
-    def _drop_matches(self, robot: Robot) -> None:
+    def _drop_matches(self, robot: Robot) -> bool:
         """The endpoints of a robot lose their matches, and find them again."""
         if robot.wire is None:
-            return
+            return False
         for wire in robot.wire.others():
             for end in robot.wire.ends():
                 wire.lose(end)
                 self._later(0.5, partial(wire.discover, end))
+        return True
 
     # ---- what people do ----------------------------------------------------------------------------------------------
 
