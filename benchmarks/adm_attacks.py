@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.classifiers import render
 from fame.monitor.anomaly.learn import fold_numbers
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording, of_runs, read_csv
 from fame.monitor.arrays import Floats
+from fame.text import table
 from robots.arm.sabotage import KINDS, alter, knots
 from robots.arm.task import MH5, TRIANGLE, find_cut
 
@@ -57,7 +57,7 @@ def main() -> None:
             for part, whole in (("", True), (" on one side", False)):
                 title = f"speed {speed:g}{part}{name}"
                 lines.append((title, *seen(data, lambda run, s=speed, w=whole: (paced(run, s, whole=w), None))))
-    print(render(lines, ("held-out runs", "alarms", "latest (samples)")))
+    print(table(("held-out runs", "alarms", "latest (samples)"), lines))
 
 
 def held_out(benign: Recording) -> list[tuple[PathDetector, Recording]]:

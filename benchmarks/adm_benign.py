@@ -21,10 +21,10 @@ import numpy as np
 from adm_attacks import ALARM, PERIOD, held_out, paced
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.classifiers import render
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import Recording, of_runs, read_csv
 from fame.monitor.arrays import Floats
+from fame.text import table
 from robots.arm.kinematics import inverse
 from robots.arm.task import MH5, simulated
 
@@ -58,7 +58,7 @@ def main() -> None:
             for name, change in CHANGES.items()
             if arguments.only in name
         ]
-    print(render(lines, ("change", "stamps", "alarms", "of kind", "reported")))
+    print(table(("change", "stamps", "alarms", "of kind", "reported"), lines))
 
 
 def _simulated(run: Recording, number: int, seed: int) -> Recording:

@@ -24,7 +24,6 @@ from fame.monitor.anomaly.classifiers import (
     is_supervised,
     make,
     predict,
-    render,
     run_scores,
 )
 from fame.monitor.anomaly.learning_file import Candidate
@@ -32,6 +31,7 @@ from fame.monitor.anomaly.model import DataProcess
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs, read_csv
 from fame.monitor.plots import deviations, joint_space, matrices
+from fame.text import table
 from robots.arm.sabotage import KINDS, alter, envelope, knots, knots_of_slope
 from robots.arm.task import FILE, MH5, TRIANGLE, simulated_runs
 
@@ -168,22 +168,22 @@ def main() -> None:
 
     print("Table I: points, benign points and runs, anomalous points and runs: ours (paper's)")
     sets = {"OC train": benign, "RBF train": both, "validate (simulated)": validation, "test (simulated)": test}
-    print(render(list(table_1(sets)), ("set", "points", "benign", "runs", "anomalous", "runs")), end="\n\n")
+    print(table(("set", "points", "benign", "runs", "anomalous", "runs"), list(table_1(sets))), end="\n\n")
     trained = {"all": [Trained(candidate, benign, both) for candidate in ENTRIES]}
     trained["held out"] = [Trained(candidate, learned_from, part) for candidate in ENTRIES]
     print("Table II: runs, with accuracy, recall, precision, F1")
     sets = {"train (learned from)": both, "validation (simulated)": validation, "test (simulated)": test}
     heads = ("classifier", "set", "TP", "FP", "TN", "FN", "ours", "paper")
-    print(render(list(table_2(trained, sets)), heads), end="\n\n")
+    print(table(heads, list(table_2(trained, sets))), end="\n\n")
     pair = trained["held out"][1:]
     print(f"Table III and beyond: mean score (runs above the threshold) of attacks put into {held.count} held-out runs")
-    print(render(list(attacks(pair, held)), ("attack", "rbfsvm", "paper", "path")), end="\n\n")
+    print(table(("attack", "rbfsvm", "paper", "path"), list(attacks(pair, held))), end="\n\n")
     print("Table IV: slope of part of a side")
     lines = []
     for slope, paper in TABLE_4.items():
         runs = altered(held, knots_of_slope(slope))
         lines.append((f"{slope:g}", *seen(pair[:1], runs), f"{paper:.4f}", *seen(pair[1:], runs)))
-    print(render(lines, ("slope", "rbfsvm", "paper", "path")))
+    print(table(("slope", "rbfsvm", "paper", "path"), lines))
     if arguments.plots is not None:
         plot(arguments.plots, trained["held out"], benign, held, test)
 

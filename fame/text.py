@@ -1,10 +1,10 @@
-"""Text from elsewhere: read it as JSON, make it printable, and suggest similar names."""
+"""Text from elsewhere: read it as JSON, make it printable, set it in tables, and suggest similar names."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 from unicodedata import combining, normalize
 
@@ -27,6 +27,21 @@ def read_json(text: str, longest: int = 1_000_000) -> Any:
     if is_deep(text):
         raise ValueError(f"brackets do not match, or are nested more than {DEPTH} deep")
     return json.loads(text)
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str | int]]) -> str:
+    """Columns as wide as their longest cell, numbers to the right. A row is a line, whatever its cells say."""
+    rows = [[printable(cell) if isinstance(cell, str) else cell for cell in row] for row in rows]
+    widths = [max(len(str(row[column])) for row in (heads, *rows)) for column in range(len(heads))]
+    right = [bool(rows) and isinstance(cell, int) for cell in (rows[0] if rows else heads)]
+    lines = (
+        "  ".join(
+            str(cell).rjust(width) if number else str(cell).ljust(width)
+            for cell, width, number in zip(row, widths, right, strict=True)
+        )
+        for row in (heads, *rows)
+    )
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def is_deep(text: str, depth: int = DEPTH) -> bool:

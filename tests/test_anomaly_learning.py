@@ -16,7 +16,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.svm import SVC, OneClassSVM
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.classifiers import _HOMES, TRAIN, VALIDATION, OutputMatrix, expand_candidates, render, rows
+from fame.monitor.anomaly.classifiers import _HOMES, HEADS, TRAIN, VALIDATION, OutputMatrix, expand_candidates, rows
 from fame.monitor.anomaly.learn import Interface, best, checked, learn
 from fame.monitor.anomaly.learning_file import load
 from fame.monitor.anomaly.live import RunMonitor
@@ -24,6 +24,7 @@ from fame.monitor.anomaly.model import DataPersist, DataProcess, data_hash, load
 from fame.monitor.anomaly.recording import Recording, join, of_runs, read_csv, write_csv
 from fame.monitor.model_card import card_of
 from fame.monitor.storage import write_artefact
+from fame.text import table
 
 FILES = """
 Files:
@@ -90,7 +91,7 @@ def test_automatic_threshold_lies_between_benign_and_anomalous_runs(folder: Path
 
 def test_figures_from_training_data_say_so(folder: Path):
     learned = learn(load(folder / "learning.yaml"))
-    text = render(rows(learned, best(learned)))
+    text = table(HEADS, rows(learned, best(learned)))
     assert "train (learned from)" in text
     assert all("learned from" in line for line in text.splitlines() if " train" in line)
 

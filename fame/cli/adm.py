@@ -21,7 +21,7 @@ from fame.cli.anomaly_data import (
 )
 from fame.cli.arguments import Commands, add_json, command, group
 from fame.cli.network import add_network
-from fame.cli.output import print_json
+from fame.cli.output import print_json, table
 from fame.errors import MissionError
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def _add_learn(parts: Commands) -> None:
 
 def run_learn(arguments: Namespace) -> int:
     """Fit, judge, store the best, and print how all of them did."""
-    from fame.monitor.anomaly.classifiers import plain, render, rows
+    from fame.monitor.anomaly.classifiers import HEADS, plain, rows
     from fame.monitor.anomaly.learn import best, learn, read_data
     from fame.monitor.anomaly.learning_file import load
     from fame.monitor.anomaly.model import save_model
@@ -142,7 +142,7 @@ def run_learn(arguments: Namespace) -> int:
         summary = {"status": "completed", "model": str(arguments.output), "classifiers": plain(learned, chosen)}
         print(json.dumps(summary, indent=2, default=str))
         return 0
-    print(render(rows(learned, chosen)))
+    print(table(HEADS, rows(learned, chosen)))
     for item in learned:
         if item.note:
             print(f"{item.candidate.name}: {item.note}")

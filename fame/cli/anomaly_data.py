@@ -6,7 +6,6 @@ import signal
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -99,33 +98,23 @@ def drive(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
 
 
 def _play(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
-    """A bag on topics within this process, in the time of the bag."""
-    from fame.clock import SECOND, Kind, Scheduler
-    from fame.middleware import messages
-    from fame.middleware.interface import SENSOR_DATA
+    """Give the messages of a bag to the node, in the time of the bag."""
+    from fame.clock import SECOND, Scheduler
     from fame.middleware.local import LocalMiddleware
     from fame.monitor.anomaly.nodes import EMPTY, END, START, TYPE
     from fame.monitor.data_files import read_bag
 
     scheduler = Scheduler()
-    middleware = LocalMiddleware(scheduler)
-    node = make(middleware, scheduler)
-    player = middleware.node("bag")
-    joints = player.publisher(arguments.topic, TYPE, SENSOR_DATA)
-    signals = {topic: player.publisher(topic, EMPTY) for topic in (START, END) if arguments.rule == "signal"}
+    node = make(LocalMiddleware(scheduler), scheduler)
+    takes = {arguments.topic: node.on_message}
+    if arguments.rule == "signal":
+        takes |= {START: node.begin, END: node.end}
     first, empty = None, True
-    for time, topic, message in read_bag(arguments.bag, {arguments.topic: TYPE} | dict.fromkeys(signals, EMPTY)):
+    for time, topic, message in read_bag(arguments.bag, dict.fromkeys(takes, EMPTY) | {arguments.topic: TYPE}):
         first = time if first is None else first
-        due = round((time - first) * SECOND)
-        if topic in signals:
-            scheduler.at(due, partial(signals[topic].publish, messages.create(EMPTY)), Kind.WORLD)
-        else:
-            header = {"stamp": {"sec": message.header.stamp.sec, "nanosec": message.header.stamp.nanosec}}
-            content = {name: list(getattr(message, name)) for name in ("name", *FIELDS)}
-            sent = messages.create(TYPE, {"header": header, **content})
-            scheduler.at(due, partial(joints.publish, sent), Kind.WORLD)
-            empty = False
-        scheduler.run(due)
+        scheduler.run(round((time - first) * SECOND))
+        takes[topic](message)
+        empty &= topic != arguments.topic
         if enough():
             break
     if empty:

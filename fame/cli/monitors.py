@@ -102,6 +102,8 @@ def _of_bag(path: Path, config: Path, model: TrainedModel) -> list[LabelledRun]:
 
 
 def _print(judgement: Judgement) -> None:
+    from fame.monitor.judge import shown
+
     rows = [
         (
             str(run.number), Path(run.file).name, run.verdict, f"{run.score:.3g}" if run.ratios.size else "-",
@@ -113,7 +115,7 @@ def _print(judgement: Judgement) -> None:
     print(table(("run", "file", "verdict", "score", "judged", "length", "latency", "first event, notes"), rows))
     print()
     for name, value in judgement.figures.items():
-        print(f"{name}: {_value(value)}")
+        print(f"{name}: {shown(value)}")
     if judgement.drifting:
         print(f"drifting, learn again: {', '.join(judgement.drifting)}")
     for text in judgement.notes:
@@ -123,15 +125,6 @@ def _print(judgement: Judgement) -> None:
 def _event(events: Sequence[Event]) -> str:
     more = f", {len(events)} events" if len(events) > 1 else ""
     return f"{events[0].start:.3f} s, {', '.join(events[0].shares)}{more}"
-
-
-def _value(value: object) -> str:
-    if isinstance(value, dict) and "interval" in value:
-        centre, (low, high) = value.get("rate", value.get("value")), value["interval"]
-        return f"{'-' if centre is None else f'{centre:.4g}'} (95 %: {low:.3g} to {high:.3g})"
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {part:.4g}" for name, part in value.items())
-    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def add_model(commands: Commands) -> None:

@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TextIO
 
 from fame.errors import FameError
-from fame.text import printable
+from fame.text import printable, table as table
 
 if TYPE_CHECKING:
     from fame.scenario import Progress
@@ -60,21 +60,6 @@ def error_object(error: FameError, cause: BaseException, status: str = "error") 
     where = ("file", "line", "element", "robot", "code", "type", "field")
     known = {name: value for name in where if (value := getattr(error, name, None))}
     return {"status": status, "error": {"class": type(cause).__name__, "text": str(error), **known}}
-
-
-def table(heads: Sequence[str], rows: Sequence[Sequence[str | int]]) -> str:
-    """Columns as wide as their longest cell, numbers to the right. A row is a line, whatever its cells say."""
-    rows = [[printable(cell) if isinstance(cell, str) else cell for cell in row] for row in rows]
-    widths = [max(len(str(row[column])) for row in (heads, *rows)) for column in range(len(heads))]
-    right = [bool(rows) and isinstance(cell, int) for cell in (rows[0] if rows else heads)]
-    lines = (
-        "  ".join(
-            str(cell).rjust(width) if number else str(cell).ljust(width)
-            for cell, width, number in zip(row, widths, right, strict=True)
-        )
-        for row in (heads, *rows)
-    )
-    return "\n".join(line.rstrip() for line in lines)
 
 
 def table_within(width: int, heads: Sequence[str], rows: Sequence[Sequence[str | int]], spare: Sequence[str]) -> str:

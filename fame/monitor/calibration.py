@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 
@@ -99,6 +100,15 @@ def false_alarm_rate(text: str, seconds: float) -> float:
     return rate
 
 
+def read_false_alarms(value: ConfigValue) -> str:
+    """Read such a rate from a file. Raises ConfigError with its place."""
+    try:
+        false_alarm_rate(str(value.data), 1.0)
+    except ConfigError as error:
+        raise value.error(error.text) from None
+    return str(value.data)
+
+
 def runs_needed(rate: float) -> int:
     """Give the number of runs that can promise a rate of false alarms per run."""
     return math.ceil(1 / rate - 1 - 1e-9)
@@ -116,16 +126,10 @@ def calibrate(scores: Floats, rate: float = RATE, margin: float | None = None) -
     `margin` multiplies the thresholds; by default only where there is no promise. Raises ConfigError for fewer than two
     runs or a rate that is not between 0 and 1.
     """
-    runs, _ = scores.shape
-    if runs < 2:
-        raise ConfigError(f"has {runs} run; at least 2 are needed to set thresholds")
-    if not 0 < rate < 1:
-        raise ConfigError(f"expected a rate of false alarms between 0 and 1 per run, got {rate:g}")
+    runs = len(scores)
+    place, promised, factor = _promise(runs, rate, margin)
     logs = np.log(np.maximum(scores, LEAST))
     levels, deviations = _scale(logs)
-    place = rank(runs, rate) if runs >= FEWEST else None
-    promised = None if place is None else 1 - place / (runs + 1)
-    factor = margin if margin is not None else MARGIN if place is None else 1.0
     if runs < FEWEST:
         limits = factor * np.exp(levels + ((logs - levels) / deviations).max() * deviations)
     else:
@@ -149,14 +153,23 @@ def calibrate_runs(scores: Floats, rate: float = RATE, margin: float = MARGIN, l
     ConfigError as `calibrate`.
     """
     runs = len(scores)
-    if runs < 2:
-        raise ConfigError(f"has {runs} run; at least 2 are needed to set thresholds")
-    place = rank(runs, rate) if runs >= FEWEST else None
-    promised = None if place is None else 1 - place / (runs + 1)
-    factor = margin if place is None else 1.0
+    place, promised, factor = _promise(runs, rate, margin)
+    factor = factor if place is None else 1.0
     largest = float(scores.max())
     limit = max(largest, factor * largest) if place is None else float(np.sort(scores)[place - 1])
     return Calibration((max(limit, least),), rate, promised, runs, factor, scores[:, None], least=least)
+
+
+def _promise(runs: int, rate: float, margin: float | None) -> tuple[int | None, float | None, float]:
+    """Give the place of the threshold among sorted scores and the rate that it promises, None for too few runs; and
+    the factor on it. Raises ConfigError."""
+    if runs < 2:
+        raise ConfigError(f"has {runs} run; at least 2 are needed to set thresholds")
+    if not 0 < rate < 1:
+        raise ConfigError(f"expected a rate of false alarms between 0 and 1 per run, got {rate:g}")
+    place = rank(runs, rate) if runs >= FEWEST else None
+    factor = margin if margin is not None else MARGIN if place is None else 1.0
+    return place, None if place is None else 1 - place / (runs + 1), factor
 
 
 def _scale(logs: Floats) -> tuple[Floats, Floats]:
@@ -177,24 +190,17 @@ def _run_scores(logs: Floats) -> Floats:
     return np.array(found)
 
 
-def left_out_alarms(scores: Floats, rate: float, margin: float | None = None) -> list[int]:
-    """Give the runs (rows of `scores`) that would raise an alarm if the other runs had set the thresholds.
-
-    Needs three runs: raises ConfigError for fewer.
-    """
-    alarms = []
-    for number, row in enumerate(scores):
-        thresholds = calibrate(np.delete(scores, number, axis=0), rate, margin).thresholds
-        if (row > thresholds).any():
-            alarms.append(number)
-    return alarms
+def left_out_thresholds(scores: Floats, rate: float, margin: float | None = None) -> Floats:
+    """Give the thresholds of each run (runs, channels), set by the other runs. Raises ConfigError for fewer than three
+    runs."""
+    return np.array([calibrate(np.delete(scores, n, axis=0), rate, margin).thresholds for n in range(len(scores))])
 
 
 def measured_alarms(calibration: Calibration) -> int:
     """Count the runs of a calibration that would raise an alarm if the others had set the thresholds."""
     scores, asked, margin = calibration.scores, calibration.asked, calibration.margin
     if calibration.levels:
-        return len(left_out_alarms(scores, asked, margin))
+        return int((scores > left_out_thresholds(scores, asked, margin)).any(axis=1).sum())
     every, column = range(len(scores)), scores[:, 0]
     limits = [calibrate_runs(np.delete(column, n), asked, margin, calibration.least).thresholds[0] for n in every]
     return int((column > limits).sum())

@@ -6,6 +6,7 @@ is its onset: latency counts from there, and an alarm that ended before it does 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -169,6 +170,17 @@ class Judgement:
 def _rate(count: int, total: int) -> dict[str, Any]:
     low, high = interval(count, total)
     return {"rate": count / total if total else None, "interval": [low, high]}
+
+
+def shown(value: Any) -> str:
+    """Give a figure as text."""
+    if isinstance(value, dict) and "interval" in value:
+        low, high = value["interval"]
+        centre = value.get("rate", value.get("value"))
+        return f"{shown(centre)} (95 %: {low:.3g} to {high:.3g})"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {shown(part)}" for name, part in value.items())
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 # ---- curves ----------------------------------------------------------------------------------------------------------
@@ -362,22 +374,20 @@ def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> 
     monitor = RunMonitor(model, rule="signal")
     monitor.begin()
     period = model.period or 1.0
-    stamps = run.stamps - run.stamps[0] if run.stamps is not None else np.arange(len(run)) * period
-    points = [monitor.step(float(stamps[index]) if run.stamps is not None else 0.0, values.tolist())
-              for index, values in enumerate(run.values)]  # fmt: skip
+    timed = run.stamps is not None
+    stamps = np.asarray(run.stamps - run.stamps[0] if timed else np.arange(len(run)) * period, dtype=np.float64)
+    times = stamps.tolist() if timed else [0.0] * len(run)
+    steps = (monitor.step(*point) for point in zip(times, run.values.tolist(), strict=True))
+    points = [point for point in steps if point is not None]
     report = monitor.end()
     scores = np.array([[point.score / model.threshold if model.threshold else float(point.verdict.anomalous)]
-                       for point in points if point is not None])  # fmt: skip
-    anomalous = np.array([point.verdict.anomalous for point in points if point is not None])
-    joints = [point.verdict.joint for point in points if point is not None and point.verdict.anomalous]
-    shares = {
-        name: joints.count(name) / len(joints) for name in sorted(set(joints), key=joints.count, reverse=True)[:3]
-    }
-    alarm = next((point for point in points if point is not None and point.alarm), None)
+                       for point in points])  # fmt: skip
+    found = [point for point in points if point.verdict.anomalous]
+    joints = Counter(point.verdict.joint for point in found)
+    shares = {name: count / len(found) for name, count in joints.most_common(3)}
     events: tuple[Event, ...] = ()
-    if alarm is not None:
-        last = int(np.flatnonzero(anomalous)[-1])
-        kind = alarm.verdict.kind or "anomaly"
+    if report is not None and (alarm := report.alarm) is not None:
+        kind, last = alarm.verdict.kind or "anomaly", found[-1].index
         events = (Event(float(stamps[alarm.index]), float(stamps[last]), float(scores.max()), shares, kind),)
     share = len(scores) / len(run) if len(run) else 0.0
     notes: tuple[str, ...] = ()
@@ -385,10 +395,8 @@ def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> 
         share = min(share, report.points / model.nominal)
         notes = (f"cut off before its end: {report.points} points, the usual is {model.nominal}",)
     notes += tuple(change.text for change in report.changes) if report is not None else ()
-    wrong = np.flatnonzero(run.labels == -1)
-    label = None if not labelled else -1 if len(wrong) else 1
-    return JudgedRun(
-        number, run.source, _seconds(np.asarray(stamps)), events, np.asarray(stamps[: len(scores)]), scores,
-        ("score",), label, float(stamps[wrong[0]]) if label == -1 else None, notes,
-        share,
+    judged = JudgedRun(
+        number, run.source, _seconds(stamps), events, stamps[: len(scores)], scores, ("score",), notes=notes,
+        share=share,
     )  # fmt: skip
+    return _labelled(judged, run.labels, stamps) if labelled else judged

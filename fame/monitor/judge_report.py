@@ -14,7 +14,7 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats
-from fame.monitor.judge import RESAMPLINGS, JudgedRun, Judgement
+from fame.monitor.judge import RESAMPLINGS, JudgedRun, Judgement, shown
 from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, QUIET, line_style
 
 if TYPE_CHECKING:
@@ -79,20 +79,10 @@ def _cell(text: object, kind: str = "") -> str:
 
 
 def _figures(judgement: Judgement) -> str:
-    rows = [[_cell(name), _cell(_shown(value), "n")] for name, value in judgement.figures.items()]
+    rows = [[_cell(name), _cell(shown(value), "n")] for name, value in judgement.figures.items()]
     drift = f"drifting, learn again: {', '.join(judgement.drifting)}" if judgement.drifting else "none"
     rows.append([_cell("drift"), _cell(drift, "bad" if judgement.drifting else "n")])
     return _table((), rows) + "".join(f'<p class="quiet">{escape(note)}</p>' for note in judgement.notes)
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, dict) and "interval" in value:
-        low, high = value["interval"]
-        centre = value.get("rate", value.get("value"))
-        return f"{_shown(centre)} (95 %: {low:.3g} to {high:.3g})"
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {_shown(part)}" for name, part in value.items())
-    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _runs(runs: Sequence[JudgedRun]) -> str:

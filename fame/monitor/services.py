@@ -166,7 +166,7 @@ class CollectService:
 
     def results(self) -> Mapping[str, Any] | None:
         """Give `runs_collected` once there are enough runs."""
-        return {"runs_collected": self._collector.complete} if self._collector.done else None
+        return {"runs_collected": self._collector.run} if self._collector.done else None
 
     def close(self) -> None:
         """Close the node and write the recording."""

@@ -226,6 +226,16 @@ class ConfusionMatrix(NamedTuple):
     def f1(self) -> float:
         return _ratio(2 * self.tp, 2 * self.tp + self.fp + self.fn)
 
+    @property
+    def ratios(self) -> dict[str, float]:
+        """Accuracy, recall, precision and F1, by name."""
+        return {name: getattr(self, name) for name in ("accuracy", "recall", "precision", "f1")}
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Counts and ratios, under those of `HEADS`."""
+        return (*map(str, self), *(f"{ratio:.4f}" for ratio in self.ratios.values()))
+
     def plus(self, other: ConfusionMatrix) -> ConfusionMatrix:
         """Both counts together."""
         return ConfusionMatrix(*(mine + its for mine, its in zip(self, other, strict=True)))
@@ -301,22 +311,13 @@ def rows(learned: Sequence[TrainedClassifier], chosen: TrainedClassifier | None 
             item.candidate.name,
             data_name(evaluation),
             kind,
-            *_cells(matrix),
+            *matrix.cells,
             f"{item.model.threshold:.4g}",
         )
         for item in learned
         for evaluation in item.evaluations
         for kind, matrix in (("points", evaluation.points), ("runs", evaluation.runs))
     ]
-
-
-def render(lines: Sequence[Sequence[str]], heads: Sequence[str] = HEADS) -> str:
-    """Columns as wide as their longest cell."""
-    widths = [max(len(line[column]) for line in (heads, *lines)) for column in range(len(heads))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-        for line in (heads, *lines)
-    )
 
 
 def plain(learned: Sequence[TrainedClassifier], chosen: TrainedClassifier) -> list[dict[str, Any]]:
@@ -331,8 +332,8 @@ def plain(learned: Sequence[TrainedClassifier], chosen: TrainedClassifier) -> li
             "best": item is chosen,
             "note": item.note,
             "results": [
-                {"data": data_name(evaluation), "points": _plain(evaluation.points), "runs": _plain(evaluation.runs)}
-                for evaluation in item.evaluations
+                {"data": data_name(each), "points": _plain(each.points), "runs": _plain(each.runs)}
+                for each in item.evaluations
             ],
         }
         for item in learned
@@ -343,11 +344,5 @@ def data_name(evaluation: Evaluation) -> str:
     return evaluation.data.replace(TRAIN, LEARNED_FROM, 1) if evaluation.data.startswith(TRAIN) else evaluation.data
 
 
-def _cells(matrix: ConfusionMatrix) -> tuple[str, ...]:
-    ratios = (matrix.accuracy, matrix.recall, matrix.precision, matrix.f1)
-    return (*map(str, matrix), *(f"{ratio:.4f}" for ratio in ratios))
-
-
 def _plain(matrix: ConfusionMatrix) -> dict[str, float]:
-    ratios = {name: getattr(matrix, name) for name in ("accuracy", "recall", "precision", "f1")}
-    return {**matrix._asdict(), **ratios}
+    return {**matrix._asdict(), **matrix.ratios}

@@ -7,7 +7,7 @@ by the member's threshold; 1 is the threshold. Per point, any or all of the memb
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,13 +15,10 @@ import numpy as np
 from fame.monitor.anomaly.benign_changes import Change
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording
 from fame.monitor.anomaly.scoring import Scorer, Verdict
-from fame.monitor.arrays import Floats
-
-_OF_SCORES: Mapping[str, Callable[[Iterable[float]], float]] = {"any of": max, "all of": min}
-_OF_POINTS: Mapping[str, Callable[[Iterable[bool]], bool]] = {"any of": any, "all of": all}
+from fame.monitor.pipeline.detectors import combined
 
 _LEAST = 1e-9
-"""Smallest threshold that a score is divided by."""
+"""Smallest threshold that a score is divided by: one of 0 is exceeded by any score."""
 
 
 class Ensemble(NamedTuple):
@@ -32,30 +29,20 @@ class Ensemble(NamedTuple):
 
     def score(self, scores: Sequence[float]) -> float:
         """Combine the scores of a run by each member, in units of their thresholds."""
-        parts = zip(scores, self.members, strict=True)
-        return _OF_SCORES[self.rule](relative(score, member.threshold) for score, member in parts)
+        relative = (score / max(member.threshold, _LEAST) for score, member in zip(scores, self.members, strict=True))
+        return float(max(relative) if self.rule == "any of" else min(relative))
 
     def predict(self, recording: Recording) -> Any:
         """Labels (points,): +1 benign, -1 anomalous."""
         votes = np.array([member.predict(recording) == ANOMALOUS for member in self.members])
-        return np.where(combined_points(self.rule, votes), -1, 1)
-
-
-def relative(score: float, threshold: float) -> float:
-    """Give a score in units of its threshold; a threshold of 0 is exceeded by any score."""
-    return score / max(threshold, _LEAST)
-
-
-def combined_points(rule: str, votes: Floats) -> Any:
-    """Combine the votes of members (members, points) that points are anomalous."""
-    return votes.any(axis=0) if rule == "any of" else votes.all(axis=0)
+        return np.where(combined(self.rule, votes), -1, 1)
 
 
 class EnsembleScorer:
     """Scores points by all members. The magnitude is that of the first member that calls a point anomalous."""
 
     def __init__(self, ensemble: Ensemble) -> None:
-        self._decide = _OF_POINTS[ensemble.rule]
+        self._decide = any if ensemble.rule == "any of" else all
         self._scorers: list[Scorer] = [member.scorer() for member in ensemble.members]
 
     def reset(self) -> None:

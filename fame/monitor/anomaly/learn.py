@@ -48,7 +48,6 @@ from fame.monitor.anomaly.classifiers import (
     is_supervised,
     make,
     predict,
-    render,
     run_scores,
 )
 from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning, load
@@ -57,6 +56,7 @@ from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import BENIGN, Recording, read_csv, require_same_joints
 from fame.monitor.anomaly.thresholds import set_threshold, together
 from fame.monitor.storage import versions
+from fame.text import table
 
 _REFERENCE_RUNS = 3
 
@@ -398,13 +398,6 @@ class Interface:
             return process
 
     def _show(self, source: str, found: dict[str, ConfusionMatrix], kind: str) -> None:
-        lines = [
-            (name, kind, source, *map(str, matrix), *(f"{part:.4f}" for part in _ratios(matrix)))
-            for name, matrix in found.items()
-        ]
+        lines = [(name, kind, source, *matrix.cells) for name, matrix in found.items()]
         if lines:
-            print(render(lines, ("classifier", "data", "file", *HEADS[4:12])), file=self._out)
-
-
-def _ratios(matrix: ConfusionMatrix) -> tuple[float, float, float, float]:
-    return matrix.accuracy, matrix.recall, matrix.precision, matrix.f1
+            print(table(("classifier", "data", "file", *HEADS[4:12]), lines), file=self._out)

@@ -37,15 +37,14 @@ from typing import Any, Literal
 from fame.config.loader import read_document
 from fame.config.values import ConfigValue, join
 from fame.errors import ConfigError
-from fame.monitor.calibration import false_alarm_rate
+from fame.monitor.calibration import read_false_alarms
+from fame.monitor.pipeline.detectors import split_rule
 
 _SECTIONS = ("Files", "Operations", "Classifiers", "Grid", "Split", "Threshold", "FalseAlarms")
 _FILES = ("fit_file", "unsupervised_train", "supervised_train", "testing")
 _CANDIDATE = ("name", "class", "parameters", "reduction", "scaling", "threshold", "unique")
 DEFAULTS = ("ocsvm", "rbfsvm")
 """The classifiers that are tried if the file names none."""
-RULES = ("any of", "all of")
-"""How the class of a candidate begins that combines others."""
 SCALINGS = ("minmax", "standard", "none")
 FOLDS = 5
 
@@ -83,10 +82,8 @@ class Candidate:
     @property
     def combined(self) -> tuple[str, tuple[str, ...]] | None:
         """The rule and the names of the classifiers that it combines; None of a classifier of its own."""
-        rule = next((rule for rule in RULES if self.cls.startswith(f"{rule} ")), None)
-        if rule is None:
-            return None
-        return rule, tuple(name.strip() for name in self.cls.removeprefix(rule).split(","))
+        rule, names = split_rule(self.cls)
+        return (rule, names) if rule else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +134,7 @@ def load(path: str | Path) -> Learning:
         grid=_grid(sections["Grid"], [each.name for each in classifiers] or DEFAULTS) if "Grid" in sections else {},
         folds=_folds(split["folds"]) if "folds" in split else FOLDS,
         threshold=_threshold(sections["Threshold"]) if "Threshold" in sections else "auto",
-        false_alarms=_false_alarms(sections["FalseAlarms"]) if "FalseAlarms" in sections else "",
+        false_alarms=read_false_alarms(sections["FalseAlarms"]) if "FalseAlarms" in sections else "",
     )
 
 
@@ -234,14 +231,6 @@ def _folds(value: ConfigValue) -> int:
     if value.integer(minimum=0) == 1:
         raise value.expected("0 (no validation) or at least 2")
     return value.integer(minimum=0)
-
-
-def _false_alarms(value: ConfigValue) -> str:
-    try:
-        false_alarm_rate(str(value.data), 1.0)
-    except ConfigError as error:
-        raise value.error(error.text) from None
-    return str(value.data)
 
 
 def _threshold(value: ConfigValue) -> Threshold:

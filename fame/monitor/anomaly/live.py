@@ -68,13 +68,14 @@ class RunMonitor:
     """
 
     model: Model
+    joints: tuple[str, ...]
     threshold: float
     run: int
     waiting: bool
     late: bool
 
     def __init__(self, model: Model, threshold: float | None = None, rule: Rule = "home", cycle: int = 0) -> None:
-        self.model = model
+        self.model, self.joints = model, model.joints
         self.threshold = model.threshold if threshold is None else threshold
         self.ended: list[RunReport] = []
         self._scorer = model.scorer()
@@ -169,7 +170,7 @@ class Collector:
     label: int
     limit: int
     done: bool
-    complete: int
+    run: int
 
     def __init__(self, label: int, rule: Rule = "home", *, cycle: int = 0, limit: int = 0) -> None:
         if rule == "count" and cycle < 1:
@@ -178,7 +179,7 @@ class Collector:
         self.late: bool | None = None if rule == "home" else False
         self.joints: tuple[str, ...] = ()
         self.done = False
-        self.complete = 0
+        self.run = 0
         self._rule, self._segmenter = rule, RunSegmenter(rule, cycle)
         self._running = rule != "signal"
         self._rows: list[tuple[float, int, list[float]]] = []
@@ -210,9 +211,9 @@ class Collector:
             del self._rows[keep:]
             self._another()
             if not self.done:
-                self._rows += [(time, self.complete, row) for time, _, row in moved]
+                self._rows += [(time, self.run, row) for time, _, row in moved]
         else:
-            self._rows.append((stamp, self.complete, values))
+            self._rows.append((stamp, self.run, values))
 
     def recording(self) -> Recording:
         """Give what was collected. Raises MissionError if there is nothing."""
@@ -232,8 +233,8 @@ class Collector:
         return _whole(recording)
 
     def _another(self) -> None:
-        self.complete += 1
-        self.done = 0 < self.limit <= self.complete
+        self.run += 1
+        self.done = 0 < self.limit <= self.run
 
 
 def _whole(recording: Recording) -> Recording:

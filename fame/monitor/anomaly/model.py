@@ -23,12 +23,13 @@ import numpy as np
 
 from fame.errors import ConfigError
 from fame.monitor.anomaly.ensemble import Ensemble, EnsembleScorer
-from fame.monitor.anomaly.learning_file import RULES, SCALINGS
+from fame.monitor.anomaly.learning_file import SCALINGS
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording, read_csv
 from fame.monitor.anomaly.scoring import PathScorer, PointScorer, Scorer
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
+from fame.monitor.pipeline.detectors import RULES
 from fame.monitor.storage import from_plain, read_artefact, read_model, to_plain, versions, write_artefact
 
 
@@ -222,7 +223,7 @@ def _model(content: dict[str, Any]) -> Model:
     estimator, parts = content["estimator"], content["process"]
     if isinstance(estimator, dict) and "members" in estimator:
         members = tuple(_model({**part, "versions": content["versions"]}) for part in estimator["members"])
-        estimator = Ensemble(_rule(estimator["rule"]), members)
+        estimator = Ensemble(RULES[RULES.index(estimator["rule"])], members)
     elif isinstance(estimator, dict):
         estimator = PathDetector.from_plain(estimator)
     elif parts is None:
@@ -232,12 +233,6 @@ def _model(content: dict[str, Any]) -> Model:
     if model.reference.ndim != 2 or model.reference.shape[1] != len(model.joints):
         raise ValueError(f"reference of shape {model.reference.shape} for {len(model.joints)} joints")
     return model
-
-
-def _rule(text: str) -> str:
-    if text not in RULES:
-        raise ValueError(f"rule {text!r}")
-    return text
 
 
 class DataPersist:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar, TypedDict, Unpack
 
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
@@ -67,73 +67,100 @@ def _are_default_names(joints: Sequence[str]) -> bool:
     return all(joint.startswith("joint_") and joint.removeprefix("joint_").isdecimal() for joint in joints)
 
 
-class _JointStateNode(ABC):
-    """A node that reads joint states, and reports what it cannot use and when they stop."""
+class NodeOptions(TypedDict, total=False):
+    """What a node reads: the topic, the field of its messages, the namespace of the node; `report` gets a line for
+    everything unusual."""
 
+    topic: str
+    field: str
+    namespace: str
+    report: Callable[[str], object]
+
+
+class _JointStateNode(ABC):
+    """A node that reads joint states and gives them to what judges or collects `runs`; it reports what it cannot use,
+    and when they stop. It lives until `close`."""
+
+    name: ClassVar[str]
+    moving: ClassVar[str]
+    """What is reported of an arm that is under way at first."""
     scheduler: Scheduler
     node: Node
     topic: str
 
     def __init__(
         self,
-        name: str,
         middleware: Middleware,
         scheduler: Scheduler,
+        runs: RunMonitor | Collector,
         *,
-        topic: str,
-        field: str,
-        namespace: str,
-        report: Callable[[str], object],
-        silence: float = SILENCE,
+        signals: bool,
+        topic: str = "/joint_states",
+        field: str = "position",
+        namespace: str = "",
+        report: Callable[[str], object] = lambda text: None,
     ) -> None:
-        self.scheduler, self._field, self._report = scheduler, field, report
+        self.scheduler, self._runs, self._field, self._report = scheduler, runs, field, report
         self._reported: set[str] = set()
         self._last: list[float] = []
-        self.node = middleware.node(name, namespace)
-        self.topic = self.node.subscription(topic, TYPE, self._on_message, SENSOR_DATA).topic
+        self.node = middleware.node(self.name, namespace)
+        self.topic = self.node.subscription(topic, TYPE, self.on_message, SENSOR_DATA).topic
+        if signals:
+            self.node.subscription(START, EMPTY, self.begin)
+            self.node.subscription(END, EMPTY, self.end)
         self._watch = SilenceWatch(
-            scheduler, self.topic, silence, report, lambda received: f"; run {self.current_run()} waits for it"
+            scheduler, self.topic, SILENCE, report, lambda received: f"; run {runs.run} waits for it"
         )
 
-    @abstractmethod
-    def current_run(self) -> int:
-        """Return the number of the current run."""
+    def begin(self, message: Any = None) -> None:
+        """Begin a run."""
+        self._runs.begin()
+        self._update()
+
+    def end(self, message: Any = None) -> None:
+        """End the current run."""
+        self._runs.end()
+        self._update()
 
     def close(self) -> None:
         """Close all endpoints."""
         self._watch.close()
         self.node.close()
 
-    @abstractmethod
-    def _on_message(self, message: Any) -> None:
-        """Take a joint state."""
-
-    def _point_of(self, message: Any, joints: Sequence[str]) -> tuple[float, list[float]] | None:
-        """Give stamp (s) and values of a message, None if it cannot be used, which is reported."""
+    def on_message(self, message: Any) -> None:
+        """Take a joint state. One that cannot be used is reported."""
         self._watch.on_message()
         try:
-            values = values_of(message, joints, self._field)
+            values = values_of(message, self._runs.joints, self._field)
             if self._last and not any(values) and max(map(abs, self._last)) > JUMP:
                 raise UnusableMessage("all joints are 0 at once while the arm is away from home")
         except UnusableMessage as reason:
-            self._report_once(f"{self.topic}: a message is left out: {reason}")
-            return None
+            self._report_once(f"a message is left out: {reason}")
+            return
         self._last = values
-        return stamp_of(message) or self.scheduler.now / SECOND, values
+        if not self._runs.joints and len(message.name) == len(values):
+            self._runs.joints = tuple(message.name)
+        point = self._runs.step(stamp_of(message) or self.scheduler.now / SECOND, values)
+        self._update(point)
+        if self._runs.late:
+            self._report_once(self.moving)
+
+    @abstractmethod
+    def _update(self, point: Point | None = None) -> None:
+        """Report what has become of the runs, and publish the verdict on a point."""
 
     def _report_once(self, text: str) -> None:
         if text not in self._reported:
             self._reported.add(text)
-            self._report(text)
+            self._report(f"{self.topic}: {text}")
 
 
 class OperateNode(_JointStateNode):
-    """Watches an arm with a stored model, and raises the signal `anomaly`.
+    """Watches an arm with a stored model, and raises the signal `anomaly`. `report` gets a line for every run too."""
 
-    It lives until `close`. `report` gets a line for every run that ended and everything unusual.
-    """
-
-    monitor: RunMonitor
+    name = "anomaly_detection"
+    moving = "the arm is moving; its runs are scored from its next rest at home on"
+    runs: list[RunReport]
 
     def __init__(
         self,
@@ -141,86 +168,44 @@ class OperateNode(_JointStateNode):
         scheduler: Scheduler,
         model: Model,
         *,
-        topic: str = "/joint_states",
-        field: str = "position",
         threshold: float | None = None,
         rule: Rule = "home",
         cycle: int = 0,
-        namespace: str = "",
-        report: Callable[[str], object] = lambda text: None,
-        on_point: Callable[[Point], object] = lambda point: None,
-        silence: float = SILENCE,
+        **options: Unpack[NodeOptions],
     ) -> None:
-        self.monitor = RunMonitor(model, threshold, rule, cycle)
-        self.alarms: list[Point] = []
-        self._on_point, self._reported_runs = on_point, 0
-        super().__init__(
-            "anomaly_detection", middleware, scheduler,
-            topic=topic, field=field, namespace=namespace, report=report, silence=silence,
-        )  # fmt: skip
+        monitor = RunMonitor(model, threshold, rule, cycle)
+        self.runs, self._reported_runs = monitor.ended, 0
+        super().__init__(middleware, scheduler, monitor, signals=rule == "signal", **options)
         self._score = self.node.publisher("anomaly_score", "std_msgs/msg/Float64")
         self._point = self.node.publisher("anomaly_point", "std_msgs/msg/Bool")
         self._alarm = self.node.publisher(ALARM, TYPE)
         self._change = self.node.publisher(CHANGE, "std_msgs/msg/String")
-        if rule == "signal":
-            self.node.subscription(START, EMPTY, lambda _: self._begin())
-            self.node.subscription(END, EMPTY, lambda _: self._end())
-
-    @property
-    def runs(self) -> list[RunReport]:
-        """Every run that has ended."""
-        return self.monitor.ended
-
-    def current_run(self) -> int:
-        """Return the number of the current run."""
-        return self.monitor.run
 
     def close(self) -> None:
         """Close all endpoints; the current run is evaluated up to here."""
-        self._end()
+        self.end()
         super().close()
 
-    def _begin(self) -> None:
-        self.monitor.begin()
-        self._report_runs()
-
-    def _end(self) -> None:
-        self.monitor.end()
-        self._report_runs()
-
-    def _on_message(self, message: Any) -> None:
-        taken = self._point_of(message, self.monitor.model.joints)
-        if taken is None:
-            return
-        point = self.monitor.step(*taken)
-        self._report_runs()
-        if point is not None:
-            self._publish(point)
-        elif self.monitor.late:
-            self._report_once(f"{self.topic}: the arm is moving; its runs are scored from its next rest at home on")
-
-    def _publish(self, point: Point) -> None:
-        self._score.publish(messages.create("std_msgs/msg/Float64", point.score))
-        self._point.publish(messages.create("std_msgs/msg/Bool", point.verdict.anomalous))
-        self._on_point(point)
-        if point.alarm:
-            self.alarms.append(point)
-            self._alarm.publish(alarm_message(point))
-            self._report(alarm_text(point))
-
-    def _report_runs(self) -> None:
-        """Report the runs that have ended since the last report."""
+    def _update(self, point: Point | None = None) -> None:
         for report in self.runs[self._reported_runs :]:
             self._report(report.text)
             for change in report.changes:
                 self._change.publish(messages.create("std_msgs/msg/String", change.text))
         self._reported_runs = len(self.runs)
+        if point is None:
+            return
+        self._score.publish(messages.create("std_msgs/msg/Float64", point.score))
+        self._point.publish(messages.create("std_msgs/msg/Bool", point.verdict.anomalous))
+        if point.alarm:
+            self._alarm.publish(alarm_message(point))
+            self._report(alarm_text(point))
 
 
 class CollectNode(_JointStateNode):
     """Records joint states. `progress` gets the number of complete runs, `done` is called after the last one wanted."""
 
-    collector: Collector
+    name = "anomaly_collection"
+    moving = "the arm is moving; it is recorded from its next pass of home on"
 
     def __init__(
         self,
@@ -228,46 +213,18 @@ class CollectNode(_JointStateNode):
         scheduler: Scheduler,
         collector: Collector,
         *,
-        topic: str = "/joint_states",
-        field: str = "position",
-        namespace: str = "",
-        report: Callable[[str], object] = lambda text: None,
         progress: Callable[[int], object] = lambda runs: None,
         done: Callable[[], object] = lambda: None,
+        **options: Unpack[NodeOptions],
     ) -> None:
-        self.collector, self._progress, self._done = collector, progress, done
-        super().__init__(
-            "anomaly_collection", middleware, scheduler,
-            topic=topic, field=field, namespace=namespace, report=report,
-        )  # fmt: skip
-        self.node.subscription(START, EMPTY, lambda _: collector.begin())
-        self.node.subscription(END, EMPTY, lambda _: self._count(collector.end))
+        self._collector, self._progress, self._done, self._told = collector, progress, done, 0
+        super().__init__(middleware, scheduler, collector, signals=True, **options)
 
-    def current_run(self) -> int:
-        """Return the number of the current run."""
-        return self.collector.complete
-
-    def _on_message(self, message: Any) -> None:
-        if self.collector.done:
-            return
-        taken = self._point_of(message, self.collector.joints)
-        if taken is None:
-            return
-        names: Sequence[str] = message.name
-        if not self.collector.joints and len(names) == len(taken[1]):
-            self.collector.joints = tuple(names)
-        before = self.collector.late
-        self._count(lambda: self.collector.step(*taken))
-        if self.collector.late and not before:
-            self._report(f"{self.topic}: the arm is moving; it is recorded from its next pass of home on")
-
-    def _count(self, change: Callable[[], object]) -> None:
-        """Change the collector, and report a run that is complete thereafter."""
-        before = self.collector.complete
-        change()
-        if self.collector.complete > before:
-            self._progress(self.collector.complete)
-            if self.collector.done:
+    def _update(self, point: Point | None = None) -> None:
+        if self._collector.run > self._told:
+            self._told = self._collector.run
+            self._progress(self._told)
+            if self._collector.done:
                 self._done()
 
 

@@ -20,10 +20,11 @@ from fame.monitor.anomaly.classifiers import (
     by_run,
     run_scores,
 )
-from fame.monitor.anomaly.ensemble import Ensemble, combined_points
+from fame.monitor.anomaly.ensemble import Ensemble
 from fame.monitor.anomaly.learning_file import Candidate, Learning
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording
 from fame.monitor.calibration import Calibration, calibrate_runs, false_alarm_rate
+from fame.monitor.pipeline.detectors import combined
 
 
 def set_threshold(
@@ -96,6 +97,6 @@ def _scores_together(ensemble: Ensemble, items: Sequence[Evaluation]) -> Evaluat
     first = items[0]
     scores = tuple(ensemble.score(each) for each in zip(*(item.scores for item in items), strict=True))
     votes = np.array([np.asarray(item.predicted) == ANOMALOUS for item in items])
-    predicted = np.where(combined_points(ensemble.rule, votes), ANOMALOUS, BENIGN)
+    predicted = np.where(combined(ensemble.rule, votes), ANOMALOUS, BENIGN)
     points = OutputMatrix().output_matrix(first.truth, predicted)
     return replace(first, points=points, scores=scores, predicted=predicted)

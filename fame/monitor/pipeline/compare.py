@@ -19,7 +19,7 @@ import numpy as np
 
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
-from fame.monitor.calibration import calibrate, false_alarm_rate, interval
+from fame.monitor.calibration import false_alarm_rate, interval, left_out_thresholds
 from fame.monitor.data_files import rate_of
 from fame.monitor.pipeline.detectors import DETECTORS
 from fame.monitor.pipeline.processor import Samples
@@ -129,19 +129,13 @@ def _compared(runs: Sequence[Samples], config: Training) -> Compared:
                 losses_of[kind, index] = losses(model, run, config.stride)
     seconds = float(np.mean([run.stamps[-1] - run.stamps[0] for run in runs]))
     asked = false_alarm_rate(config.false_alarms, seconds)
-    thresholds = _left_out_thresholds(scores, asked, config.margin)
+    thresholds = left_out_thresholds(scores, asked, config.margin)
     alarms = int((scores > thresholds).any(axis=1).sum())
     latencies = {kind: _latencies(losses_of, kind, runs, thresholds) for kind in FAULTS}
     every = [latency for found in latencies.values() for latency in found]
     latency = float(np.median(every)) if every else None
     found = {kind: len(times) for kind, times in latencies.items()}
     return Compared(config.detector, len(runs), alarms, found, latency, _cost(model, config))
-
-
-def _left_out_thresholds(scores: Floats, asked: float, margin: float | None) -> Floats:
-    """Give the thresholds of each run (runs, channels), set by the other runs."""
-    every = range(len(scores))
-    return np.array([calibrate(np.delete(scores, number, axis=0), asked, margin).thresholds for number in every])
 
 
 def _faulty(run: Samples, number: int, kind: str, moving: Any, deviations: Floats) -> Samples:

@@ -388,7 +388,7 @@ class Several:
 
     def loss(self, windows: Floats) -> Floats:
         found = [part.loss(windows) / usual for part, usual in zip(self.parts, self.usual, strict=True)]
-        return np.asarray(np.max(found, axis=0) if self.rule == "any of" else np.min(found, axis=0))
+        return np.asarray(combined(self.rule, found))
 
     @classmethod
     def fit(cls, rule: str, names: Sequence[str], windows: Floats, settings: Settings) -> Several:
@@ -404,10 +404,20 @@ DETECTORS = tuple(_KINDS)
 RULES = ("any of", "all of")
 
 
-def detector_names(name: str) -> tuple[str, tuple[str, ...]]:
-    """Split ``pca`` or ``any of pca, knn`` into rule (empty for a single one) and names. Raises ConfigError."""
+def split_rule(name: str) -> tuple[str, tuple[str, ...]]:
+    """Split ``pca`` or ``any of pca, knn`` into rule (empty for a single one) and names."""
     rule = next((rule for rule in RULES if name.startswith(f"{rule} ")), "")
-    names = tuple(part.strip() for part in name.removeprefix(rule).split(","))
+    return rule, tuple(part.strip() for part in name.removeprefix(rule).split(","))
+
+
+def combined(rule: str, values: Any) -> Any:
+    """Combine losses, scores or verdicts of several detectors, along the first axis: the largest or the smallest."""
+    return np.max(values, axis=0) if rule == "any of" else np.min(values, axis=0)
+
+
+def detector_names(name: str) -> tuple[str, tuple[str, ...]]:
+    """Split as `split_rule`. Raises ConfigError for an unknown name."""
+    rule, names = split_rule(name)
     wrong = [part for part in names if part not in DETECTORS]
     if wrong or (rule and len(names) < 2):
         known = ", ".join(DETECTORS)

@@ -22,7 +22,7 @@ import numpy as np
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
-from fame.monitor.calibration import calibrate, false_alarm_rate
+from fame.monitor.calibration import calibrate, false_alarm_rate, read_false_alarms
 from fame.monitor.data_files import hash_files, rate_of, read_runs
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, Settings, detector_names, fit_detector
@@ -289,14 +289,6 @@ def _detector(value: ConfigValue) -> str:
     return text
 
 
-def _false_alarms(value: ConfigValue) -> str:
-    try:
-        false_alarm_rate(str(value.data), 1.0)
-    except ConfigError as error:
-        raise value.error(error.text) from None
-    return str(value.data)
-
-
 _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "files": _texts,
     "model": ConfigValue.text,
@@ -312,7 +304,7 @@ _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "epochs": partial(ConfigValue.integer, minimum=1),
     "margin": partial(ConfigValue.number, above=0),
     "detector": _detector,
-    "false_alarms": _false_alarms,
+    "false_alarms": read_false_alarms,
     "folds": partial(ConfigValue.integer, minimum=2),
     "components": partial(ConfigValue.number, above=0, maximum=1),
     "neighbours": partial(ConfigValue.integer, minimum=10),
