@@ -2,12 +2,15 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from time import time
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from deployment_field import TEAM, Field, definitions, kill, made, patrol, process
 
 from fame.bpmn.reader import read_text
 from fame.deploy import Deployment, EngineNode
+from fame.deploy.envelope import signed
 from fame.deploy.requests import AbortClient
 from fame.middleware import local
 
@@ -242,6 +245,27 @@ def test_a_person_aborts_what_a_robot_holds(monkeypatch):
         end.close()
     assert answers == [("aborted", ""), ("idle", "")]
     assert field.engines["B"].state == "waiting"
+
+
+def test_an_abort_that_was_refused_is_no_abort_when_the_robot_starts():
+    team, stranger = Ed25519PrivateKey.generate(), Ed25519PrivateKey.generate()
+    field = Field()
+    options = {"scheduler": field.scheduler, "middleware": field.middleware}
+    robot = EngineNode("A", trusted=[team.public_key()], **options)
+    field.listen("A")
+    sender = sent(field, ALONE, ["A"], "d1")
+    tell = lambda envelope: field.send("A", signed(envelope, team, born=robot.born, now=time()).to_json())  # noqa: E731
+    tell(sender.envelopes["A"])
+    field.pass_time(1)
+    answers: list[tuple[str, str]] = []
+    node = field.middleware.node("stranger")
+    end = AbortClient("A", node=node, scheduler=field.scheduler, ended=lambda *said: answers.append(said), key=stranger)
+    field.pass_time(2)
+    assert (robot.state, answers) == ("ready", [])
+    tell(sender._envelope("A", "start"))
+    field.pass_time(2)
+    end.close()
+    assert (robot.deployed, answers) == ("d1", [("started", "it runs deployment d1 now")])
 
 
 # ---- while it holds --------------------------------------------------------------------------------------------------

@@ -223,7 +223,8 @@ class AbortClient:
     """Abort what a robot holds: it keeps what it had, whatever became of the deployment at the others.
 
     The request is repeated until `ended` has been called with answer and reason, or `close`. The answer is ``aborted``,
-    ``refused``, or ``idle`` if no deployment is loading or ready there.
+    ``refused``, ``started`` if the robot has meanwhile started a deployment, or ``idle`` if none is loading or ready
+    there.
     """
 
     def __init__(
@@ -239,7 +240,7 @@ class AbortClient:
         self._robot, self._scheduler, self._ended = robot, scheduler, ended
         self._key, self._wall_time = key, wall_time
         self._reader = ReportReader.of_sender(robot, key)
-        self._deployment = ""
+        self._deployment = self._before = ""
         self._next: Entry | None = None
         self._out = node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS)
         self._in = node.subscription(f"/{robot}/bpmn_status", STRING, self._on_status, STATUS_QOS)
@@ -257,10 +258,12 @@ class AbortClient:
             return
         if self._deployment and report.deployment == self._deployment and report.answer in ("aborted", "refused"):
             self._end(report.answer, report.reason)
+        elif not report.candidate and self._deployment and report.deployed != self._before:
+            self._end("started", f"it runs deployment {report.deployed} now")
         elif not report.candidate:
             self._end("aborted" if self._deployment else "idle", "")
         elif self._next is None:
-            self._deployment = report.candidate
+            self._deployment, self._before = report.candidate, report.deployed
             self._send(report)
 
     def _send(self, report: Report) -> None:
