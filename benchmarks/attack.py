@@ -28,6 +28,7 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
     faults.redeployments,
     faults.flapping,
     engines.uninterruptible,
+    deployment.strangers_key,
     deployment.silent_other,
     engines.large_model,
     network.signals_at_full_rate,

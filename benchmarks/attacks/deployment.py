@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 import signal
 import threading
-from dataclasses import asdict
+import time
+from dataclasses import asdict, replace
 
 from attacks.field import START, TEAM, WAIT, Engine, Field, envelope, held, model, process
+from attacks.team import Team
 from fame.deploy import STATUS_QOS, STRING, Report
+from fame.deploy.envelope import read_envelope, signed
+from fame.deploy.signing import read_private
 
 MISSION = model(
     '<collaboration id="c"><participant id="P" name="A" processRef="p"/></collaboration>', process("p", START, WAIT)
@@ -125,3 +129,53 @@ def forged_answers(field: Field) -> None:
     held(result[0], "half a team was deployed, and its sender believes in all")
     field.pass_time(0.5)
     held(field.last("A").state == "waiting" or field.last("A").state == "ready", f"A is {field.last('A').state}")
+
+
+def strangers_key(field: Field) -> None:
+    """Under --trust: a stranger deploys with a key of its own, forges, and repeats what was signed."""
+    key, public = _keys(field)
+    held(field.fame("keys", "new", str(field.folder / "stranger")).returncode == 0, "no keys")
+    strange = field.folder / "stranger.key"
+    private = read_private(strange)
+    team = Team(field, "AB", "--trust", public, durable="A")
+
+    def forge(robot: str, text: str) -> None:
+        """Say the same with another signature, and with another phase under the same one."""
+        real = read_envelope(text, robot, time.time())
+        again = signed(real, private, born=real.born, now=time.time())
+        others = [replace(one, phase=phase) for one in (again, real) for phase in ("start", "abort", "load")]
+        others.append(signed(replace(real, phase="abort"), private, born=real.born, now=time.time()))
+        for forged in (again, *(other for other in others if other != real)):
+            field.say(f"/{robot}/bpmn_process", forged.to_json())
+
+    team.finish("--key", key)
+    team.on_sent = forge
+    for _ in range(3):
+        team.finish("--key", key)
+    team.on_sent = lambda robot, text: None
+    for words in ((), ("--key", str(strange))):
+        sender = team.deploy(*words, "--wait", "4", stranger=True)
+        field.until(lambda sender=sender: not sender.alive, 30)
+        held(sender.process.poll() == 1, f"a stranger has deployed: {sender.outcome}")
+    sender = team.deploy("--key", key, tasks=20_000)
+    held(team.at("B ready", sender), "B was not ready")
+    for robot in "AB":
+        held(field.fame("abort", robot, "--key", str(strange)).returncode == 1, f"a stranger has aborted at {robot}")
+    done = field.fame("complete", "A", "A_wait", "--key", str(strange))
+    held(done.returncode == 1 and "not signed by a key" in f"{done}", f"a stranger has done a task: {done}")
+    team.judge()
+    held(sender.process.poll() == 0, f"a stranger has kept a team from deploying: {sender.outcome}")
+    running = {robot.last.deployed for robot in team.robots.values()}
+    for name in "AB":
+        team.robots[name].process.process.kill()
+        team.restart(name)
+    team.await_robots()
+    field.pass_time(3)
+    team.said.clear()  # new engines refuse what is over
+    for robot, text in list(team.sent):
+        field.say(f"/{robot}/bpmn_process", text)
+    field.pass_time(2)
+    team.judge()
+    now = {name: robot.last.deployed for name, robot in team.robots.items()}
+    held(now == {"A": running.pop(), "B": ""}, f"what was recorded had an effect: {now}")
+    team.finish("--key", key)

@@ -10,16 +10,18 @@ import itertools
 import signal
 import subprocess
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 from attacks.field import START, WAIT, Engine, Field, held, model, process
 from fame.deploy import STATUS_QOS, STRING, Report
 from fame.deploy.envelope import PROCESS_QOS, read_envelope
-from tests.torture.invariants import broken_promises, forgotten, half_applied
-from tests.torture.team import Said
+from fame.errors import DeploymentError
+from tests.torture.invariants import broken_promises, forgotten, half_applied, strangers
+from tests.torture.team import STRANGER, Said
 
 PATIENCE = 90.0
 """How long a team may need until nothing is under way any more after the last fault (s). Participants of DDS that took
@@ -75,6 +77,7 @@ class Sender:
 
     version: int
     process: subprocess.Popen[str]
+    stranger: bool = False
     begun: float = field(default_factory=time.monotonic)
     said: str = ""
 
@@ -102,6 +105,8 @@ class Team:
         self.robots: dict[str, Robot] = {}
         self.senders: list[Sender] = []
         self.said: list[Said] = []
+        self.on_sent: Callable[[str, str], object] = lambda robot, text: None
+        self.sent: list[tuple[str, str]] = []  # to which robot, and what
         self.phases: list[tuple[str, str, str]] = []  # phase, robot, deployment: what was sent
         self.sequences: dict[str, int] = {}
         self.released: set[tuple[str, str]] = set()
@@ -148,17 +153,21 @@ class Team:
             self.said.append(Said(time.monotonic(), name, by, report.answer, report.deployment, report.reason))
 
     def _on_sent(self, name: str, message: Any) -> None:
-        envelope = read_envelope(message.data, name, time.time())
-        self.sequences[envelope.deployment] = envelope.sequence
-        self.phases.append((envelope.phase, name, envelope.deployment))
+        with suppress(DeploymentError):
+            envelope = read_envelope(message.data, name, time.time())
+            self.sequences[envelope.deployment] = envelope.sequence
+            self.phases.append((envelope.phase, name, envelope.deployment))
+            self.sent.append((name, message.data))
+            self.on_sent(name, message.data)
 
     # ---- deployments -------------------------------------------------------------------------------------------------
 
-    def deploy(self, *words: str, tasks: int = 0, robots: Iterable[str] = ()) -> Sender:
-        """Begin to deploy the next version."""
+    def deploy(self, *words: str, tasks: int = 0, stranger: bool = False) -> Sender:
+        """Begin to deploy the next version, perhaps as a `stranger`."""
         version = next(self._versions)
-        file = self.field.file(f"version{version}.bpmn", mission(version, robots or self.robots, tasks=tasks))
-        self.senders.append(sender := Sender(version, self.field.begin("deploy", file, *words)))
+        file = self.field.file(f"version{version}.bpmn", mission(version, self.robots, tasks=tasks))
+        person = self.field.begin("deploy", file, *words)
+        self.senders.append(sender := Sender(version, person, stranger))
         return sender
 
     def at(self, moment: str, sender: Sender, within: float = 30) -> bool:
@@ -214,6 +223,7 @@ class Team:
             if sender.alive:
                 sender.process.send_signal(signal.SIGCONT)
         holding = self.settle()
+        self._hold(*strangers(self._of_strangers()))
         self._hold(*broken_promises(self), *half_applied(self), *forgotten(self))  # type: ignore[arg-type]
         for name in holding:
             if not self.robots[name].at_rest:
@@ -230,6 +240,13 @@ class Team:
         held(not sender.alive, "a new deployment does not end on a healthy team")
         held(sender.process.returncode == 0, f"a new deployment fails on a healthy team: {sender.outcome}")
         self.judge()
+
+    def _of_strangers(self) -> Any:
+        """What was said, and the senders that no key of the team has signed, by the names of their deployments."""
+        mine = [sender for sender in self.senders if sender.stranger]
+        deployments = [which for which in self.sequences if any(sender.owns(which) for sender in mine)]
+        found = [SimpleNamespace(version=STRANGER, process=SimpleNamespace(name=which)) for which in deployments]
+        return SimpleNamespace(said=self.said, senders=found)
 
     def _betrayed(self) -> Iterator[str]:
         """What a sender said that it had started runs, or something newer."""
