@@ -158,6 +158,20 @@ def test_the_goal_feedback_and_result_of_an_action_pass_the_network() -> None:
     assert "on /drive/_action/get_result from B to A" in lost
 
 
+@pytest.mark.parametrize("when", [2, 12, 17], ids=["in a partition", "after the lease", "after the partition"])
+def test_a_goal_that_was_cancelled_in_a_partition_is_cancelled_at_its_end(when: int) -> None:
+    pair = Pair(Link(Delay("fixed", 0.25)), cuts=(LONG,))
+    server = Server(pair.middleware.node("driver", "B"), "/drive")
+    client = ActionClient(pair.middleware.node("engine", "A"), "/drive", DRIVE)
+    goal = client.send({"distance": 2}, lambda outcome, result: None)
+    pair.scheduler.run(when * SECOND)
+    goal.cancel()
+    pair.scheduler.run(15 * SECOND)
+    assert len(server.goals) == 1
+    pair.scheduler.run(18 * SECOND)
+    assert server.cancelled == [goal.id]
+
+
 def test_the_actions_and_services_of_a_robot_itself_do_not_pass_it() -> None:
     pair = Pair(Link(Delay("fixed", 0.25), loss=0.9))
     server = Server(pair.middleware.node("driver", "A"), "/A/drive")

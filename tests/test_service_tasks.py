@@ -13,7 +13,7 @@ from middleware_contract import BACKENDS, World, middlewares, world
 import fame
 from fame.bpmn.reader import read_text
 from fame.errors import ModelError
-from fame.middleware.actions import ActionServer
+from fame.middleware.actions import CANCEL, ActionServer
 from fame.middleware.interface import DeferredResponse
 from fame.robot import RobotNode, make_mission
 
@@ -291,21 +291,89 @@ def test_ask_waits_for_a_person_where_errors_are_held(here: World, place: Place)
     assert place.robots[-1].incidents[0][:2] == ("t", "lost")
 
 
+def back(here: World, place: Place) -> None:
+    """The driver that was closed is back, with its goals."""
+    old = place.server.server
+    place.server.server = new = ActionServer(here.node("driver", "REX"), "drive", DRIVE, print, place.server._cancel)
+    new.goals, new._results = old.goals, old._results
+    for goal in new.goals.values():
+        goal._server = new
+
+
 def test_a_goal_goes_on_when_its_server_is_back(here: World, place: Place) -> None:
     instance = place.run(drive("2"))
     until(here, lambda: place.server.goals)
     place.server.step()
     soon(here)
-    old = place.server.server
-    old.close()
+    place.server.server.close()
     soon(here)
-    place.server.server = new = ActionServer(here.node("driver", "REX"), "drive", DRIVE, print, print)
-    new.goals, new._results = old.goals, old._results
-    for goal in new.goals.values():
-        goal._server = new
+    back(here, place)
     soon(here)
     place.server.step()
     assert place.end(instance).status == "completed"
+
+
+LIMIT = """<boundaryEvent id="late" attachedToRef="t"><timerEventDefinition><timeDuration>PT1S</timeDuration>
+  </timerEventDefinition></boundaryEvent>"""
+STOPPING = """<subProcess id="h" triggeredByEvent="true"><startEvent id="hs"><signalEventDefinition signalRef="S"/>
+  </startEvent></subProcess>"""
+
+
+@pytest.mark.parametrize("ending", [LIMIT, STOPPING], ids=["boundary timer", "event sub-process"])
+def test_a_goal_that_was_cancelled_while_its_server_was_away_is_cancelled_when_that_is_back(
+    here: World, place: Place, ending: str
+) -> None:
+    instance = place.run(drive("9", ending))
+    here.connect(*["/stop"] * (ending is STOPPING))
+    until(here, lambda: place.server.goals)
+    soon(here)
+    place.server.server.close()
+    soon(here)
+    place.stop.publish(fame.middleware.messages.create("std_msgs/msg/Empty"))
+    assert place.end(instance).status == "completed"
+    assert len(place.server.goals) == 1
+    back(here, place)
+    until(here, lambda: place.server.cancelled)
+    assert place.server.goals == {}
+
+
+def test_a_goal_that_was_cancelled_before_its_server_left_is_cancelled_when_that_is_back(
+    here: World, place: Place
+) -> None:
+    """The request to cancel it gets no response: the server left with it."""
+    instance = place.run(drive("9", ON_STOP))
+    here.connect("/stop")
+    until(here, lambda: place.server.goals)
+    soon(here)
+    place.server.server._ends[2].close()
+    later = DeferredResponse()
+    deaf = here.node("driver", "REX").service("drive/_action/cancel_goal", CANCEL, lambda request: later)
+    soon(here)
+    place.stop.publish(fame.middleware.messages.create("std_msgs/msg/Empty"))
+    assert place.end(instance).status == "completed"
+    soon(here)
+    deaf.close()
+    place.server.server.close()
+    soon(here)
+    assert not place.server.cancelled
+    back(here, place)
+    until(here, lambda: place.server.cancelled)
+
+
+def test_an_engine_that_ends_while_a_server_is_away_says_that_a_goal_may_still_run(here: World, place: Place) -> None:
+    instance = place.run(drive("9", LIMIT))
+    until(here, lambda: place.server.goals)
+    soon(here)
+    place.server.server.close()
+    soon(here)
+    place.end(instance)
+    place.robots.pop().close()
+    soon(here)
+    name, why = (
+        "/REX/drive/_action/cancel_goal",
+        "closed while the server was away: what was to be cancelled may still run",
+    )
+    assert [text for text in here.warnings if text.startswith(name) and text.endswith(why)]
 
 
 def test_a_server_that_leaves_before_it_accepts_a_goal_is_as_any(here: World, place: Place) -> None:

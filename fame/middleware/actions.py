@@ -128,7 +128,10 @@ class Goal:
         self._accepted, self._cancelled = accepted, False
 
     def cancel(self) -> None:
-        """Request cancelling; neither feedback nor outcome follow. Does nothing if the goal has ended."""
+        """Request cancelling, of a server that is away when it is back; neither feedback nor outcome follow.
+
+        Does nothing if the goal has ended.
+        """
         if self._client.goals.get(self.id) is self:
             del self._client.goals[self.id]
             self._cancelled = True
@@ -168,7 +171,9 @@ class Goal:
 
     def on_gone(self) -> None:
         """The server of a request has left, or another has come. Until it is attached to, it can be cancelled."""
-        if self._client.goals.get(self.id) is self:
+        if self._cancelled:
+            self._request_cancel()  # it may have accepted the goal
+        elif self._client.goals.get(self.id) is self:
             self._accepted = True
             self._on_end("gone", None)
 
@@ -178,8 +183,7 @@ class Goal:
             self._on_end(outcome, result)
 
     def _request_cancel(self) -> None:
-        if self._client.cancel_goal.available:
-            self._client.cancel_goal.call({"goal_info": {"goal_id": {"uuid": self.id}}}, lambda response: None)
+        self._client.cancel_goal.insist({"goal_info": {"goal_id": {"uuid": self.id}}})
 
 
 class ActionServer:

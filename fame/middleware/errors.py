@@ -65,6 +65,12 @@ def unanswered_warning(name: str, node: str) -> EndpointWarning:
     return EndpointWarning(name, f"the service was closed before it answered {node}", "unanswered")
 
 
+def unheard_warning(name: str, node: str) -> EndpointWarning:
+    """A client was closed while its server was away that it had to tell something."""
+    text = f"{node} closed while the server was away: what was to be cancelled may still run"
+    return EndpointWarning(name, text, "unanswered")
+
+
 def dropped_warning(topic: str, reason: str) -> EndpointWarning:
     """A message could not be read."""
     return EndpointWarning(topic, f"dropped a message: {reason}", "dropped")

@@ -210,6 +210,9 @@ class Client(Protocol):
         Raises MessageError if the request does not fit its type, or no node offers the service.
         """
 
+    def insist(self, request: Any) -> None:
+        """Send a request whose response does not matter: whenever a server comes, until one responds."""
+
     def close(self) -> None:
         """Close the client. Responses that come later are dropped."""
 

@@ -32,7 +32,9 @@ from fame.middleware.errors import (
     unanswered_warning,
     unavailable_error,
     unfit_text,
+    unheard_warning,
 )
+from fame.middleware.insistent import InsistentRequests
 from fame.middleware.interface import (
     MAX_MESSAGE_SIZE,
     SIGNAL,
@@ -125,7 +127,7 @@ class LocalMiddleware:
         """A server of a service (full name) has come or left: tell the clients that wait for a response."""
         for node in self.nodes:
             for end in node.endpoints:
-                if isinstance(end, LocalClient) and end.name == service and end.pending:
+                if isinstance(end, LocalClient) and end.name == service and (end.pending or end.insistent):
                     self.scheduler.soon(end.on_servers_changed)
 
     def warn(self, warning: EndpointWarning) -> None:
@@ -384,6 +386,7 @@ class LocalClient:
         self.request_type, _ = messages.service(type)
         self._channels: dict[tuple[str, str], Channel | None] = {}
         self.pending: PendingRequests = PendingRequests()
+        self.insistent: InsistentRequests = InsistentRequests(self, node.middleware.scheduler)
         self._numbers = count(1)
 
     @property
@@ -418,9 +421,18 @@ class LocalClient:
         message, key = messages.create(self.request_type, request), next(self._numbers)
         self.pending.add(key, (service,), callback, lost, or_new)
         self._way(self.node, service.node, partial(self._send, service, message, key))
-        middleware = self.node.middleware
-        pair = self.node.namespace, service.node.namespace
-        for time in middleware.network.unmatched_from(pair) if middleware.network is not None else ():
+        self._follow(service)
+
+    def insist(self, request: Any) -> None:
+        self.insistent.add(request, self._servers())
+        service = self.node.middleware.services.get(self.name)
+        if service is not None:
+            self._follow(service)
+
+    def _follow(self, service: LocalService) -> None:
+        """Look again when the network will connect this server or cut it off."""
+        middleware, pair = self.node.middleware, (self.node.namespace, service.node.namespace)
+        for time in middleware.network.match_changes(pair) if middleware.network is not None else ():
             middleware.scheduler.at(time, self.on_servers_changed)
 
     def _offered(self) -> Sequence[str]:
@@ -431,8 +443,12 @@ class LocalClient:
         """A server of this name has come or left, or can no longer be reached."""
         if self.pending and self.pending.servers_changed(self._servers()):
             self.node.middleware.warn(unanswered_warning(self.name, self.node.full_name))
+        self.insistent.on_servers_changed(self._servers())
 
     def close(self) -> None:
+        if self.insistent and not self.available:
+            self.node.middleware.warn(unheard_warning(self.name, self.node.full_name))
+        self.insistent.clear()
         self.pending.clear()
         if self in self.node.endpoints:
             self.node.endpoints.remove(self)

@@ -117,11 +117,12 @@ class Network:
         cut = self.partition(pair, self.scheduler.now)
         return cut is None or self.scheduler.now / SECOND < cut.start + self.config.lease
 
-    def unmatched_from(self, pair: _Pair) -> list[int]:
-        """The times to come (ns) from which on the endpoints of two robots are not matched."""
+    def match_changes(self, pair: _Pair) -> list[int]:
+        """The times to come (ns) at which the endpoints of two robots become unmatched, or matched again."""
         lease, cuts = self.config.lease, self.config.partitions
-        ends = (cut.start + lease for cut in cuts if set(cut.between) == set(pair) and cut.end - cut.start > lease)
-        return [time for end in ends if (time := round(end * SECOND)) > self.scheduler.now]
+        long = (cut for cut in cuts if set(cut.between) == set(pair) and cut.end - cut.start > lease)
+        times = (round(time * SECOND) for cut in long for time in (cut.start + lease, cut.end))
+        return [time for time in times if time > self.scheduler.now]
 
     def channel(self, sender: str, receiver: str, topic: str, qos: QoS) -> Channel | None:
         """The channel from one robot to another for a topic or service; None if the network does not apply."""

@@ -25,8 +25,10 @@ from fame.middleware.errors import (
     unanswered_warning,
     unavailable_error,
     unfit_text,
+    unheard_warning,
     unreadable_text,
 )
+from fame.middleware.insistent import InsistentRequests
 from fame.middleware.interface import (
     MAX_MESSAGE_SIZE,
     EndpointWarning,
@@ -223,6 +225,7 @@ class WireClient(ServiceEndpoint):
     def __init__(self, node: WireNode, name: str, type: str) -> None:
         super().__init__(node, name, type)
         self.pending: PendingRequests = PendingRequests()
+        self.insistent: InsistentRequests = InsistentRequests(self, node.middleware.scheduler)
 
     @property
     @abstractmethod
@@ -260,14 +263,24 @@ class WireClient(ServiceEndpoint):
 
     def on_servers_changed(self) -> None:
         """A server of this name has come or left: drop the requests that get no response now, and warn of them."""
-        if self.pending and self.pending.servers_changed(self.servers()):
+        if not self.pending and not self.insistent:
+            return
+        servers = self.servers()
+        if self.pending.servers_changed(servers):
             self.warn_unanswered()
+        self.insistent.on_servers_changed(servers)
+
+    def insist(self, request: Any) -> None:
+        self.insistent.add(request, self.servers())
 
     def warn_unanswered(self) -> None:
         """Warn that a request gets no response."""
         self.node.middleware.warn(unanswered_warning(self.name, self.node.full_name))
 
     def close(self) -> None:
+        if self.insistent and not self.available:
+            self.node.middleware.warn(unheard_warning(self.name, self.node.full_name))
+        self.insistent.clear()
         self.pending.clear()
         super().close()
 

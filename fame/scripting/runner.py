@@ -167,6 +167,11 @@ class Runner:
             return True
         if task.leaving:
             return False
+        if isinstance(task.request, Act) and task.gone is not None and task.heard is not None:
+            text = (
+                f"cancelled while its server was away: {task.request} may still run, until it is cancelled there, too"
+            )
+            self._report(key, text)
         self._wake(task)
         task.leaving = task.cancelling = True
         if not task.running and (task.request is None or self._advance(task, task.script.throw, self._cancelled(task))):

@@ -444,6 +444,9 @@ class Client(End):
     role = "client"
     mismatch = ""
 
+    def insist(self, request: Any) -> None:
+        self.call(request, lambda response: None)
+
     def __init__(self, node: WireNode, name: str, type: str) -> None:
         super().__init__(node, name, type, SIGNAL)
         self.name = self.topic

@@ -388,10 +388,12 @@ class RosClient(WireClient):
         scheduler = self.node.middleware.scheduler
         future = self._end.call_async(to_ros(request, self._class.Request))
         future.add_done_callback(lambda done: scheduler.soon(partial(self._on_done, done)))
-        if not self._polls:
-            self._polls = True
-            scheduler.after(_POLL, self._check)
+        self._start_polling()
         return future
+
+    def insist(self, request: Any) -> None:
+        super().insist(request)
+        self._start_polling()
 
     def release(self) -> None:
         self._ros.node.destroy_client(self._end)
@@ -400,9 +402,14 @@ class RosClient(WireClient):
         if not self.closed:
             self.pending.respond(future, from_ros(future.result(), self.response_type))
 
+    def _start_polling(self) -> None:
+        if not self._polls:
+            self._polls = True
+            self.node.middleware.scheduler.after(_POLL, self._check)
+
     def _check(self) -> None:
         """Look whether servers have come or left, as long as a request waits for its response."""
-        self._polls = not self.closed and bool(self.pending)
+        self._polls = not self.closed and bool(self.pending or self.insistent)
         if self._polls:
             self.node.middleware.scheduler.after(_POLL, self._check)
             self.on_servers_changed()
