@@ -19,11 +19,10 @@ import numpy as np
 from joblib.externals.loky import get_reusable_executor
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.classifiers import DEFAULTS, fit, is_supervised, make
+from fame.monitor.anomaly.classifiers import DEFAULTS, fit, make
 from fame.monitor.anomaly.learn import best, learn
 from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning
-from fame.monitor.anomaly.model import DataProcess, Model
-from fame.monitor.anomaly.paths import PathDetector
+from fame.monitor.anomaly.model import Model, PointClassifier
 from fame.monitor.anomaly.recording import Recording, read_csv
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -35,12 +34,11 @@ COLUMNS = (0, 1, 2, 3, 4, 5)
 
 def model(candidate: Candidate, benign: Recording, both: Recording) -> Model:
     """A classifier fitted to all data: only its speed is of interest."""
-    estimator, process = make(candidate, ROOT), DataProcess(candidate.reduction or 0)
-    process.fit(benign.values)
-    supervised = is_supervised(estimator)
-    fit(estimator, process, both if supervised else benign, supervised=supervised, unique=candidate.unique)
-    kept = None if isinstance(estimator, PathDetector) else process
-    return Model(candidate.name, benign.joints, estimator, kept, 0.0, 518, benign.select([0]).values)
+    detector = make(candidate, ROOT)
+    if isinstance(detector, PointClassifier):
+        detector.process.fit(benign.values)
+    fit(detector, both if detector.supervised else benign)
+    return Model(candidate.name, benign.joints, detector, 0.0, 518, benign.select([0]).values)
 
 
 def microseconds(scorer: Any, runs: Recording) -> np.ndarray:

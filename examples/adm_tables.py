@@ -21,13 +21,11 @@ from fame.monitor.anomaly.classifiers import (
     ConfusionMatrix,
     by_run,
     fit,
-    is_supervised,
     make,
-    predict,
     run_scores,
 )
 from fame.monitor.anomaly.learning_file import Candidate
-from fame.monitor.anomaly.model import DataProcess
+from fame.monitor.anomaly.model import PointClassifier
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs, read_csv
 from fame.monitor.plots import deviations, joint_space, matrices
@@ -64,15 +62,12 @@ class Trained:
     def __init__(self, candidate: Candidate, benign: Recording, both: Recording) -> None:
         self.candidate = candidate
         self.estimator = make(candidate, Path())
-        self.process = None
-        supervised = is_supervised(self.estimator)
-        process = DataProcess(candidate.reduction or 0)
-        if not isinstance(self.estimator, PathDetector):
-            self.process = process.fit(benign.values)
-        fit(self.estimator, process, both if supervised else benign, supervised=supervised, unique=candidate.unique)
+        if isinstance(self.estimator, PointClassifier):
+            self.estimator.process.fit(benign.values)
+        fit(self.estimator, both if self.estimator.supervised else benign)
 
     def scores(self, data: Recording) -> list[float]:
-        return run_scores(data, predict(self.estimator, self.process, data))
+        return run_scores(data, self.estimator.predict(data))
 
     def matrix(self, data: Recording) -> ConfusionMatrix:
         return by_run(data.run_labels(), self.scores(data), float(self.candidate.threshold or 0))
@@ -131,7 +126,7 @@ def plot(folder: Path, trained: list[Trained], benign: Recording, held: Recordin
     told = []
     for item in trained:
         name = item.candidate.name
-        predicted = predict(item.estimator, item.process, test)
+        predicted = item.estimator.predict(test)
         joint_space(
             folder / f"fig13_{name}.png", test, predicted, title=f"{name} on the simulated test set (cf. Fig. 13)"
         )

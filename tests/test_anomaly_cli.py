@@ -106,7 +106,7 @@ def test_a_model_that_could_judge_nothing_is_no_success(tmp_path: Path):
     benign = recording(BENIGN).select(range(4))
     other = tuple(f"other_{name}" for name in MH5.joints)
     detector = PathDetector(MH5).fit(benign)
-    save_model(Model("path", other, detector, None, 0.002, 518, benign.values), tmp_path / "m.skops")
+    save_model(Model("path", other, detector, 0.002, 518, benign.values), tmp_path / "m.skops")
     bag = write_bag(tmp_path / "bag", runs(20)[:30])
     with pytest.raises(MissionError, match="no run was evaluated"):
         adm("operate", "--bag", bag, "--model", tmp_path / "m.skops")

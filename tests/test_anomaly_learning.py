@@ -335,12 +335,13 @@ def test_the_hash_tells_data_apart(folder: Path):
 
 @needs_data
 def test_the_one_class_svm_of_the_paper_by_resubstitution():
-    from fame.monitor.anomaly.classifiers import DEFAULTS, by_run, fit, make, predict, run_scores
+    from fame.monitor.anomaly.classifiers import DEFAULTS, by_run, fit, make, run_scores
 
     candidate, benign, both = DEFAULTS[0], recording(BENIGN), recording(BOTH)
-    estimator, process = make(candidate, Path()), DataProcess().fit(benign.values)
-    fit(estimator, process, benign, supervised=False, unique=True)
-    scores = run_scores(both, predict(estimator, process, both))
+    detector = make(candidate, Path())
+    detector.process.fit(benign.values)
+    fit(detector, benign)
+    scores = run_scores(both, detector.predict(both))
     assert tuple(by_run(both.run_labels(), scores, 0.22)) == (20, 2, 28, 0)
 
 

@@ -27,7 +27,7 @@ PERIOD = SECOND // 40
 def model() -> Model:
     benign = recording(BENIGN)
     detector = PathDetector(MH5).fit(benign.select(range(0, 30, 2)))
-    return Model("path", MH5.joints, detector, None, 0.002, 518, benign.select([0, 1]).values)
+    return Model("path", MH5.joints, detector, 0.002, 518, benign.select([0, 1]).values)
 
 
 class Arm:

@@ -72,7 +72,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     benign = recording(BENIGN)
     path = tmp_path_factory.mktemp("model") / "best.skops"
     detector = PathDetector(MH5).fit(benign.select(range(0, 30, 2)))
-    save_model(Model("path", MH5.joints, detector, None, 0.002, 518, benign.select([0, 1]).values), path)
+    save_model(Model("path", MH5.joints, detector, 0.002, 518, benign.select([0, 1]).values), path)
     return str(path)
 
 

@@ -98,8 +98,8 @@ def _measured(calibration: Calibration) -> dict[str, Any]:
 
 
 def _anomaly_card(model: Model) -> Card:
-    from fame.monitor.anomaly.ensemble import Ensemble
     from fame.monitor.anomaly.paths import PathDetector
+    from fame.monitor.anomaly.scoring import Ensemble
 
     limits = [
         "Points are scored against runs of the training: a changed task, load or speed needs a new model.",
@@ -111,7 +111,7 @@ def _anomaly_card(model: Model) -> Card:
             limits.append(each.estimator.limits_text())
         else:
             limits.append(f"{each.name} sees single points: their order and time do not count.")
-    detector = type(model.estimator).__name__
+    detector = type(getattr(model.estimator, "classifier", model.estimator)).__name__
     if isinstance(model.estimator, Ensemble):
         detector = f"{model.estimator.rule} {', '.join(each.name for each in members)}"
     alarms = (

@@ -136,7 +136,7 @@ def deviations(path: Path, detector: PathDetector, runs: Iterable[tuple[str, Rec
     _save(figure, path)
 
 
-def matrices(path: Path, titled: Sequence[tuple[str, ConfusionMatrix]], *, unit: str = "runs") -> None:
+def matrices(path: Path, titled: Sequence[tuple[str, ConfusionMatrix]]) -> None:
     """A confusion matrix for each candidate: its title and counts."""
     columns = min(3, max(1, len(titled)))
     rows = -(-len(titled) // columns) or 1
@@ -152,7 +152,7 @@ def matrices(path: Path, titled: Sequence[tuple[str, ConfusionMatrix]], *, unit:
         axes.set_title(title, fontsize=9)
         axes.tick_params(labelsize=8)
         axes.set_xlabel("predicted", fontsize=8)
-        axes.set_ylabel(f"true ({unit})", fontsize=8)
+        axes.set_ylabel("true (runs)", fontsize=8)
     _save(figure, path)
 
 

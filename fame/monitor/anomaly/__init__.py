@@ -6,9 +6,8 @@
     learning_file  the learning file
     paths          PathDetector: deviation and tilt of the tool against the benign paths, and its lateness
     benign_changes speed, pauses, lost samples, start pose, sag and noise of a run as a whole
-    model          a stored model; DataProcess, DataPersist
-    scoring        scores single points quickly
-    ensemble       several models as one: any of, all of
+    model          a stored model; PointClassifier, DataProcess, DataPersist
+    scoring        scores points one by one; several models as one: any of, all of
     classifiers    classifiers by name, fitted and evaluated; AnomalyDetector, OutputMatrix
     thresholds     of classifiers: given, between the classes, or promising a rate of false alarms
     learn          fit and evaluate every classifier, choose the best; Interface

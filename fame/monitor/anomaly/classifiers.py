@@ -20,7 +20,7 @@ import numpy as np
 
 from fame.errors import ConfigError, UnavailableError
 from fame.monitor.anomaly.learning_file import Candidate, Learning
-from fame.monitor.anomaly.model import DataProcess, Model
+from fame.monitor.anomaly.model import DataProcess, Model, PointClassifier
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording
 from fame.monitor.kinematics import load_chain
@@ -45,8 +45,8 @@ DEFAULTS = (
 """Gamma is per squared unit of columns scaled to 0 ... 1."""
 
 
-def make(candidate: Candidate, folder: Path) -> Any:
-    """Make the estimator of a candidate. Raises ConfigError for an unknown class or parameter."""
+def make(candidate: Candidate, folder: Path, scaling: str = "minmax") -> PathDetector | PointClassifier:
+    """Make the detector of a candidate, with a `scaling` if it has none. Raises ConfigError for a wrong one."""
     if candidate.cls == "PathDetector":
         parameters = dict(candidate.parameters)
         chain = parameters.pop("chain", None)
@@ -59,7 +59,8 @@ def make(candidate: Candidate, folder: Path) -> Any:
             chain = folder / str(chain)
             if not isfile(chain):
                 raise candidate.error("parameters.chain", f"expected a file, got {str(chain)!r}")
-        return _build(PathDetector, candidate, {"chain": load_chain(chain), **parameters})
+        detector: PathDetector = _build(PathDetector, candidate, {"chain": load_chain(chain), **parameters})
+        return detector
     module = _HOMES.get(candidate.cls.rpartition(".")[2])
     if module is None:
         known = ", ".join(sorted([*_HOMES, "PathDetector"]))
@@ -71,7 +72,10 @@ def make(candidate: Candidate, folder: Path) -> Any:
     defaults: dict[str, Any] = {"novelty": True} if candidate.cls.endswith("LocalOutlierFactor") else {}
     if "random_state" in inspect.signature(cls).parameters:
         defaults["random_state"] = 0  # the same data, the same model
-    return _build(cls, candidate, {**defaults, **candidate.parameters})
+    process = DataProcess(candidate.reduction or 0, candidate.scaling or scaling)
+    return PointClassifier(
+        _build(cls, candidate, {**defaults, **candidate.parameters}), process, unique=candidate.unique
+    )
 
 
 def _build(cls: Any, candidate: Candidate, parameters: dict[str, Any]) -> Any:
@@ -119,36 +123,35 @@ def _threshold(candidate: Candidate, learning: Learning) -> Any:
 
 
 Named: TypeAlias = tuple[str, Any]
-"""A classifier: its name, and an estimator of scikit-learn or a PathDetector."""
+"""A classifier: its name, and an estimator of scikit-learn."""
 
 
 class AnomalyDetector:
     """The published role. Unsupervised classifiers learn from benign points, supervised ones from both kinds."""
 
-    unsupervised: list[Named]
-    supervised: list[Named]
-    process: DataProcess
-
     def __init__(self, unsupervised: Sequence[Named], supervised: Sequence[Named], process: DataProcess) -> None:
-        self.unsupervised, self.supervised, self.process = list(unsupervised), list(supervised), process
+        self._unsupervised, self._supervised = (
+            {name: PointClassifier(classifier, process) for name, classifier in models}
+            for models in (unsupervised, supervised)
+        )
 
     def train_unsupervised(self, data: Recording) -> None:
         """Fit each to the benign points. Raises ConfigError without benign points."""
-        for _, estimator in self.unsupervised:
-            fit(estimator, self.process, data, supervised=False)
+        for detector in self._unsupervised.values():
+            fit(detector, data)
 
     def train_supervised(self, data: Recording) -> None:
         """Fit each to points of both kinds. Raises ConfigError if there is only one."""
-        for _, estimator in self.supervised:
-            fit(estimator, self.process, data, supervised=True)
+        for detector in self._supervised.values():
+            fit(detector, data)
 
     def classify_unsupervised(self, data: Recording) -> dict[str, Any]:
         """Labels (points,) by each."""
-        return {name: predict(estimator, self.process, data) for name, estimator in self.unsupervised}
+        return {name: detector.predict(data) for name, detector in self._unsupervised.items()}
 
     def classify_supervised(self, data: Recording) -> dict[str, Any]:
         """Labels (points,) by each."""
-        return {name: predict(estimator, self.process, data) for name, estimator in self.supervised}
+        return {name: detector.predict(data) for name, detector in self._supervised.items()}
 
     def evaluate(self, data: Recording) -> dict[str, ConfusionMatrix]:
         """The confusion matrix of points of each."""
@@ -156,50 +159,19 @@ class AnomalyDetector:
         return {name: by_point(data, predicted) for name, predicted in found.items()}
 
 
-def fit(estimator: Any, process: DataProcess, data: Recording, *, supervised: bool, unique: bool = False) -> None:
-    """Fit one classifier. `unique` leaves out repeated points. Raises ConfigError for data of one class
-    only, and for what scikit-learn refuses."""
+def fit(detector: PathDetector | PointClassifier, data: Recording) -> None:
+    """Fit a supervised detector to all points, another to the benign ones. Raises ConfigError for data that lack one of
+    them, and for what the detector refuses."""
     present = set(data.labels.tolist())
-    if supervised and present != {BENIGN, ANOMALOUS}:
+    if detector.supervised and present != {BENIGN, ANOMALOUS}:
         kind = "benign" if BENIGN in present else "anomalous"
         text = f"has {kind} points only (label {min(present)}); a supervised classifier needs both"
         raise ConfigError(text, file=data.source)
-    benign = data if supervised else data.select([n for n, label in enumerate(data.run_labels()) if label == BENIGN])
-    if not len(benign):
+    if not detector.supervised:
+        data = data.select([number for number, label in enumerate(data.run_labels()) if label == BENIGN])
+    if not len(data):
         raise ConfigError("has no benign points (label 1) to learn from", file=data.source)
-    if isinstance(estimator, PathDetector):
-        expected, got = len(estimator.chain.joints), len(benign.joints)
-        if expected != got:
-            raise ConfigError(
-                f"expected {expected} joints, as the chain of the PathDetector has, got {got}", file=data.source
-            )
-        estimator.fit(benign)
-        return
-    values = np.unique(benign.values, axis=0) if unique and not supervised else benign.values
-    features = process.transform(values)
-    try:
-        estimator.fit(features, benign.labels) if supervised else estimator.fit(features)
-    except (TypeError, ValueError) as error:  # parameters are checked only now
-        raise ConfigError(
-            f"{type(estimator).__name__} cannot be trained on these data: {error}", file=data.source
-        ) from None
-
-
-def predict(estimator: Any, process: DataProcess | None, data: Recording) -> Any:
-    """Labels (points,) by one classifier: +1 benign, -1 anomalous."""
-    if isinstance(estimator, PathDetector):
-        return estimator.predict(data)
-    assert process is not None
-    return np.where(estimator.predict(process.transform(data.values)) == ANOMALOUS, -1, 1)
-
-
-def is_supervised(estimator: Any) -> bool:
-    """Whether a classifier needs labels."""
-    if isinstance(estimator, PathDetector):
-        return False
-    from sklearn.base import is_outlier_detector
-
-    return not is_outlier_detector(estimator)
+    detector.fit(data)
 
 
 class ConfusionMatrix(NamedTuple):

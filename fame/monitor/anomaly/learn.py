@@ -45,14 +45,11 @@ from fame.monitor.anomaly.classifiers import (
     by_run,
     expand_candidates,
     fit,
-    is_supervised,
     make,
-    predict,
     run_scores,
 )
 from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning, load
-from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, data_hash
-from fame.monitor.anomaly.paths import PathDetector
+from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, PointClassifier, data_hash
 from fame.monitor.anomaly.recording import BENIGN, Recording, read_csv, require_same_joints
 from fame.monitor.anomaly.thresholds import set_threshold, together
 from fame.monitor.storage import versions
@@ -206,7 +203,6 @@ class _Fitted(NamedTuple):
     """Result of a fit: the classifier (kept of the fit with all data), and the labels that it predicts."""
 
     estimator: Any
-    process: DataProcess | None
     predicted: Any
 
 
@@ -225,24 +221,20 @@ def _run(
 
 def _fit(candidate: Candidate, fold: int, learning: Learning, data: LearningData) -> _Fitted:
     """Fit without a fold and evaluate the fold; fold -1: fit all data and evaluate them."""
-    estimator = make(candidate, learning.file.parent)
-    supervised = is_supervised(estimator)
-    source = data.both if supervised else data.benign or data.both
+    detector = make(candidate, learning.file.parent, learning.scaling)
+    source = data.both if detector.supervised else data.benign or data.both
     if source is None:
-        missing = "supervised_train" if supervised else "unsupervised_train"
+        missing = "supervised_train" if detector.supervised else "unsupervised_train"
         raise ConfigError(f"the classifier {candidate.name} needs Files.{missing}", file=str(learning.file))
     target = data.both or source
     if fold >= 0:
         held = fold_numbers(target, learning.folds) == fold
         source = _without(source, target.select(np.flatnonzero(held).tolist()))
         target = target.select(np.flatnonzero(held).tolist())
-    process = DataProcess(candidate.reduction or 0, candidate.scaling or learning.scaling)
-    basis = source if fold >= 0 or data.process is None else data.process
-    if not isinstance(estimator, PathDetector):
-        process.fit(basis.values)
-    fit(estimator, process, source, supervised=supervised, unique=candidate.unique)
-    kept = None if isinstance(estimator, PathDetector) else process
-    return _Fitted(estimator if fold < 0 else None, kept, predict(estimator, kept, target))
+    if isinstance(detector, PointClassifier):
+        detector.process.fit((source if fold >= 0 or data.process is None else data.process).values)
+    fit(detector, source)
+    return _Fitted(detector if fold < 0 else None, detector.predict(target))
 
 
 def fold_numbers(recording: Recording, folds: int) -> Any:
@@ -287,7 +279,6 @@ def _learned(
     assert whole is not None
     held = _held_out([results[_Task(number, fold)].predicted for fold in range(learning.folds)], whole, learning.folds)
     threshold, note, calibration = set_threshold(candidate, learning, whole, held)
-    estimator, process = final.estimator, final.process
     evaluations = [_evaluate(TRAIN, whole, final.predicted, threshold)]
     if held is not None:
         evaluations.append(_evaluate(VALIDATION, whole, held, threshold))
@@ -295,13 +286,12 @@ def _learned(
     for item in data.testing:
         known_run = any(data_hash_of_run(run) in known for run in item)
         label = f"{TRAIN if known_run else TEST}: {item.source}"
-        evaluations.append(_evaluate(label, item, predict(estimator, process, item), threshold))
+        evaluations.append(_evaluate(label, item, final.estimator.predict(item), threshold))
     benign = whole.select([index for index, label in enumerate(whole.run_labels()) if label == BENIGN])
     model = Model(
         name=candidate.name,
         joints=whole.joints,
-        estimator=estimator,
-        process=process,
+        estimator=final.estimator,
         threshold=threshold,
         nominal=int(np.median([len(run) for run in benign])),
         reference=benign.select(range(min(_REFERENCE_RUNS, benign.count))).values,

@@ -182,7 +182,8 @@ class Collector:
         self.run = 0
         self._rule, self._segmenter = rule, RunSegmenter(rule, cycle)
         self._running = rule != "signal"
-        self._rows: list[tuple[float, int, list[float]]] = []
+        self._rows: list[tuple[float, list[float]]] = []
+        self._bounds: list[int] = []  # the rows that runs end before
 
     def begin(self) -> None:
         """A run begins (rule ``signal``)."""
@@ -192,7 +193,7 @@ class Collector:
         """It ends."""
         if self._running:
             self._running = False
-            self._another()
+            self._another(len(self._rows))
 
     def step(self, stamp: float, values: list[float]) -> None:
         """One more point."""
@@ -200,20 +201,18 @@ class Collector:
             return
         if self.late is None:
             self.late = math.hypot(*values) >= NEAR
+        self._rows.append((stamp, values))
         own = self._segmenter.feed(values)
-        if own is not None:
-            keep = len(self._rows) - (own - 1)
-            moved = [*self._rows[keep:], (stamp, 0, values)]
-            if self.late:
-                self.late = False
-                self._rows = [(time, 0, row) for time, _, row in moved]
-                return
-            del self._rows[keep:]
-            self._another()
-            if not self.done:
-                self._rows += [(time, self.run, row) for time, _, row in moved]
-        else:
-            self._rows.append((stamp, self.run, values))
+        if own is None:
+            return
+        begin = len(self._rows) - own
+        if self.late:
+            self.late = False
+            del self._rows[:begin]
+            return
+        self._another(begin)
+        if self.done:
+            del self._rows[begin:]
 
     def recording(self) -> Recording:
         """Give what was collected. Raises MissionError if there is nothing."""
@@ -221,18 +220,18 @@ class Collector:
             raise MissionError("nothing was collected: the arm never passed home, where all joints are near 0")
         if not self._rows:
             raise MissionError("nothing was collected: no run began, or the topic was silent")
-        stamps, runs, values = zip(*self._rows, strict=True)
-        timed = any(stamps)
+        stamps, values = zip(*self._rows, strict=True)
         recording = Recording(
             self.joints or tuple(f"joint_{number + 1}" for number in range(len(values[0]))),
             np.array(values),
             np.full(len(values), self.label, dtype=np.int64),
-            np.array(runs, dtype=np.int64),
-            np.array(stamps) if timed else None,
+            np.searchsorted(self._bounds, np.arange(len(values)), side="right").astype(np.int64),
+            np.array(stamps) if any(stamps) else None,
         )
         return _whole(recording)
 
-    def _another(self) -> None:
+    def _another(self, end: int) -> None:
+        self._bounds.append(end)
         self.run += 1
         self.done = 0 < self.limit <= self.run
 

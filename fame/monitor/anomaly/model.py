@@ -1,4 +1,4 @@
-"""A trained model: preprocessing, classifier, threshold and origin; scores single points, stored and loaded.
+"""A trained model: detector, threshold and origin; scores single points, stored and loaded.
 
 `OperateNode` scores one point at a time, so classifiers with an RBF kernel are evaluated here directly: scaling and
 components are one matrix, the kernel is one product and one exponential over the support vectors. A library's `predict`
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from importlib.metadata import version
 from pathlib import Path
@@ -22,11 +22,10 @@ from typing import Any
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.ensemble import Ensemble, EnsembleScorer
 from fame.monitor.anomaly.learning_file import SCALINGS
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording, read_csv
-from fame.monitor.anomaly.scoring import PathScorer, PointScorer, Scorer
+from fame.monitor.anomaly.scoring import Ensemble, EnsembleScorer, PathScorer, PointScorer, Scorer
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
 from fame.monitor.pipeline.detectors import RULES
@@ -86,11 +85,54 @@ class DataProcess:
         return np.asarray(self.scaler.transform(values) if self.scaler is not None else values)
 
 
+class PointClassifier:
+    """A classifier with its preprocessing. `unique` leaves repeated points out of what an unsupervised one learns."""
+
+    def __init__(self, classifier: Any, process: DataProcess, *, unique: bool = False) -> None:
+        from sklearn.base import is_outlier_detector
+
+        self.classifier, self.process, self._unique = classifier, process, unique
+        self.supervised: bool = not is_outlier_detector(classifier)
+
+    def fit(self, data: Recording) -> PointClassifier:
+        """Learn from points, scaled as `process` has learned to. Raises ConfigError for what scikit-learn refuses."""
+        values = np.unique(data.values, axis=0) if self._unique and not self.supervised else data.values
+        labels = (data.labels,) if self.supervised else ()
+        features = self.process.transform(values)
+        try:
+            self.classifier.fit(features, *labels)
+        except (TypeError, ValueError) as error:  # parameters are checked only now
+            text = f"{type(self.classifier).__name__} cannot be trained on these data: {error}"
+            raise ConfigError(text, file=data.source) from None
+        return self
+
+    def predict(self, recording: Recording) -> Any:
+        """Labels (points,): +1 benign, -1 anomalous."""
+        return np.where(self.classifier.predict(self.process.transform(recording.values)) == ANOMALOUS, -1, 1)
+
+    def decision(self, joints: int) -> Callable[[Floats], bool]:
+        """Return what tells whether a point (joints,) is benign."""
+        svm, process = self.classifier, self.process
+        if getattr(svm, "kernel", None) != "rbf" or not hasattr(svm, "support_vectors_"):
+            return lambda point: bool(svm.predict(process.transform(point[None]))[0] != ANOMALOUS)
+        matrix, offset = process.affine(joints)
+        vectors, gamma = np.ascontiguousarray(svm.support_vectors_.T), float(svm._gamma)
+        squares, weights = (vectors**2).sum(axis=0), np.ascontiguousarray(svm.dual_coef_[0])
+        intercept = float(svm.intercept_[0])
+
+        def benign(point: Floats) -> bool:
+            features = point @ matrix + offset
+            distances = squares - 2 * (features @ vectors) + features @ features
+            return bool(np.exp(-gamma * distances) @ weights + intercept > 0)
+
+        return benign
+
+
 @dataclass(frozen=True, slots=True)
 class Model:
     """A classifier with all that it needs.
 
-    process      None for a PathDetector or an Ensemble, which take joint angles as they are
+    estimator    a PointClassifier, PathDetector or Ensemble
     threshold    a run is anomalous if its score exceeds this
     nominal      points of a usual benign run
     reference    points of some benign runs (points, joints), to find the joint that is off
@@ -102,7 +144,6 @@ class Model:
     name: str
     joints: tuple[str, ...]
     estimator: Any
-    process: DataProcess | None
     threshold: float
     nominal: int
     reference: Floats
@@ -112,9 +153,7 @@ class Model:
 
     def predict(self, recording: Recording) -> Any:
         """Labels (points,): +1 benign, -1 anomalous."""
-        if self.process is None:
-            return self.estimator.predict(recording)
-        return np.where(self.estimator.predict(self.process.transform(recording.values)) == ANOMALOUS, -1, 1)
+        return self.estimator.predict(recording)
 
     def scorer(self) -> Scorer:
         """Return a scorer of single points."""
@@ -187,14 +226,18 @@ def save_model(model: Model, path: str | Path) -> None:
 
 
 def _plain(model: Model) -> dict[str, Any]:
-    estimator, process = model.estimator, model.process
-    plain = {item.name: to_plain(getattr(model, item.name)) for item in fields(Model) if item.name != "versions"}
+    estimator, process = model.estimator, None
     if isinstance(estimator, Ensemble):
-        plain["estimator"] = {"rule": estimator.rule, "members": [_plain(each) for each in estimator.members]}
+        stored: Any = {"rule": estimator.rule, "members": [_plain(each) for each in estimator.members]}
     elif isinstance(estimator, PathDetector):
-        plain["estimator"] = estimator.to_plain()
-    plain["process"] = None if process is None else [process.reduction, process.scaling, process.scaler, process.pca]
-    return plain
+        stored = estimator.to_plain()
+    else:
+        stored, kept = estimator.classifier, estimator.process
+        process = [kept.reduction, kept.scaling, kept.scaler, kept.pca]
+    plain = {item.name: to_plain(getattr(model, item.name)) for item in fields(Model) if item.name != "versions"}
+    return {"name": model.name, "joints": plain["joints"], "estimator": stored, "process": process} | {
+        name: value for name, value in plain.items() if name != "estimator"
+    }
 
 
 def load_model(path: str | Path) -> Model:
@@ -228,8 +271,9 @@ def _model(content: dict[str, Any]) -> Model:
         estimator = PathDetector.from_plain(estimator)
     elif parts is None:
         raise ValueError("a classifier without its process")
-    process = None if parts is None else DataProcess(*parts)
-    model = from_plain(Model, {**content, "estimator": estimator, "process": process})
+    else:
+        estimator = PointClassifier(estimator, DataProcess(*parts))
+    model = from_plain(Model, {**content, "estimator": estimator})
     if model.reference.ndim != 2 or model.reference.shape[1] != len(model.joints):
         raise ValueError(f"reference of shape {model.reference.shape} for {len(model.joints)} joints")
     return model

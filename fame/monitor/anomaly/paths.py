@@ -31,7 +31,7 @@ import math
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -82,6 +82,7 @@ class Paths:
 class PathDetector:
     """Learns from benign runs alone. `limits` is (bins, 4): of deviation, change of lateness, lateness, tilt."""
 
+    supervised: ClassVar[bool] = False
     chain: Chain
     margin: float
     parameters: PathParameters
@@ -97,7 +98,10 @@ class PathDetector:
 
     def fit(self, benign: Recording) -> PathDetector:
         """Learn the paths of the benign runs, and the limits by the rule above. Raises ConfigError for too few."""
-        runs = list(benign)
+        runs, expected = list(benign), len(self.chain.joints)
+        if expected != len(benign.joints):
+            text = f"expected {expected} joints, as the chain of the PathDetector has, got {len(benign.joints)}"
+            raise ConfigError(text, file=benign.source)
         if len(runs) < BLOCKS:
             raise ConfigError(f"has {len(runs)} benign runs; at least {BLOCKS} are needed", file=benign.source)
         self.period = _period(runs)

@@ -83,9 +83,9 @@ def boundaries(values: Floats) -> list[int]:
     return home_boundaries(values) if at_home else dwell_boundaries(values)
 
 
-def home_boundaries(values: Floats, home: Floats | None = None) -> list[int]:
-    """The first row of each run that leaves `home` (rad, default all zero) and comes back."""
-    distance = np.linalg.norm(values if home is None else values - home, axis=1)
+def home_boundaries(values: Floats) -> list[int]:
+    """The first row of each run that leaves home (all joints 0) and comes back."""
+    distance = np.linalg.norm(values, axis=1)
     near = distance < NEAR
     comes = np.flatnonzero(near[1:] & ~near[:-1]) + 1
     leaves = np.flatnonzero(~near[1:] & near[:-1]) + 1

@@ -1,19 +1,29 @@
-"""Scoring of single points by a model, one after the other, as a running node does."""
+"""Scoring of single points by a model, one after the other, as a running node does; several models as one.
+
+Detectors complement each other: one sees small deviations of the path, another what no path shows. Each member of an
+`Ensemble` keeps its own threshold. The score of a run is the largest (any of) or smallest (all of) of its members'
+scores, each divided by the member's threshold; 1 is the threshold. Per point, any or all of the members must call it
+anomalous.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from fame.monitor.anomaly.benign_changes import Change
-from fame.monitor.anomaly.recording import ANOMALOUS
-from fame.monitor.arrays import Floats
+from fame.monitor.anomaly.recording import ANOMALOUS, Recording
+from fame.monitor.pipeline.detectors import combined
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model
+
+
+_LEAST = 1e-9
+"""Smallest threshold that a score is divided by: one of 0 is exceeded by any score."""
 
 
 class Verdict(NamedTuple):
@@ -52,7 +62,7 @@ class PointScorer:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self._benign = _decision(model)
+        self._benign = model.estimator.decision(len(model.joints))
 
     def reset(self) -> None:
         """Nothing is kept from point to point."""
@@ -95,20 +105,39 @@ class PathScorer:
         return list(self._tracker.changes())
 
 
-def _decision(model: Model) -> Callable[[Floats], bool]:
-    """Whether a point is benign."""
-    estimator, process = model.estimator, model.process
-    assert process is not None
-    if getattr(estimator, "kernel", None) != "rbf" or not hasattr(estimator, "support_vectors_"):
-        return lambda point: bool(estimator.predict(process.transform(point[None]))[0] != ANOMALOUS)
-    matrix, offset = process.affine(len(model.joints))
-    vectors, gamma = np.ascontiguousarray(estimator.support_vectors_.T), float(estimator._gamma)
-    squares, weights = (vectors**2).sum(axis=0), np.ascontiguousarray(estimator.dual_coef_[0])
-    intercept = float(estimator.intercept_[0])
+class Ensemble(NamedTuple):
+    """A rule, ``any of`` or ``all of``, and the models that it combines."""
 
-    def benign(point: Floats) -> bool:
-        features = point @ matrix + offset
-        distances = squares - 2 * (features @ vectors) + features @ features
-        return bool(np.exp(-gamma * distances) @ weights + intercept > 0)
+    rule: str
+    members: tuple[Any, ...]
 
-    return benign
+    def score(self, scores: Sequence[float]) -> float:
+        """Combine the scores of a run by each member, in units of their thresholds."""
+        relative = (score / max(member.threshold, _LEAST) for score, member in zip(scores, self.members, strict=True))
+        return float(max(relative) if self.rule == "any of" else min(relative))
+
+    def predict(self, recording: Recording) -> Any:
+        """Labels (points,): +1 benign, -1 anomalous."""
+        votes = np.array([member.predict(recording) == ANOMALOUS for member in self.members])
+        return np.where(combined(self.rule, votes), -1, 1)
+
+
+class EnsembleScorer:
+    """Scores points by all members. The magnitude is that of the first member that calls a point anomalous."""
+
+    def __init__(self, ensemble: Ensemble) -> None:
+        self._decide = any if ensemble.rule == "any of" else all
+        self._scorers: list[Scorer] = [member.scorer() for member in ensemble.members]
+
+    def reset(self) -> None:
+        for scorer in self._scorers:
+            scorer.reset()
+
+    def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
+        verdicts = [scorer.step(values, stamp) for scorer in self._scorers]
+        votes = tuple(verdict.anomalous for verdict in verdicts)
+        first = next((verdict for verdict in verdicts if verdict.anomalous), verdicts[0])
+        return first._replace(anomalous=self._decide(votes), votes=votes)
+
+    def changes(self) -> Sequence[Change]:
+        return [change for scorer in self._scorers for change in scorer.changes()]

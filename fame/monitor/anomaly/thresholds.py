@@ -20,9 +20,9 @@ from fame.monitor.anomaly.classifiers import (
     by_run,
     run_scores,
 )
-from fame.monitor.anomaly.ensemble import Ensemble
 from fame.monitor.anomaly.learning_file import Candidate, Learning
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording
+from fame.monitor.anomaly.scoring import Ensemble
 from fame.monitor.calibration import Calibration, calibrate_runs, false_alarm_rate
 from fame.monitor.pipeline.detectors import combined
 
@@ -86,7 +86,7 @@ def together(
         threshold, note = calibration.thresholds[0], "" if calibration.promised else calibration.text
     evaluations = [replace(each, runs=by_run(list(each.labels), list(each.scores), threshold)) for each in scores]
     model = replace(
-        chosen[0].model, name=candidate.name, estimator=ensemble, process=None, threshold=threshold,
+        chosen[0].model, name=candidate.name, estimator=ensemble, threshold=threshold,
         calibration=calibration,
     )  # fmt: skip
     return TrainedClassifier(candidate, model, tuple(evaluations), note)

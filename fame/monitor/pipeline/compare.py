@@ -23,7 +23,7 @@ from fame.monitor.calibration import false_alarm_rate, interval, left_out_thresh
 from fame.monitor.data_files import rate_of
 from fame.monitor.pipeline.detectors import DETECTORS
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.train import Training, folds_of, learned, losses, prepared
+from fame.monitor.pipeline.train import Training, left_out, losses, prepared
 
 Inject = Callable[[Floats, int, float, np.random.Generator], Floats]
 """Gives the values of a channel (n,) with a fault from a row on; the float is the deviation of the channel."""
@@ -120,13 +120,11 @@ def _compared(runs: Sequence[Samples], config: Training) -> Compared:
     faulty = {kind: [_faulty(run, n, kind, moving, deviations) for n, run in enumerate(runs)] for kind in FAULTS}
     scores = np.zeros((len(runs), runs[0].channels().shape[1]))
     losses_of: dict[tuple[str, int], Samples] = {}
-    for held, others in folds_of(len(runs), config):
-        model = learned([filtered[index] for index in others], config, rate)
-        for index in held:
-            scores[index] = losses(model, filtered[index], config.stride).values.max(axis=0)
-            for kind, injected in faulty.items():
-                (run,) = prepared([injected[index]], config)
-                losses_of[kind, index] = losses(model, run, config.stride)
+    for index, model in left_out(filtered, config, rate):
+        scores[index] = losses(model, filtered[index], config.stride).values.max(axis=0)
+        for kind, injected in faulty.items():
+            (run,) = prepared([injected[index]], config)
+            losses_of[kind, index] = losses(model, run, config.stride)
     seconds = float(np.mean([run.stamps[-1] - run.stamps[0] for run in runs]))
     asked = false_alarm_rate(config.false_alarms, seconds)
     thresholds = left_out_thresholds(scores, asked, config.margin)
@@ -159,11 +157,12 @@ def _latencies(
     return found
 
 
-def _cost(model: Any, config: Training, calls: int = 200) -> float:
+def _cost(model: Any, config: Training) -> float:
     """Measure the processor time of the loss, us per sample."""
     windows = np.random.default_rng(0).standard_normal((2, config.window, len(model.columns)))
     model.loss(windows)
     began = time.process_time()
+    calls = 200
     for _ in range(calls):
         model.loss(windows)
     return 1e6 * (time.process_time() - began) / (calls * 2 * config.stride)

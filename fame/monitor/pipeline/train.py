@@ -105,11 +105,9 @@ def fit(runs: Sequence[Samples], config: Training, data: str = "", report: Repor
     filtered = prepared(runs, config)
     model = learned(filtered, config, rate)
     scores = np.full((len(runs), len(model.columns)), np.nan)
-    for number, (held, others) in enumerate(folds_of(len(runs), config), start=1):
-        report(f"fold {number}: {len(others)} runs train, {len(held)} are scored")
-        fold = learned([filtered[index] for index in others], config, rate)
-        for index in held:
-            scores[index] = _largest(losses(fold, filtered[index], config.stride))
+    for index, fold in left_out(filtered, config, rate, report):
+        loss = losses(fold, filtered[index], config.stride).values
+        scores[index] = loss.max(axis=0, initial=-np.inf)
     whole = np.isfinite(scores).all(axis=1)
     if whole.sum() < 2:
         text = (
@@ -150,16 +148,16 @@ def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedMo
     return TrainedModel(columns, config.window, rate, mean, scale, detector, nothing, config.cutoff, config.before)
 
 
-def folds_of(count: int, config: Training) -> Iterator[tuple[list[int], list[int]]]:
-    """Give held-out and other runs of each fold, by their indices."""
+def left_out(
+    runs: Sequence[Samples], config: Training, rate: float, report: Report = lambda text: None
+) -> Iterator[tuple[int, TrainedModel]]:
+    """Give each of the filtered runs, by its index, with a detector that learned from the other folds."""
     folds = round(1 / config.held_back) if config.held_back else config.folds
-    order = np.random.default_rng(config.seed).permutation(count)
-    for held in np.array_split(order, min(max(folds, 2), count)):
-        yield sorted(held.tolist()), sorted(set(range(count)) - set(held.tolist()))
-
-
-def _largest(loss: Samples) -> Floats:
-    return np.asarray(loss.values.max(axis=0)) if len(loss) else np.full(loss.values.shape[1], np.nan)
+    order = np.random.default_rng(config.seed).permutation(len(runs))
+    for number, held in enumerate(np.array_split(order, min(max(folds, 2), len(runs))), start=1):
+        report(f"fold {number}: {len(runs) - len(held)} runs train, {len(held)} are scored")
+        model = learned([run for index, run in enumerate(runs) if index not in held], config, rate)
+        yield from ((int(index), model) for index in sorted(held))
 
 
 def _figures(
