@@ -3,7 +3,7 @@
 import pytest
 
 from fame.clock import SECOND
-from fame.deploy.late_joiners import Ended, JoinersState, Left, Polled, Reported, Started, Supply, step
+from fame.deploy.late_joiners import CalledOff, Ended, JoinersState, Left, Polled, Reported, Started, Supply, step
 
 WAIT = Reported("A", "waiting"), Reported("B", "waiting")
 
@@ -27,6 +27,8 @@ def after(*events, supplied: frozenset[str] = frozenset()) -> list[Supply]:
         ((*WAIT, Polled(0), Ended(), Polled(10 * SECOND)), ("A", "B")),
         ((*WAIT, Polled(0), Started("A"), Ended(), Polled(10 * SECOND)), ("B",)),
         ((*WAIT, Polled(0), Started("A"), Ended(), WAIT[0], Polled(SECOND)), ("A",)),
+        ((*WAIT, Polled(0), CalledOff("A"), Ended(), Polled(SECOND)), ("A",)),
+        ((*WAIT, Polled(0), CalledOff("A"), Ended(), Polled(10 * SECOND)), ("A", "B")),
         ((WAIT[0], Polled(0), Left("A"), Ended(), WAIT[0], Polled(SECOND)), ("A",)),
     ],
 )

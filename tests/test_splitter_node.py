@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from deployment_field import TEAM, Field, patrol
 
 from fame import deploy
@@ -35,8 +36,9 @@ class Farm(Field):
     def diagram(self, text: str) -> None:
         self.diagrams.publish(messages.create(deploy.STRING, text))
 
-    def come(self, robot: str) -> EngineNode:
-        engine = self.engines[robot] = EngineNode(robot, scheduler=self.scheduler, middleware=self.middleware)
+    def come(self, robot: str, **options) -> EngineNode:
+        engine = EngineNode(robot, scheduler=self.scheduler, middleware=self.middleware, **options)
+        self.engines[robot] = engine
         self.person.subscription(f"/{robot}/bpmn_status", deploy.STRING, self._hear, deploy.STATUS_QOS)
         return engine
 
@@ -44,6 +46,8 @@ class Farm(Field):
         """As if its process had been killed: its ends are gone, nobody said goodbye."""
         engine = self.engines.pop(robot)
         engine.status.close()
+        if engine.candidate is not None:
+            engine.candidate.close()
         if engine.running is not None:
             engine.running.close()
         engine.node.close()
@@ -178,6 +182,44 @@ def test_a_diagram_that_a_robot_refuses_leaves_what_runs_running():
     farm.pass_time(3)
     assert [farm.engines[name].running for name in "AB"] == kept
     assert "syntax" in farm.lines[-1].casefold()
+
+
+def test_a_robot_that_dies_between_ready_and_start_and_those_that_come_late_get_what_the_others_started():
+    farm = Farm("A", "B_1", "B_2")
+    farm.splitter()
+
+    def die(message) -> None:
+        if json.loads(message.data)["answer"] == "ready" and "B_1" in alive:
+            alive.remove("B_1")
+            farm.scheduler.soon(lambda: farm.vanish("B_1"))
+            farm.scheduler.soon(lambda: farm.come("B_1"))
+
+    alive = ["B_1"]
+    farm.person.subscription("/B_1/bpmn_status", deploy.STRING, die, deploy.STATUS_QOS)
+    farm.diagram(TRACTORS)
+    farm.pass_time(5)
+    assert any(line.startswith("not deployed") and "A: started" in line for line in farm.lines)
+    farm.come("B_3")
+    farm.pass_time(20)
+    assert all(engine.deployed for engine in farm.engines.values())
+
+
+def test_after_a_diagram_that_a_robot_refuses_those_that_come_late_get_the_one_before():
+    farm = Farm("A", "B_1")
+    splitter = farm.splitter()
+    farm.diagram(TRACTORS)
+    farm.pass_time(3)
+    farm.come("B_2", trusted=[Ed25519PrivateKey.generate().public_key()])
+    farm.pass_time(3)
+    farm.diagram(TRACTORS.replace('"ua"', '"ua2"'))
+    farm.pass_time(3)
+    farm.come("B_3")
+    farm.pass_time(12)
+    farm.come("B_4")
+    farm.pass_time(20)
+    assert [bool(engine.deployed) for engine in farm.engines.values()] == [True, True, False, True, True]
+    assert farm.engines["A"].running.instances[-1].waiting == ["ua"]
+    assert splitter.state == "keeping"
 
 
 def test_of_diagrams_that_come_in_a_burst_the_newest_is_what_the_team_ends_up_with():

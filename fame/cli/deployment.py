@@ -114,9 +114,9 @@ def run_deploy(arguments: Namespace) -> int:
             failures = sending.watch(deployment, note, None if arguments.until_ended else _AT_ONCE)
         if arguments.json:
             _print_json(deployment, migrated, failures)
-        if arguments.stay and not deployment.failed:
+        if arguments.stay and deployment.started:  # a robot that has died meanwhile comes late
             deployment.close()
-            sending.stay(deployment.robots, note)
+            sending.stay(deployment.started, note)
     return migrated.exit_code(deployment) or bool(failures)
 
 

@@ -2,7 +2,8 @@
 
 Theory of operation. `LateJoiners` listens to every engine that a pool of its model wants. Those that report ``waiting``
 are sent their parts, all that wait at that moment in one deployment, so that they find each other. Robots that have a
-process are left alone, whatever it is. A robot whose deployment failed is tried again after `RETRY` s.
+process are left alone, whatever it is. A robot whose deployment failed is tried again after `RETRY` s, those that were
+called off because of it at once.
 
 Who is supplied when is decided by a pure state machine, ``step(state, event) -> (state, actions)``.
 """
@@ -79,6 +80,13 @@ class Started:
 
 
 @dataclass(frozen=True, slots=True)
+class CalledOff:
+    """A robot of the current deployment has not started, because of another one."""
+
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
 class Ended:
     """The deployment has ended."""
 
@@ -91,7 +99,7 @@ class Supply:
     again: frozenset[str]
 
 
-Event = Reported | Left | Polled | Started | Ended
+Event = Reported | Left | Polled | Started | CalledOff | Ended
 
 
 def step(state: JoinersState, event: Event) -> tuple[JoinersState, tuple[Supply, ...]]:
@@ -106,6 +114,8 @@ def step(state: JoinersState, event: Event) -> tuple[JoinersState, tuple[Supply,
         case Started(robot):
             state = replace(state, waiting=state.waiting - {robot}, retry=_without(state, {robot}))
             return replace(state, supplied=state.supplied | {robot}), ()
+        case CalledOff(robot):
+            return replace(state, retry=_without(state, {robot})), ()
         case Ended():
             return replace(state, deploying=False), ()
         case Polled(now):
@@ -169,6 +179,11 @@ class LateJoiners:
         self._engines: dict[str, Subscription] = {}
         self._next: Entry = scheduler.soon(self._poll, Kind.TIMER)
 
+    @property
+    def supplied(self) -> frozenset[str]:
+        """The robots that have had the model."""
+        return self._protocol.state.supplied
+
     def close(self) -> None:
         """Stop deploying to late joiners, and close all endpoints."""
         self._next.cancel()
@@ -207,6 +222,8 @@ class LateJoiners:
         for robot, progress in deployment.robots.items():
             if progress.state == "started":
                 self._protocol.handle(Started(robot))
+            elif progress.called_off:
+                self._protocol.handle(CalledOff(robot))
             self._log(str(progress))
         self.scheduler.soon(self._close_current)
 

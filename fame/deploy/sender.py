@@ -171,6 +171,11 @@ class Deployment:
         return {each.robot: each for each in self._protocol.state.robots}
 
     @property
+    def started(self) -> list[str]:
+        """The robots that have started; perhaps not all, if it `failed`."""
+        return [robot for robot, progress in self.robots.items() if progress.state == "started"]
+
+    @property
     def reports(self) -> dict[str, Report]:
         """The last report of each robot, with the places of errors in the files of the model."""
         return {robot: self._source_maps[robot].report(report) for robot, report in self._known.items()}

@@ -54,12 +54,16 @@ _RESULTS = (REFUSALS - {"superseded"}) | {"started"}
 
 @dataclass(frozen=True, slots=True)
 class RobotProgress:
-    """How far one robot is: its last answer, or ``silent``; with the reason; `took` how long it was until then (s)."""
+    """How far one robot is: its last answer, or ``silent``; with the reason; `took` how long it was until then (s).
+
+    It is `called_off` if it was not started because of other robots.
+    """
 
     robot: str
     state: str = "silent"
     reason: str = ""
     took: float = 0.0
+    called_off: bool = False
 
     def __str__(self) -> str:
         return ": ".join(filter(None, (self.robot, self.state, self.reason)))
@@ -342,7 +346,7 @@ def _explain(state: SenderState) -> SenderState:
 
     def explained(each: RobotProgress) -> RobotProgress:
         reason = silent if each.state == "silent" else f"called off because of {names}"
-        return each if each.robot in failing else replace(each, reason=reason)
+        return each if each.robot in failing else replace(each, reason=reason, called_off=True)
 
     return _map(state, explained)
 

@@ -91,6 +91,7 @@ class SplitterNode:
         self._text = ""
         self._deployment: Deployment | None = None
         self._late_joiners: LateJoiners | None = None
+        self._kept: tuple[tuple[str, Definitions], Collection[str]] | None = None  # what the team has, and who had it
         self.node: Node = middleware.node("fame_splitter")
         self._refused = RateLimiter(scheduler, self._report)
 
@@ -231,18 +232,19 @@ class SplitterNode:
         if self._deployment is not deployment:
             return
         self._deployment = None
-        if not deployment.failed:
-            self._keep(diagram, supplied=deployment.robots)
+        if deployment.started:  # a robot that has died meanwhile comes late
+            self._keep(diagram, supplied=deployment.started)
         elif self._diagram is diagram and any(each.state in REFUSALS for each in deployment.robots.values()):
-            self._diagram = (
-                None  # the team keeps what it had; a robot that was silent may come back, and is asked again
-            )
+            self._diagram = None  # a robot that was silent may come back, and is asked again
+            if self._kept is not None:
+                self._keep(*self._kept)
         self._try()
 
     # ---- the team --------------------------------------------------------------------------------------------------
 
     def _keep(self, diagram: tuple[str, Definitions], supplied: Collection[str]) -> None:
         self._cease()
+        self._kept = diagram, supplied
         self._deployed = diagram[0]
         self._team.publish(messages.create(STRING, self._deployed_text(diagram[1].source.decode(errors="replace"))))
         send = partial(self._send, diagram[1])
@@ -261,6 +263,8 @@ class SplitterNode:
     def _cease(self, but: Deployment | None = None) -> None:
         """Stop deploying to late joiners, and abort the current deployment."""
         if self._late_joiners is not None:
+            if self._kept is not None:
+                self._kept = self._kept[0], self._late_joiners.supplied
             self._late_joiners.close()
         if self._deployment is not None and self._deployment is not but:
             self._deployment.close()
