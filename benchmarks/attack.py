@@ -27,6 +27,7 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
     faults.stopped_last,
     faults.redeployments,
     faults.flapping,
+    faults.late_joiners,
     engines.uninterruptible,
     deployment.strangers_key,
     deployment.silent_other,

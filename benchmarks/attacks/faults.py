@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import random
 import signal
 import time
+from pathlib import Path
 
 from attacks.field import Field, held
-from attacks.team import Team, mission
+from attacks.team import Sender, Team, mission
 from fame.bpmn.reader import read_text
 from fame.deploy import Deployment
 
@@ -128,3 +130,22 @@ def flapping(field: Field) -> None:
     newest = max((said.deployment for said in team.said if said.answer == "started"), key=team.sequences.get)
     held(running == {newest}, f"{running} run, the newest that started is {newest}")
     team.finish()
+
+
+def late_joiners(field: Field) -> None:
+    """Robots join, and one starts again, in each phase of a splitter's deployment: all end on the newest."""
+    team = Team(field, ("A", "R_1"), fleet="R")
+    splitter = field.begin("splitter")
+    numbers = itertools.count(2)
+    for _ in range(3):
+        version, file = team.write(tasks=TASKS)
+        sender = Sender(version, splitter)
+        field.say("/collaboration_diagram", Path(file).read_text())
+        for moment in ("load", "R_1 ready", "A started"):
+            held(team.at(moment, sender), f"no {moment!r}")
+            team.start(f"R_{next(numbers)}")
+            if moment == "load" and version == 2:
+                team.robots["R_1"].process.process.kill()
+                team.restart("R_1")
+        team.await_version(version)
+        team.judge()

@@ -7,12 +7,13 @@ until nothing is under way any more, and applies `tests.torture.invariants`.
 from __future__ import annotations
 
 import itertools
+import re
 import signal
 import subprocess
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,32 +29,39 @@ PATIENCE = 90.0
 each other for dead may find each other only after half a minute."""
 
 
-def mission(version: int, robots: Iterable[str], *, tasks: int = 0) -> str:
-    """A version of a mission: all robots wait for `go` of the first, which has `tasks` more to load."""
+def mission(version: int, robots: Iterable[str], *, tasks: int = 0, fleet: str = "") -> str:
+    """A version of a mission: all wait for `go` of the first, which has `tasks` more to load.
+
+    A `fleet` is a pool for all robots of that name and a number.
+    """
     first, *others = robots
     pools = "".join(f'<participant id="P{robot}" name="{robot}" processRef="p{robot}"/>' for robot in (first, *others))
+    if fleet:
+        others.append(fleet)
+        pools += f'''<participant id="P{fleet}" name="{fleet}" processRef="p{fleet}">
+            <participantMultiplicity minimum="1"/></participant>'''
     throws = '<intermediateThrowEvent id="t"><signalEventDefinition signalRef="S"/></intermediateThrowEvent>'
-    catches = '<intermediateCatchEvent id="c{}"><signalEventDefinition signalRef="S"/></intermediateCatchEvent>'
+    catches = '<intermediateCatchEvent id="c"><signalEventDefinition signalRef="S"/></intermediateCatchEvent>'
+    mark = f'<task id="version{version}"/>'
     more = [f'<task id="more{number}"/>' for number in range(tasks)]
-    own = lambda robot, element: element.replace('id="', f'id="{robot}_')  # noqa: E731
-    first_process = process(f"p{first}", *(own(first, element) for element in (START, throws, WAIT, *more)))
-    other_processes = (
-        process(f"p{robot}", *(own(robot, element) for element in (START, catches.format(version), WAIT)))
-        for robot in others
-    )
+    own = lambda robot, *elements: (element.replace('id="', f'id="{robot}_') for element in elements)  # noqa: E731
     return model(
         '<signal id="S" name="go"/>',
         f'<collaboration id="c{version}">{pools}</collaboration>',
-        first_process,
-        *other_processes,
+        process(f"p{first}", *own(first, START, mark, throws, WAIT, *more)),
+        *(process(f"p{robot}", *own(robot, START, mark, catches, WAIT)) for robot in others),
     )
 
 
 @dataclass
 class Robot:
-    """A robot as the invariants see it: `engine` is its last report, or None while its process is dead."""
+    """A robot as the invariants see it: `engine` is its last report, or None while its process is dead.
+
+    There it runs a version: whoever joins late gets that with a deployment of its own.
+    """
 
     name: str
+    versions: dict[str, str]  # of each deployment
     process: Engine
     durable: bool = False
     spoilt: bool = False
@@ -62,7 +70,9 @@ class Robot:
 
     @property
     def engine(self) -> Report | None:
-        return self.last if self.process.alive else None
+        if self.last is None or not self.process.alive:
+            return None
+        return replace(self.last, deployed=self.versions.get(self.last.deployed, self.last.deployed))
 
     @property
     def at_rest(self) -> bool:
@@ -98,10 +108,15 @@ class Sender:
 
 
 class Team:
-    """Engines of some `names`, each with the options `words`; those that are `durable` have a directory."""
+    """Engines of some `names`, each with the options `words`; those that are `durable` have a directory.
 
-    def __init__(self, field: Field, names: Iterable[str], *words: str, durable: Collection[str] = ()) -> None:
-        self.field, self.words = field, words
+    A `fleet` is a pool for all robots of that name and a number.
+    """
+
+    def __init__(
+        self, field: Field, names: Iterable[str], *words: str, durable: Collection[str] = (), fleet: str = ""
+    ) -> None:
+        self.field, self.words, self.fleet = field, words, fleet
         self.robots: dict[str, Robot] = {}
         self.senders: list[Sender] = []
         self.said: list[Said] = []
@@ -109,15 +124,16 @@ class Team:
         self.sent: list[tuple[str, str]] = []  # to which robot, and what
         self.phases: list[tuple[str, str, str]] = []  # phase, robot, deployment: what was sent
         self.sequences: dict[str, int] = {}
+        self.versions: dict[str, str] = {}
         self.released: set[tuple[str, str]] = set()
         self._versions = itertools.count(1)
         for name in names:
-            self.listen(name)
-            self.robots[name] = Robot(name, self._engine(name, durable=name in durable), name in durable)
+            self.start(name, durable=name in durable)
         self.await_robots()
 
-    def listen(self, name: str) -> None:
-        """Hear what a robot says, and what is said to it."""
+    def start(self, name: str, *, durable: bool = False) -> None:
+        """Start an engine; hear what it says, and what is said to it."""
+        self.robots[name] = Robot(name, self.versions, self._engine(name, durable=durable), durable)
         stranger = self.field.stranger
         stranger.subscription(f"/{name}/bpmn_status", STRING, lambda said: self._on_report(name, said), STATUS_QOS)
         stranger.subscription(f"/{name}/bpmn_process", STRING, lambda said: self._on_sent(name, said), PROCESS_QOS)
@@ -156,30 +172,42 @@ class Team:
         with suppress(DeploymentError):
             envelope = read_envelope(message.data, name, time.time())
             self.sequences[envelope.deployment] = envelope.sequence
+            if envelope.model:
+                self.versions[envelope.deployment] = re.findall("version[0-9]+", envelope.model)[0]
             self.phases.append((envelope.phase, name, envelope.deployment))
             self.sent.append((name, message.data))
             self.on_sent(name, message.data)
 
     # ---- deployments -------------------------------------------------------------------------------------------------
 
-    def deploy(self, *words: str, tasks: int = 0, stranger: bool = False) -> Sender:
-        """Begin to deploy the next version, perhaps as a `stranger`."""
+    def write(self, tasks: int = 0) -> tuple[int, str]:
+        """The next version, and its file."""
         version = next(self._versions)
-        file = self.field.file(f"version{version}.bpmn", mission(version, self.robots, tasks=tasks))
-        person = self.field.begin("deploy", file, *words)
-        self.senders.append(sender := Sender(version, person, stranger))
+        names = [name for name in self.robots if not self.fleet or not name.startswith(f"{self.fleet}_")]
+        text = mission(version, names, tasks=tasks, fleet=self.fleet)
+        return version, self.field.file(f"version{version}.bpmn", text)
+
+    def deploy(self, *words: str, stranger: bool = False, tasks: int = 0) -> Sender:
+        """Begin to deploy the next version, perhaps as a `stranger`."""
+        version, file = self.write(tasks)
+        sender = Sender(version, self.field.begin("deploy", file, *words), stranger)
+        if "--stay" not in words:
+            self.senders.append(sender)
         return sender
 
     def at(self, moment: str, sender: Sender, within: float = 30) -> bool:
         """Wait for a moment of a deployment: ``load`` is sent, ``A ready`` is answered, ... Whether it came."""
         robot, _, answer = moment.rpartition(" ")
+        version = f"version{sender.version}"
 
         def came() -> bool:
             if robot:
                 found = ((said.robot, said.answer, said.deployment) for said in self.said)
             else:
                 found = (("", phase, deployment) for phase, _, deployment in self.phases)
-            return any(who == robot and what == answer and sender.owns(which) for who, what, which in found)
+            return any(
+                who == robot and what == answer and self.versions.get(which) == version for who, what, which in found
+            )
 
         self.field.until(lambda: came() or not sender.alive, within)
         return came()
@@ -213,6 +241,16 @@ class Team:
             report = robot.last
             held(report is not None and report.state == "holding", f"{robot.name} is {report and report.state}")
         return [robot.name for robot in restless]
+
+    def await_version(self, version: int, within: float = 60) -> None:
+        """Wait until all robots run a version."""
+
+        def others() -> dict[str, str]:
+            engines = {name: robot.engine for name, robot in self.robots.items()}
+            runs = {name: engine.deployed if engine is not None else "" for name, engine in engines.items()}
+            return {name: deployed for name, deployed in runs.items() if deployed != f"version{version}"}
+
+        held(self.field.until(lambda: not others(), within), f"not all run version {version}: {others()}")
 
     def judge(self) -> None:
         """Raise Fell for what does not hold now that no fault is left."""
@@ -256,7 +294,7 @@ class Team:
         }
         newest = max(known, key=known.__getitem__, default="")
         for robot in self.robots.values():
-            runs = robot.engine.deployed if robot.engine is not None else ""
+            runs = robot.last.deployed if robot.last is not None else ""
             if runs and newest and self.sequences.get(runs, 0) < known[newest]:
                 yield f"{robot.name} runs {runs}, although the sender of {newest} said that all have started that"
 
