@@ -11,7 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent / "conformance"))
 
-from deployment_field import Field, definitions, process as bpmn_process
+from deployment_field import Field, definitions, made, process as bpmn_process
 from engine_models import (
     Run,
     boundary,
@@ -36,6 +36,7 @@ from engine_models import (
 import fame
 from fame.deploy.migration import plan_of, read_plan
 from fame.errors import ConfigError, MissionError
+from fame.middleware import messages
 from fame.robot.take_over import go_on_after, take_over, timers_of, what_becomes
 
 
@@ -250,6 +251,36 @@ def test_all_robots_go_over_and_nothing_starts_again() -> None:
     assert [field.engines[robot].running.instances[0].visits[f"k{robot.lower()}"] for robot in "AB"] == [1, 1]
     field.engines["A"].running.complete("ux")
     assert field.engines["A"].running.instances[0].waiting == ["ux2"]
+
+
+def test_a_message_is_taken_once_though_both_processes_receive_it() -> None:
+    """The new process listens from the moment it is loaded; what comes until it takes over, the old one has had."""
+    uri = "http://camunda.org/schema/1.0/bpmn"
+    queue = f'<c:properties xmlns:c="{uri}"><c:property name="queue" value="9"/></c:properties>'
+    catch = f"<extensionElements>{queue}</extensionElements><signalEventDefinition signalRef='g'/>"
+    text = team("ua").replace(
+        '<userTask id="ua"/>', f'<intermediateCatchEvent id="ua">{catch}</intermediateCatchEvent>'
+    )
+    text = text.replace('<userTask id="ua2"/>', '<scriptTask id="ua2"><script>n = n + 1</script></scriptTask>')
+    text = text.replace("</process>", '<sequenceFlow id="again" sourceRef="ua2" targetRef="ua"/></process>', 1)
+    text = text.replace("<collaboration", '<signal id="g" name="/go"/><collaboration')
+    field = Field("A", "B")
+    field.deploy(text)
+    go = field.middleware.node("world").publisher("/go", "std_msgs/msg/Empty")
+    go.publish(messages.create("std_msgs/msg/Empty", None))
+    field.pass_time(1)
+    assert field.variables("A")["n"] == 2
+    sent = made(field, text, "d2", 2, migrate=True)
+    for robot, envelope in sent.envelopes.items():
+        field.send(robot, envelope.to_json())
+    field.pass_time(1)
+    assert field.engines["A"].candidate is not None
+    go.publish(messages.create("std_msgs/msg/Empty", None))
+    field.pass_time(1)
+    for robot in "AB":
+        field.send(robot, sent._envelope(robot, "start").to_json())
+    field.pass_time(1)
+    assert (field.engines["A"].deployed, field.variables("A")["n"]) == ("d2", 3)
 
 
 def test_if_one_robot_cannot_go_over_none_does_and_all_go_on() -> None:

@@ -190,6 +190,11 @@ class RobotNode:
         self.runner.poll()
         self._take_early()
 
+    def forget_early(self) -> None:
+        """Forget the messages received since `load`: the process from which this one takes over has had them."""
+        if self._early is not None:
+            self._early.clear()
+
     def _take_early(self) -> None:
         early, self._early = self._early or (), None
         for topic, message in early:

@@ -117,6 +117,7 @@ def take_over(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:
     over = [instance for instance in old.instances if instance.status != "running"]
     host.instances[:] = sorted([*over, *engine.instances.values()], key=lambda instance: instance.key)
     new.attach(engine)
+    new.forget_early()
     return tokens
 
 

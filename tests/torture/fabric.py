@@ -17,7 +17,16 @@ from typing import Any
 from fame.clock import SECOND, Kind, Scheduler
 from fame.middleware import messages
 from fame.middleware.errors import publish_error, unavailable_error
-from fame.middleware.interface import SIGNAL, EndpointWarning, Message, QoS, TopicInfo, deliver_response, resolve
+from fame.middleware.interface import (
+    SIGNAL,
+    EndpointWarning,
+    Message,
+    PendingRequests,
+    QoS,
+    TopicInfo,
+    deliver_response,
+    resolve,
+)
 from fame.middleware.qos import compatible
 
 from .processes import Process
@@ -35,8 +44,7 @@ class Fabric:
         self.cuts: Counter[frozenset[str]] = Counter()  # of machines
         self.delay, self.loss = 0.002, 0.0  # s at most, probability
         self.struck: Counter[str] = Counter()
-        self.published: dict[str, list[tuple[str, Message]]] = {}  # topic -> (process, message), as they left
-        self.last_published: dict[str, int] = {}  # topic -> ns
+        self.published: dict[str, list[tuple[float, str, Message]]] = {}  # topic -> (s, process, message), as they left
 
     def join(self, process: Process) -> Wire:
         """The middleware of a new process."""
@@ -368,17 +376,29 @@ class Publisher(End):
             raise publish_error(self.topic, self.type, message, closed=not self.open)
         self._kept.append(message)
         wire = self.node.middleware
-        wire.fabric.published.setdefault(self.topic, []).append((wire.id, message))
-        wire.fabric.last_published[self.topic] = wire.fabric.scheduler.now
+        now = wire.fabric.scheduler.now / SECOND
+        wire.fabric.published.setdefault(self.topic, []).append((now, wire.id, message))
+        ends: dict[Wire, list[Subscription]] = {}
         for subscription in self.matched:
-            self._send(subscription, message)
+            ends.setdefault(subscription.node.middleware, []).append(subscription)
+        for there, subscriptions in ends.items():
+            self._send(there, subscriptions, message)
 
-    def _send(self, subscription: Subscription, message: Message) -> None:
-        link = self.link(subscription)
+    def _send(self, there: Wire, subscriptions: list[Subscription], message: Message) -> None:
+        """Send a message to a process: all its subscriptions get it at once."""
+        link = wire.fabric.links.get((wire.id, there.id)) if (wire := self.node.middleware) is not there else None
+
+        def arrive() -> None:
+            for subscription in subscriptions:
+                if link is None:
+                    subscription.enqueue(message)
+                else:
+                    subscription.arrive(self, message)
+
         if link is None:
-            subscription.enqueue(message)
+            arrive()
         else:
-            link.send((self, subscription), self.qos, partial(subscription.arrive, self, message))
+            link.send((self, there), self.qos, arrive)
 
     def subscriber_count(self) -> int:
         return len(self.matched)
@@ -390,7 +410,7 @@ class Publisher(End):
             self.matched[other] = None
             if other.qos.durability == "transient_local":
                 for message in self._kept:
-                    self._send(other, message)
+                    self._send(other.node.middleware, [other], message)
 
     def part(self, other: End) -> None:
         self.matched.pop(other, None)  # type: ignore[call-overload]
@@ -451,27 +471,50 @@ class Client(End):
         super().__init__(node, name, type, SIGNAL)
         self.name = self.topic
         self.request_type, self.response_type = messages.service(type)
+        self._requests, self._number = PendingRequests(), 0
 
-    def _server(self) -> Service | None:
+    def _servers(self) -> list[Service]:
         wire = self.node.middleware
         ends = (end for end in (*wire.ends(), *wire.known) if isinstance(end, Service))
-        return next((end for end in ends if end.name == self.name and end.type == self.type), None)
+        return [end for end in ends if end.name == self.name and end.type == self.type]
 
     @property
     def available(self) -> bool:
-        return self._server() is not None
+        return bool(self._servers())
 
-    def call(self, request: Any, callback: Callable[[Message], object]) -> None:
-        server = self._server()
-        if server is None:
+    def meet(self, other: End) -> None:
+        self.node.middleware.process.soon(self._look)
+
+    part = meet
+
+    def _look(self) -> None:
+        if self.open and len(self._requests):
+            self._requests.servers_changed(frozenset(self._servers()))
+
+    def call(
+        self,
+        request: Any,
+        callback: Callable[[Message], object],
+        lost: Callable[[], object] | None = None,
+        *,
+        or_new: bool = False,
+    ) -> None:
+        servers = self._servers()
+        if not servers:
             raise unavailable_error(self.name, self.request_type, ())
         message = messages.create(self.request_type, request)
+        self._number += 1
+        self._requests.add(self._number, servers, callback, lost, or_new)
+        for server in servers:  # as on DDS: the first response counts
+            self._way(self, server, partial(self._handle, server, message, self._number))
 
+    def _handle(self, server: Service, request: Message, number: int) -> None:
         def respond(response: Any) -> None:
             answer = messages.create(server.response_type, response)
-            self._way(server, self, lambda: callback(answer) if self.open else None)
+            self._way(server, self, lambda: self._requests.respond(number, answer) if self.open else None)
 
-        self._way(self, server, lambda: deliver_response(server.handler(message), respond) if server.open else None)
+        if server.open:
+            deliver_response(server.handler(request), respond)
 
     def _way(self, sender: End, receiver: End, action: Callable[[], object]) -> None:
         process = receiver.node.middleware.process

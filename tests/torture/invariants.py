@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from bisect import bisect
+from collections import Counter
 from collections.abc import Iterator
 
 from fame.clock import SECOND
 
+from .missions import version_of
 from .once import each_model_once
 from .team import STRANGER, Said, Team
 
@@ -29,8 +32,15 @@ def _judge(team: Team) -> list[str]:
         *effects(team),
         *stuck(team),
         *strangers(team),
+        *order(team),
+        *goals(team),
     ]
     for robot in team.robots.values():
+        for _ in range(15):  # of 50 messages that wait, ten need it
+            if team.repair(robot, ("retry", "move")[team.plan.seed % 2]):
+                team.pass_time(1)
+        if robot.engine is not None and robot.engine.state == "incident":
+            found.append(f"{robot.name} is not mended although a person did what it takes")
         for _ in range(5 * (team.plan.seed % 2)):  # in every other run: a newer deployment has to end it as well
             if robot.engine is not None and robot.engine.state == "holding":
                 team.note(f"{robot.name} holds: a person aborts")
@@ -38,32 +48,48 @@ def _judge(team: Team) -> list[str]:
                 team.pass_time(10)
         if team.plan.seed % 2 and robot.engine is not None and robot.engine.state == "holding":
             found.append(f"{robot.name} holds although a person has aborted")
-    sender = team.deploy(LAST)
+    sender = None
+    if any(step.kind == "diagram" for step in team.plan.steps):
+        team.publish_diagram(LAST)
+    else:
+        sender = team.deploy(LAST)
     for _ in range(40):
-        if not sender.ended:
+        if not (sender.ended if sender is not None else set(versions(team).values()) == {LAST}):
             team.pass_time(1)
     team.pass_time(1)
-    if not sender.ended.startswith("started"):
+    if sender is not None and not sender.ended.startswith("started"):
         found.append(f"a new deployment has failed on a healthy team: {sender.ended or 'no end after 40 s'}")
     found += half_applied(team)
-    holds = [
-        robot.name for robot in team.robots.values() if robot.engine is not None and robot.engine.state != "running"
-    ]
-    if not found and holds:
-        found.append(f"{', '.join(holds)} does not run what was deployed on a healthy team")
+    others = [name for name, version in versions(team).items() if version != LAST]
+    if not found and others:
+        found.append(f"{', '.join(others)} does not run what was deployed on a healthy team")
     return list(dict.fromkeys([*found, *team.problems]))
 
 
 def half_applied(team: Team) -> Iterator[str]:
     """Never one robot on the new model and another on the old one."""
     running = {
-        robot.name: robot.engine.deployed
-        for robot in team.robots.values()
-        if robot.engine is not None and robot.engine.deployed and robot.engine.state not in ("holding", "suspended")
+        name: version
+        for name, version in versions(team).items()
+        if version is not None and state(team, name) not in ("holding", "suspended")
     }
     if len(set(running.values())) > 1:
-        where = ", ".join(f"{name} runs {deployment}" for name, deployment in running.items())
+        where = ", ".join(f"{name} runs {version}" for name, version in running.items())
         yield f"half applied: {where}"
+
+
+def state(team: Team, name: str) -> str:
+    """What an engine reports."""
+    engine = team.robots[name].engine
+    return engine.state if engine is not None else ""
+
+
+def versions(team: Team) -> dict[str, int | None]:
+    """The version that each robot runs."""
+    running = {robot.name: robot.engine.running for robot in team.robots.values() if robot.engine is not None}
+    return {
+        name: None if process is None else version_of(process.mission.definitions) for name, process in running.items()
+    }
 
 
 def broken_promises(team: Team) -> Iterator[str]:
@@ -100,21 +126,53 @@ def forgotten(team: Team) -> Iterator[str]:
 
 
 def effects(team: Team) -> Iterator[str]:
-    """No effect is lost, and none is repeated but by another process after a crash."""
+    """No effect is lost, and none is repeated but by another process after a crash. A new start begins anew."""
     robot = team.robots["A"]
     if not robot.durable or robot.spoilt:
         return
-    last: dict[int, tuple[int, str]] = {}
-    for process, message in team.fabric.published.get("/tick", ()):
+    starts = sorted(one.time for one in team.said if (one.robot, one.answer) == ("A", "started"))
+    last: dict[int, tuple[int, str, int]] = {}
+    for time, process, message in team.fabric.published.get("/tick", ()):
         version, count = divmod(message.data, 1000)
-        before, by = last.get(version, (0, process))
+        before, by, run = last.get(version, (0, process, 0))
+        if count == 1 and run != bisect(starts, time):
+            before = 0
         if count > before + 1:
             yield f"A has lost effects: after {before} of version {version} comes {count}"
         elif count <= before and process == by:
             yield f"A has repeated {count} of version {version} without a crash"
         elif count < before:
             yield f"A has forgotten effects: after {before} of version {version} comes {count}"
-        last[version] = max(before, count), process
+        last[version] = max(before, count), process, bisect(starts, time)
+
+
+def order(team: Team) -> Iterator[str]:
+    """What a robot has taken is in its sender's order, and nothing is taken more often than it was sent."""
+    sent = Counter(message.data for _, _, message in team.fabric.published.get("/tick", ()))
+    for robot in list(team.robots.values())[1:]:
+        process = robot.engine.running if robot.engine is not None else None
+        for instance in process.engine.instances.values() if process is not None else ():
+            taken = list(instance.variables.get("kept", ()))
+            if too_often := Counter(taken) - sent:
+                yield f"{robot.name} has taken {sorted(too_often)} more often than they were sent"
+            for version in {count // 1000 for count in taken if max(sent.values()) == 1}:
+                counts = [count for count in taken if count // 1000 == version]
+                if counts != sorted(counts):
+                    yield f"{robot.name} has taken counts out of order: {counts}"
+
+
+_SUSPENDING = {"cut", "match", "stop", "loss", "migrate", "full", "read-only", "kill sender", "stop sender", "kill"}
+"""What makes robots hold, or lose the server: a goal is cancelled then, and sent again."""
+
+
+def goals(team: Team) -> Iterator[str]:
+    """No goal is sent twice, unless A was killed meanwhile or the server was away."""
+    crashes = sum(process.startswith("A#") for process, _ in {(said.process, 0) for said in team.said}) > 1
+    if crashes or team.unserved or any(step.kind in _SUSPENDING for step in team.plan.steps):
+        return
+    for count, number in Counter(count for _, count in team.goals).items():
+        if number > 1:
+            yield f"A has sent its goal {count} {number} times"
 
 
 def stuck(team: Team) -> Iterator[str]:
@@ -123,7 +181,7 @@ def stuck(team: Team) -> Iterator[str]:
     if robot.engine is None or robot.engine.state != "running":
         return
     ticks = team.fabric.published.get("/tick", ())
-    if not ticks or team.scheduler.now - team.fabric.last_published["/tick"] > 5 * SECOND:
+    if not ticks or team.scheduler.now / SECOND - ticks[-1][0] > 5:
         yield "A runs and does nothing for 5 s"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 
 from fame.bpmn.model import Definitions
@@ -23,31 +24,59 @@ def _signal(tag: str, id: str, properties: str = "") -> str:
     return f'<{tag} id="{id}">{more}<signalEventDefinition signalRef="tick"/></{tag}>'
 
 
-def _listening(id: str, version: int) -> str:
+def _listening(id: str, version: int, *, breaks: bool) -> str:
+    work = BREAKS if breaks else "pass"
     return _process(
         id,
-        f'<startEvent id="{id}s"/><scriptTask id="{id}init"><script>version, kept = {version}, []</script></scriptTask>'
+        f'<startEvent id="{id}s"/><scriptTask id="{id}init"><script>version, kept, mended = {version}, [], 0</script>'
+        "</scriptTask>"
         + _signal("intermediateCatchEvent", f"{id}hear", '<camunda:property name="queue" value="50"/>')
+        + f'<scriptTask id="{id}work"><script>{work}</script></scriptTask>'
         + f'<scriptTask id="{id}keep"><script>kept = kept + [tick]</script></scriptTask>',
-        f"{id}s>{id}init", f"{id}init>{id}hear", f"{id}hear>{id}keep", f"{id}keep>{id}hear",
+        f"{id}s>{id}init", f"{id}init>{id}hear", f"{id}hear>{id}work", f"{id}work>{id}keep", f"{id}keep>{id}hear",
     )  # fmt: skip
 
 
-def text(version: int) -> str:
-    """A counts, and says its count on `/tick`; the others keep the counts that they receive."""
-    payload = (
-        '<camunda:property name="type" value="std_msgs/msg/Int32"/><camunda:property name="payload" value="${n}"/>'
-    )
-    counting = _process(
+def _counting(version: int, payload: str, *, drives: bool) -> str:
+    task, flows = "", ("count>say",)
+    if drives:
+        task, flows = _DRIVE, ("count>go", "go>say", "gone>say")
+    return _process(
         "pa",
         f'<startEvent id="sa"/><scriptTask id="begin"><script>n = {1000 * version}</script></scriptTask>'
         '<intermediateCatchEvent id="pause"><timerEventDefinition><timeDuration>PT0.7S</timeDuration>'
         "</timerEventDefinition></intermediateCatchEvent>"
         '<scriptTask id="count"><script>n = n + 1</script></scriptTask>'
+        + task
         + _signal("intermediateThrowEvent", "say", payload),
-        "sa>begin", "begin>pause", "pause>count", "count>say", "say>pause",
+        "sa>begin", "begin>pause", "pause>count", *flows, "say>pause",
     )  # fmt: skip
-    listening = "".join(_listening(f"p{name.lower()}", version) for name in ROBOTS[1:])
+
+
+BREAKS = "if tick % 10 == 3 and not mended: raise ValueError('broken')\nmended = 0"
+"""What C does with a count: now and then it fails, until a person has mended it."""
+DRIVE = "nav2_msgs/action/NavigateToPose"
+_DRIVE = (
+    '<serviceTask id="go"><extensionElements><camunda:properties><camunda:property name="action" value="/go"/>'
+    f'<camunda:property name="type" value="{DRIVE}"/><camunda:property name="retry" value="safe"/>'
+    '<camunda:property name="payload" value="{pose: {pose: {position: {x: ${n}}}}}"/></camunda:properties>'
+    '</extensionElements></serviceTask><boundaryEvent id="gone" attachedToRef="go"><errorEventDefinition/>'
+    "</boundaryEvent>"
+)
+
+
+def text(version: int, more: str = "") -> str:
+    """A counts, and says its count on `/tick`; the others keep the counts that they receive.
+
+    `more`: with ``drives`` A has a goal for each count; with ``breaks`` C needs somebody now and then.
+    """
+    payload = (
+        '<camunda:property name="type" value="std_msgs/msg/Int32"/><camunda:property name="payload" value="${n}"/>'
+    )
+    counting = _counting(version, payload, drives="drives" in more)
+    listening = "".join(
+        _listening(f"p{name.lower()}", version, breaks=name == "C" and "breaks" in more) for name in ROBOTS[1:]
+    )
     pools = "".join(f'<participant id="P{name}" name="{name}" processRef="p{name.lower()}"/>' for name in ROBOTS)
     return (
         f'<definitions xmlns="{_BPMN}" xmlns:camunda="{_CAMUNDA}" targetNamespace="t"><signal id="tick" name="tick"/>'
@@ -56,6 +85,14 @@ def text(version: int) -> str:
 
 
 @lru_cache(maxsize=64)
-def mission(version: int) -> Definitions:
+def mission(version: int, more: str = "") -> Definitions:
     """The mission read, once for each version."""
-    return read_text(text(version), file=f"version_{version}.bpmn")
+    return read_text(text(version, more), file=f"version_{version}_{more}.bpmn")
+
+
+def version_of(definitions: Definitions) -> int:
+    """The version of which a robot has its part."""
+    found = re.search(rb"(?:n = |version, kept, mended = )(\d+)", definitions.source)
+    assert found is not None
+    number = int(found[1])
+    return number // 1000 if found[0].startswith(b"n") else number

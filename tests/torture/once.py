@@ -7,8 +7,9 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 from unittest.mock import patch
 
+from fame.bpmn import reader
 from fame.check import gate
-from fame.deploy import loading, sender
+from fame.deploy import loading, sender, splitter_node
 
 _results: dict[tuple[Any, ...], Any] = {}
 
@@ -33,13 +34,15 @@ def _kept(function: Callable[..., Any], key: Callable[..., tuple[Any, ...]]) -> 
 
 
 _FUNCTIONS: tuple[tuple[Any, str, Callable[..., tuple[Any, ...]]], ...] = (
-    (sender, "split", lambda definitions, library: (definitions.file,)),
-    (sender, "promises", lambda definitions, pools, library: (definitions.file, *sorted(pools))),
+    (reader, "read_text", lambda text, file="", **_: (text, file)),
+    (sender, "split", lambda definitions, library: (definitions.source,)),
+    (splitter_node, "split", lambda definitions, library: (definitions.source,)),
+    (sender, "promises", lambda definitions, pools, library: (definitions.source, *sorted(pools))),
     (
         gate,
         "refuse_errors",
-        lambda definitions, processes, *_, **__: (definitions.file, *(process.id for process in processes)),
+        lambda definitions, processes, *_, **__: (definitions.source, *(process.id for process in processes)),
     ),
     (loading, "_read", lambda model, robot, library, services, durable: (model, robot, durable)),
 )
-"""What depends on nothing but a model (a file has one text), and what it depends on."""
+"""What depends on nothing but a model, and what it depends on."""

@@ -60,9 +60,12 @@ class Plan:
         return cls(found["seed"], tuple(Step(*step) for step in found["steps"]), found.get("heal", LONG))
 
 
+SPLITTERS = ("S1", "S2")
 FAULTS = ("kill", "stop", "cut", "loss", "delay", "match", "clock", "drift", "kill sender", "stop sender")
 KEYS = ("stranger",)
 """What strikes only teams with keys."""
+SERVER = "kill server", "stop server"
+SPLITTER = "kill splitter", "stop splitter"
 DISK_FAULTS = ("power", "battery", "fuse", "full", "read-only", "flip", "erase")
 
 _OF_ROBOTS = ("kill", "stop", "match", *DISK_FAULTS)
@@ -70,6 +73,7 @@ _STAGES = ("waiting", "loading", "matching", "ready", "holding", "running")
 PHASES = (
     {f"{kind} / {stage}" for kind in _OF_ROBOTS for stage in _STAGES}
     | {f"{kind} sender / {phase}" for kind in ("kill", "stop") for phase in ("discovery", "load", "start")}
+    | {f"{kind} {target} / running" for kind in ("kill", "stop") for target in ("server", "splitter")}
     | {f"{kind} / nothing under way" for kind in ("cut", "loss", "delay")}
 )
 """Each fault with the phases in which it has to strike some time."""
@@ -82,15 +86,27 @@ def draw(seed: int) -> Plan:
     steps += _deployments(chance)
     durable = chance.choice(((), ROBOTS, ROBOTS, tuple(robot for robot in ROBOTS if chance.random() < 0.5)))
     steps += [Step(0.0, "directory", robot) for robot in durable]
-    begun = [step.time for step in steps if step.kind == "deploy"]
+    begun = [step.time for step in steps if step.kind in ("deploy", "migrate")]
     signed = chance.random() < 0.3
     if signed:
         steps.append(Step(0.0, "keys"))
     kinds = FAULTS + DISK_FAULTS * bool(durable) + KEYS * signed
+    if chance.random() < 0.25:
+        steps.append(Step(0.0, "drives"))
+        kinds += SERVER
+    if chance.random() < 0.25:
+        steps.append(Step(0.0, "breaks"))
+        steps += [Step(_rounded(chance.uniform(5, 40)), "repair", "C", _by(chance)) for _ in range(4)]
+    if chance.random() < 0.2:
+        steps = [replace(step, kind="diagram") if step.kind in ("deploy", "migrate") else step for step in steps]
+        steps += [Step(_rounded(chance.uniform(0, 4)), "splitter", name) for name in SPLITTERS[: chance.randint(1, 2)]]
+        kinds = tuple(kind for kind in kinds if not kind.endswith(" sender")) + SPLITTER
     moments = [_moment(chance, begun) for _ in range(chance.randint(1, 2))]
     for kind in [kind for kind in kinds if chance.random() < 0.3]:
         for _ in range(chance.randint(1, 4)):
             steps.append(_when(chance, moments, _fault(chance, kind, min(begun))))
+    if signed and "splitter" in {step.kind for step in steps}:  # what is signed later has to be dated later
+        steps = [step for step in steps if not (step.kind in ("clock", "drift") and step.target == DESK)]
     heal = chance.choice((12.0, 20.0, 30.0, LONG))  # many short runs try more than a few long ones
     if chance.random() < 0.5:
         steps.append(Step(0.0, "delay", "", [chance.choice((0.05, 0.5, 2.0)), heal]))
@@ -117,8 +133,14 @@ def _deployments(chance: random.Random) -> list[Step]:
     time, steps = 2.0, []
     for version in range(1, chance.randint(2, 5)):
         time += chance.choice((0.3, 2.0, 8.0, 15.0)) * chance.random()
-        steps.append(Step(_rounded(time), "deploy", str(version), version))
+        kind = "migrate" if version > 1 and chance.random() < 0.2 else "deploy"
+        steps.append(Step(_rounded(time), kind, str(version), version))
     return steps
+
+
+def _by(chance: random.Random) -> str:
+    """How a person mends what has failed."""
+    return chance.choice(("retry", "retry", "move"))
 
 
 def _fault(chance: random.Random, kind: str, begun: float) -> Step:
@@ -154,7 +176,7 @@ def _fault(chance: random.Random, kind: str, begun: float) -> Step:
                 chance.choice((*ROBOTS, DESK)),
                 round(10 ** chance.uniform(-5, -1) * chance.choice((-1, 1)), 6),
             )
-    return Step(time, kind, "", long)
+    return Step(time, kind, chance.choice(SPLITTERS) if "splitter" in kind else "", long)
 
 
 def _rounded(value: float) -> float:

@@ -6,6 +6,7 @@ import errno
 import hashlib
 import sys
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
@@ -17,18 +18,22 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deploy import Deployment, EngineNode, engines
 from fame.deploy.assignment import assign_robots
+from fame.deploy.authentication import Diagram
 from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope, Report, signed
+from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.robot_state import Reply
 from fame.deploy.signing import Identity, _name_of, sign
+from fame.deploy.splitter_node import DIAGRAM, SplitterNode
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.log.engine_log import EngineLog
 from fame.middleware import messages
+from fame.middleware.actions import ActionServer, ServerGoal
 from fame.robot.journal import StateDirectory
 
 from .disks import PowerLoss
 from .fabric import Fabric, Wire
-from .missions import ROBOTS, mission
-from .plan import DESK, DISK_FAULTS, Plan, Step
+from .missions import DRIVE, ROBOTS, mission, text
+from .plan import DESK, DISK_FAULTS, SPLITTERS, Plan, Step
 from .processes import Machine, Process
 
 STRANGER = 66
@@ -66,12 +71,25 @@ class Robot:
 
 
 @dataclass
+class Program:
+    """A process beside the robots: a splitter, or the server of goals. `begin` is its program."""
+
+    name: str
+    machine: Machine
+    begin: Callable[[Process, Wire], Any]
+    process: Process | None = None
+    wire: Wire | None = None
+    node: Any = None  # what it has begun
+
+
+@dataclass
 class Sender:
     """`fame deploy` of a version: it looks for its robots, deploys, and ends."""
 
     version: int
     process: Process
     wire: Wire
+    migrates: bool = False
     deployment: Deployment | None = None
     key: Any = None
     ended: str = ""
@@ -101,6 +119,16 @@ class Team:
         self.fabric = Fabric(self.scheduler, self.plan.seed)
         self.machines = {name: Machine(name, self.scheduler, self.plan.seed) for name in (*ROBOTS, DESK)}
         self.robots = {name: Robot(name, self.machines[name]) for name in ROBOTS}
+        self.more = ""  # what the missions have: see `missions.text`
+        self.programs = {
+            name: Program(name, Machine(name, self.scheduler, self.plan.seed), self._begin_splitter)
+            for name in SPLITTERS
+        }
+        self.programs["server"] = Program(
+            "server", Machine("server", self.scheduler, self.plan.seed), self._begin_server
+        )
+        self.goals: list[tuple[str, int]] = []  # (process of the server, count), as they were accepted
+        self.unserved = 0  # how often the server was not there
         self.senders: list[Sender] = []
         self.key: Ed25519PrivateKey | None = None  # of the team, if it has one
         self._numbers = Counter[str]()
@@ -136,6 +164,9 @@ class Team:
         """Whether a deployment is under way, or a process is not up."""
         if any(sender.alive for sender in self.senders):
             return True
+        splitters = [program for program in self.programs.values() if isinstance(program.node, SplitterNode)]
+        if any(program.process is None or program.node.state == "deploying" for program in splitters):
+            return True
         for robot in self.robots.values():
             if robot.engine is None or robot.engine.resuming:
                 return True
@@ -165,8 +196,20 @@ class Team:
         match step.kind:
             case "start":
                 self.start(self.robots[step.target])
-            case "deploy":
-                self.deploy(step.value)
+            case "deploy" | "migrate":
+                self.deploy(step.value, migrates=step.kind == "migrate")
+            case "diagram":
+                self.publish_diagram(step.value)
+            case "drives" | "breaks":
+                self.more = f"{self.more}{step.kind} "
+                if step.kind == "drives":
+                    self._start(self.programs["server"])
+            case "splitter":
+                self._start(self.programs[step.target])
+            case "repair":
+                return self.repair(self.robots[step.target], step.value)
+            case "kill server" | "stop server" | "kill splitter" | "stop splitter":
+                return self._strike_program(self.programs[step.target or "server"], step.kind[:4], step.value)
             case "keys":
                 self.key = self._private("team")
             case "stranger":
@@ -229,6 +272,8 @@ class Team:
             candidate = engine._protocol.state.candidate
             stage = engine.state if candidate is None else "holding" if candidate.holds else candidate.stage
             return f"{step.kind} / {stage}"
+        if step.kind.endswith((" server", " splitter")):
+            return f"{step.kind} / {'running' if self.programs[step.target or 'server'].process else 'absent'}"
         running = [one.deployment for one in self.senders if one.alive and one.deployment is not None]
         return f"{step.kind} / {running[-1]._protocol.state.phase if running else 'nothing under way'}"
 
@@ -239,7 +284,7 @@ class Team:
         """No fault from now on: every link is whole, every process runs."""
         self.note("heal")
         self._armed.clear()
-        for machine in self.machines.values():
+        for machine in (*self.machines.values(), *(program.machine for program in self.programs.values())):
             if self.key is not None:  # what is signed is refused where clocks differ
                 machine.ahead = machine.drift = 0.0
             machine.disk.fuse = machine.disk.room = None
@@ -248,8 +293,12 @@ class Team:
         for pair, count in list(self.fabric.cuts.items()):
             for _ in range(count):
                 self.fabric.cut(*pair, heal=True)
-        for process in [one.process for one in (*self.robots.values(), *self.senders) if one.process is not None]:
+        everyone = (*self.robots.values(), *self.senders, *self.programs.values())
+        for process in [one.process for one in everyone if one.process is not None]:
             self._continue(process)
+        for program in self.programs.values():
+            if program.process is None and program.node is not None:
+                self._start(program)
         for robot in self.robots.values():
             if robot.process is None:
                 self.start(robot)
@@ -260,6 +309,46 @@ class Team:
         self._numbers[name] += 1
         process = Process(f"{name}#{self._numbers[name]}", machine, self.scheduler, self._on_error)
         return process, self.fabric.join(process)
+
+    def _start(self, program: Program) -> None:
+        if program.process is None:
+            program.process, program.wire = process, wire = self._process(program.name, program.machine)
+            process.soon(partial(self._run_program, program, process, wire))
+
+    def _run_program(self, program: Program, process: Process, wire: Wire) -> None:
+        program.node = program.begin(process, wire)
+
+    def _strike_program(self, program: Program, how: str, seconds: float) -> bool:
+        """A splitter or server is killed, and started again later, or stopped for a while."""
+        if program.process is None or program.wire is None or program.process.stopped:
+            return False
+        if how == "stop":
+            self._stop(program.process, seconds)
+        else:
+            self.fabric.leave(program.wire)
+            program.process = program.wire = None
+            self._later(seconds, partial(self._start, program))
+        self.unserved += program.name == "server"
+        return True
+
+    def _begin_splitter(self, process: Process, wire: Wire) -> SplitterNode:
+        return SplitterNode(
+            scheduler=process,
+            middleware=wire,
+            key=self.key,
+            trusted=() if self.key is None else [self.key.public_key()],
+            log=lambda text: self.note(f"{process.name}: {text}"),
+            wall_time=process.machine.wall_time,
+        )
+
+    def _begin_server(self, process: Process, wire: Wire) -> ActionServer:
+        """The server of the action `/go`: a goal takes 0.3 s."""
+
+        def go(goal: ServerGoal) -> None:
+            self.goals.append((process.name, round(goal.message.pose.pose.position.x)))
+            process.after(3 * SECOND // 10, partial(goal.end, "succeeded", {}))
+
+        return ActionServer(wire.node("base"), "/go", DRIVE, go, lambda goal: goal.end("canceled", {}))
 
     def _on_error(self, process: Process, error: Exception | PowerLoss) -> None:
         """An error has left the main loop of a process: it ends, as one without a handler would."""
@@ -307,6 +396,7 @@ class Team:
             seed=self.plan.seed,
             trusted=() if self.key is None else [self.key.public_key()],
             identity=None if self.key is None else self._identity(robot.name, self.key),
+            hold_errors="breaks" in self.more,
             log=self._recording(robot, process),
         )
         self._listen(robot, robot.engine, process)
@@ -413,16 +503,16 @@ class Team:
         private = self._private(robot)
         return Identity(private, sign(_name_of(robot, Identity(private).key), team))
 
-    def deploy(self, version: int, *, key: Ed25519PrivateKey | None = None) -> Sender:
+    def deploy(self, version: int, *, key: Ed25519PrivateKey | None = None, migrates: bool = False) -> Sender:
         """``fame deploy``: find the robots for at most 10 s, deploy, end. `key`: that of a stranger."""
         process, wire = self._process(f"sender {version}", self.machines[DESK])
-        sender = Sender(version, process, wire, key=self.key if version != STRANGER else key)
+        sender = Sender(version, process, wire, migrates, key=self.key if version != STRANGER else key)
         self.senders.append(sender)
         self._find(sender, process.now + 10 * SECOND)
         return sender
 
     def _find(self, sender: Sender, until: int) -> None:
-        process, wire, definitions = sender.process, sender.wire, mission(sender.version)
+        process, wire, definitions = sender.process, sender.wire, mission(sender.version, self.more)
         try:
             assign_robots(definitions, engines(wire), found=True, only=())
         except (ConfigError, DeploymentError) as error:
@@ -437,7 +527,8 @@ class Team:
         wall_time = sender.process.machine.wall_time
         try:
             sender.deployment = Deployment(
-                mission(sender.version),
+                mission(sender.version, self.more),
+                migrate=sender.migrates,
                 id=sender.process.name,
                 sequence=round(wall_time() * 1e6),
                 scheduler=sender.process,
@@ -464,6 +555,53 @@ class Team:
             sender.deployment.close()
         sender.wire.close()
         self._later(0.5, partial(self.fabric.leave, sender.wire))
+
+    def publish_diagram(self, version: int) -> None:
+        """A person gives the splitters a diagram, and leaves."""
+        process, wire = self._process("person", self.machines[DESK])
+        publisher = wire.node("person").publisher(DIAGRAM, STRING, PROCESS_QOS)
+        diagram = text(version, self.more)
+        if self.key is not None:
+            now = process.machine.wall_time()
+            diagram = Diagram.of(diagram, purpose="deploy", now=now, key=self.key).to_json()
+        self._later(2.0, lambda: publisher.publish(messages.create(STRING, diagram)))
+        self._later(20.0, partial(self.fabric.leave, wire))
+
+    def repair(self, robot: Robot, how: str) -> bool:
+        """A person mends what has failed: ``fame set`` and ``fame retry``, or ``fame move``, each for at most 5 s."""
+        if robot.engine is None or robot.engine.state != "incident":
+            return False
+        process, wire = self._process("person", self.machines[DESK])
+        requests = [TaskRequest(id=f"{process.name} move", element="pcwork", act="move", to="pckeep")]
+        if how == "retry":
+            requests = [
+                TaskRequest(id=f"{process.name} set", element="", act="set", values={"mended": 1}),
+                TaskRequest(id=f"{process.name} retry", element="pcwork", act="retry"),
+            ]
+        self._request(robot.name, process, wire, requests)
+        self._later(11.0, partial(self.fabric.leave, wire))
+        return True
+
+    def _request(self, robot: str, process: Process, wire: Wire, requests: list[TaskRequest]) -> None:
+        """Make one request, and the next when it is answered."""
+        if not requests:
+            return
+
+        def answered(report: Report) -> None:
+            self.note(f"{process.name}: {robot} {report.answer} {report.reason}".rstrip())
+            client.close()
+            if report.answer != "refused":
+                self._request(robot, process, wire, requests[1:])
+
+        client = TaskClient(
+            robot,
+            requests[0],
+            node=wire.node("person"),
+            scheduler=process,
+            answered=answered,
+            key=self.key,
+            wall_time=process.machine.wall_time,
+        )
 
     def abort(self, robot: Robot, *, key: Ed25519PrivateKey | None = None) -> None:
         """``fame abort``: a person ends the deployment that a robot holds. `key`: that of a stranger."""
