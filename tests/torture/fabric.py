@@ -17,6 +17,7 @@ from typing import Any
 from fame.clock import SECOND, Kind, Scheduler
 from fame.middleware import messages
 from fame.middleware.errors import publish_error, unavailable_error
+from fame.middleware.insistent import InsistentRequests
 from fame.middleware.interface import (
     SIGNAL,
     EndpointWarning,
@@ -464,14 +465,15 @@ class Client(End):
     role = "client"
     mismatch = ""
 
-    def insist(self, request: Any) -> None:
-        self.call(request, lambda response: None)
-
     def __init__(self, node: WireNode, name: str, type: str) -> None:
         super().__init__(node, name, type, SIGNAL)
         self.name = self.topic
         self.request_type, self.response_type = messages.service(type)
         self._requests, self._number = PendingRequests(), 0
+        self._insistent = InsistentRequests(self, node.middleware.process)
+
+    def insist(self, request: Any) -> None:
+        self._insistent.add(request, frozenset(self._servers()))
 
     def _servers(self) -> list[Service]:
         wire = self.node.middleware
@@ -488,8 +490,14 @@ class Client(End):
     part = meet
 
     def _look(self) -> None:
-        if self.open and len(self._requests):
-            self._requests.servers_changed(frozenset(self._servers()))
+        if self.open:
+            servers = frozenset(self._servers())
+            self._requests.servers_changed(servers)
+            self._insistent.on_servers_changed(servers)
+
+    def close(self) -> None:
+        self._insistent.clear()
+        super().close()
 
     def call(
         self,
