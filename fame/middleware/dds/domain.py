@@ -38,11 +38,12 @@ _SHARED = f"""
   <HeartbeatInterval minsched="5ms">10ms</HeartbeatInterval>
 </Internal>
 """
-"""A killed participant counts as gone after the lease (ROS 2 leaves it at 10 s). A closing publisher lingers for
-readers that have not acknowledged everything: Cyclone's 1 s would add up over many publishers if one reader is dead.
-Readers acknowledge when a heartbeat asks: at Cyclone's interval of 100 ms each process that had just stopped its robot
-lingered for the full 200 ms, and the next process waited. Fragments of a message above the maximum size are not
-assembled."""
+"""A killed participant counts as gone after the lease (ROS 2 leaves it at 10 s). One that was only stopped is found
+again when it announces itself next: Cyclone does so every 30 s, here each lease, at least every 3 s. A closing
+publisher lingers for readers that have not acknowledged everything: Cyclone's 1 s would add up over many publishers if
+one reader is dead. Readers acknowledge when a heartbeat asks: at Cyclone's interval of 100 ms each process that had
+just stopped its robot lingered for the full 200 ms, and the next process waited. Fragments of a message above the
+maximum size are not assembled."""
 
 _LOOPBACK = """
 <General>
@@ -68,7 +69,9 @@ _confined: dict[int, bool] = {}
 
 def configuration(network: str | None) -> str:
     """Cyclone's configuration for loopback only (None), or for an interface: its name (``eth0``) or its address."""
-    discovery = f"<Discovery><LeaseDuration>{lease(_LEASE):g}s</LeaseDuration></Discovery>"
+    after = lease(_LEASE)
+    times = f"<LeaseDuration>{after:g}s</LeaseDuration><SPDPInterval>{min(after, _LEASE):g}s</SPDPInterval>"
+    discovery = f"<Discovery>{times}</Discovery>"
     own = _LOOPBACK if network is None else _NETWORK.format(_interface(network))
     document = f"<CycloneDDS><Domain>{''.join((own + _SHARED).splitlines())}{discovery}</Domain></CycloneDDS>"
     more = os.environ.get("CYCLONEDDS_URI", "") if network is not None else ""
