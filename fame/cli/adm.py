@@ -14,14 +14,13 @@ from fame.cli.anomaly_data import (
     add_published,
     add_source,
     drive,
-    note_progress,
     print_written,
     settle,
     writable,
 )
 from fame.cli.arguments import Commands, add_json, command, group
 from fame.cli.network import add_network
-from fame.cli.output import print_json, table
+from fame.cli.output import note, print_json, table
 from fame.errors import MissionError
 
 if TYPE_CHECKING:
@@ -89,7 +88,7 @@ def run_collect(arguments: Namespace) -> int:
     def make(middleware: Middleware, scheduler: Scheduler) -> CollectNode:
         return CollectNode(
             middleware, scheduler, collector, topic=arguments.topic, field=arguments.field,
-            report=note_progress, progress=lambda count: note_progress(f"{count}{of} runs"), done=scheduler.stop,
+            report=note, progress=lambda count: note(f"{count}{of} runs"), done=scheduler.stop,
         )  # fmt: skip
 
     drive(arguments, make, lambda: collector.done)
@@ -98,9 +97,7 @@ def run_collect(arguments: Namespace) -> int:
     print_written(arguments, recording)
     missing = arguments.runs - recording.count
     if missing > 0:
-        note_progress(
-            f"{missing} of the {arguments.runs} runs are missing: the source ended before, or they were cut off"
-        )
+        note(f"{missing} of the {arguments.runs} runs are missing: the source ended before, or they were cut off")
     return 1 if missing > 0 else 0
 
 
@@ -128,14 +125,14 @@ def run_learn(arguments: Namespace) -> int:
     learning = load(arguments.config)
     writable(arguments.output)
     data = read_data(learning)
-    for note in data.notes:
-        note_progress(note)
+    for text in data.notes:
+        note(text)
     progress = _show if sys.stderr.isatty() else None
     learned = learn(learning, data, jobs=max(1, arguments.jobs), progress=progress)
     chosen = best(learned)
     save_model(chosen.model, arguments.output)
     write_card(chosen.model, arguments.output)
-    note_progress(f"{arguments.output}: {chosen.model.alarm_text()}")
+    note(f"{arguments.output}: {chosen.model.alarm_text()}")
     if arguments.plots is not None:
         _plot(arguments.plots, learned, chosen, data)
     if arguments.json:
@@ -228,7 +225,7 @@ def run_operate(arguments: Namespace) -> int:
     from fame.monitor.anomaly.nodes import OperateNode
 
     model = load_model(arguments.model)
-    note_progress(f"{arguments.model}: {model.alarm_text(arguments.threshold)}")
+    note(f"{arguments.model}: {model.alarm_text(arguments.threshold)}")
     nodes: list[OperateNode] = []
     over = False
 
@@ -238,7 +235,7 @@ def run_operate(arguments: Namespace) -> int:
     def report(text: str) -> None:
         nonlocal over
         if not over:
-            note_progress(text)
+            note(text)
             over = enough()
             if over:
                 nodes[0].scheduler.stop()

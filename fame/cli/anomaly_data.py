@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 from argparse import Namespace
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fame.cli.arguments import Commands, Parser, add_json, command, natural, positive
 from fame.cli.network import connected
-from fame.cli.output import print_json
+from fame.cli.output import note, print_json
 from fame.errors import ConfigError, MissionError
 
 if TYPE_CHECKING:
@@ -76,11 +75,6 @@ def writable(path: Path) -> None:
         raise ConfigError("expected a file, got a folder", file=str(path))
 
 
-def note_progress(text: str) -> None:
-    """A word on how it goes."""
-    print(text, file=sys.stderr)
-
-
 def drive(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
     """Make the node and let it work: until the bag ends or is enough, else until its work is done or interrupted."""
     if arguments.bag is not None:
@@ -92,7 +86,7 @@ def drive(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
         try:
             scheduler.run()
         except KeyboardInterrupt:
-            note_progress("interrupted: the data so far are used")
+            note("interrupted: the data so far are used")
         finally:
             node.close()
 
@@ -171,8 +165,8 @@ def envelope(arguments: Namespace) -> int:
 
 def print_written(arguments: Namespace, recording: Recording) -> int:
     """Print what was written to `output`, and the notes on it. Returns the exit code."""
-    for note in recording.notes:
-        print(note, file=sys.stderr)
+    for text in recording.notes:
+        note(text)
     labels = recording.run_labels()
     benign, anomalous = labels.count(1), labels.count(-1)
     if arguments.json:

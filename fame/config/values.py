@@ -162,6 +162,11 @@ class ConfigValue:
         return self.data
 
 
+def entries(parts: Mapping[str, ConfigValue], key: str, known: Iterable[str] | None = None) -> dict[str, ConfigValue]:
+    """The entries of a mapping that may be missing or empty."""
+    return parts[key].mapping(known) if key in parts and parts[key].data is not None else {}
+
+
 def _limits(above: float | None, minimum: float | None, maximum: float | None) -> str:
     """The limits of a number in words.
 

@@ -346,10 +346,10 @@ def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str 
 
 def _joint_states(model: Model, path: Path, topic: str) -> Recording:
     """Read the joint states of a bag, in runs that begin and end at home as in CSV files. Raises ConfigError."""
-    from fame.monitor.anomaly.nodes import TYPE, stamp_of, values_of
+    from fame.monitor.anomaly.nodes import TYPE, values_of
     from fame.monitor.anomaly.recording import Recording, number_runs
     from fame.monitor.data_files import read_bag
-    from fame.monitor.pipeline.fields import UnusableMessage
+    from fame.monitor.pipeline.fields import UnusableMessage, stamp_of
 
     rows, stamps, notes = [], [], []
     for time, _, message in read_bag(path, {topic: TYPE}):

@@ -346,18 +346,16 @@ class Interface:
 
     def genmodel_train(self, unsupervised_models: Sequence[Named], supervised_models: Sequence[Named]) -> None:
         """Train classifiers, each (name, estimator). Raises ConfigError if data for a kind is missing."""
-        data = self.data
-        self.detector = AnomalyDetector(unsupervised_models, supervised_models, self.process)
-        for kind, models, source in (
-            ("unsupervised_train", unsupervised_models, data.benign),
-            ("supervised_train", supervised_models, data.both),
+        data, detector = self.data, AnomalyDetector(unsupervised_models, supervised_models, self.process)
+        self.detector = detector
+        for kind, models, source, train in (
+            ("unsupervised_train", unsupervised_models, data.benign, detector.train_unsupervised),
+            ("supervised_train", supervised_models, data.both, detector.train_supervised),
         ):
-            if models and source is None:
+            if source is not None:
+                train(source)
+            elif models:
                 raise ConfigError("needs a file for these classifiers", file=str(self.learning.file), element=kind)
-        if data.benign is not None:
-            self.detector.train_unsupervised(data.benign)
-        if data.both is not None:
-            self.detector.train_supervised(data.both)
         for source in (data.benign, data.both):
             if source is not None:
                 self._show(source.source, self.detector.evaluate(source), "train (learned from)")

@@ -28,21 +28,21 @@ learning file.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from os.path import exists
 from pathlib import Path
 from typing import Any, Literal
 
 from fame.config.loader import read_document
-from fame.config.values import ConfigValue, join
+from fame.config.values import ConfigValue, entries, join
 from fame.errors import ConfigError
 from fame.monitor.calibration import read_false_alarms
 from fame.monitor.pipeline.detectors import split_rule
 
 _SECTIONS = ("Files", "Operations", "Classifiers", "Grid", "Split", "Threshold", "FalseAlarms")
 _FILES = ("fit_file", "unsupervised_train", "supervised_train", "testing")
-_CANDIDATE = ("name", "class", "parameters", "reduction", "scaling", "threshold", "unique")
 DEFAULTS = ("ocsvm", "rbfsvm")
 """The classifiers that are tried if the file names none."""
 SCALINGS = ("minmax", "standard", "none")
@@ -110,32 +110,25 @@ def load(path: str | Path) -> Learning:
     document = read_document(path, "learning")
     sections = document.mapping(_SECTIONS)
     files = document.required("Files", "{unsupervised_train: {name: benign.csv, ...}}").mapping(_FILES)
-    operations, split = (
-        _section(sections, "Operations", ("reduction", "scaling")),
-        _section(sections, "Split", ("folds", "by")),
-    )
-    if "by" in split and split["by"].data != "run":
-        raise split["by"].expected("run (runs are never split)")
     classifiers = tuple(_candidate(item) for item in _items(sections, "Classifiers"))
     fit, unsupervised, supervised = (_data_file(path, files[key]) if key in files else None for key in _FILES[:3])
     if unsupervised is None and supervised is None:
         raise sections["Files"].error("expected unsupervised_train or supervised_train with a name to learn from")
     _check_combined(sections, classifiers)
-    testing = [_data_file(path, item) for item in _items(files, "testing")]
-    return Learning(
-        file=path,
-        fit=fit,
-        unsupervised=unsupervised,
-        supervised=supervised,
-        testing=tuple(item for item in testing if item is not None),
-        reduction=_reduction(operations["reduction"]) if "reduction" in operations else 0,
-        scaling=_scaling(operations["scaling"]) if "scaling" in operations else "minmax",
-        classifiers=classifiers,
-        grid=_grid(sections["Grid"], [each.name for each in classifiers] or DEFAULTS) if "Grid" in sections else {},
-        folds=_folds(split["folds"]) if "folds" in split else FOLDS,
-        threshold=_threshold(sections["Threshold"]) if "Threshold" in sections else "auto",
-        false_alarms=read_false_alarms(sections["FalseAlarms"]) if "FalseAlarms" in sections else "",
-    )
+    testing = (_data_file(path, item) for item in _items(files, "testing"))
+    settings = {
+        **_read(entries(sections, "Operations", _OPERATIONS), _OPERATIONS),
+        **_read(entries(sections, "Split", _SPLIT), _SPLIT),
+    }
+    settings.pop("by", None)
+    if "Grid" in sections:
+        settings["grid"] = _grid(sections["Grid"], [each.name for each in classifiers] or DEFAULTS)
+    if "Threshold" in sections:
+        settings["threshold"] = _threshold(sections["Threshold"])
+    if "FalseAlarms" in sections:
+        settings["false_alarms"] = read_false_alarms(sections["FalseAlarms"])
+    used = tuple(item for item in testing if item is not None)
+    return Learning(path, fit, unsupervised, supervised, used, classifiers=classifiers, **settings)
 
 
 def _check_combined(sections: Mapping[str, ConfigValue], classifiers: Sequence[Candidate]) -> None:
@@ -150,9 +143,14 @@ def _check_combined(sections: Mapping[str, ConfigValue], classifiers: Sequence[C
             raise value.required("class", "SVC").expected(text)
 
 
-def _section(sections: Mapping[str, ConfigValue], key: str, known: Sequence[str] | None) -> dict[str, ConfigValue]:
-    """Give the candidates of a mapping that may be missing or empty."""
-    return sections[key].mapping(known) if key in sections and sections[key].data is not None else {}
+def _read(parts: Mapping[str, ConfigValue], readers: Mapping[str, Callable[[ConfigValue], Any]]) -> dict[str, Any]:
+    """Read the values of the keys that are there."""
+    return {key: readers[key](value) for key, value in parts.items()}
+
+
+def _by(value: ConfigValue) -> None:
+    if value.data != "run":
+        raise value.expected("run (runs are never split)")
 
 
 def _items(sections: Mapping[str, ConfigValue], key: str) -> list[ConfigValue]:
@@ -189,18 +187,9 @@ def _columns(value: ConfigValue) -> tuple[int, ...]:
 
 def _candidate(value: ConfigValue) -> Candidate:
     parts = value.mapping(_CANDIDATE)
-    name, cls = value.required("name", "rbfsvm"), value.required("class", "SVC")
-    given = {key for key, part in parts.items() if part.data is not None}
-    return Candidate(
-        name=name.text() if isinstance(name.data, str) else str(name.data),
-        cls=cls.text(),
-        parameters={key: part.data for key, part in _section(parts, "parameters", None).items()},
-        reduction=_reduction(parts["reduction"]) if "reduction" in given else None,
-        scaling=_scaling(parts["scaling"]) if "scaling" in given else None,
-        threshold=_threshold(parts["threshold"]) if "threshold" in given else None,
-        unique=parts["unique"].boolean() if "unique" in parts else False,
-        place=value,
-    )
+    value.required("name", "rbfsvm"), value.required("class", "SVC")
+    given = _read({key: part for key, part in parts.items() if part.data is not None}, _CANDIDATE)
+    return Candidate(cls=given.pop("class"), place=value, **given)
 
 
 def _grid(value: ConfigValue, names: Sequence[str]) -> Mapping[str, Any]:
@@ -219,14 +208,6 @@ def _grid(value: ConfigValue, names: Sequence[str]) -> Mapping[str, Any]:
     return {name: tried.data for name, tried in grid.items()}
 
 
-def _reduction(value: ConfigValue) -> int:
-    return value.integer(minimum=0)
-
-
-def _scaling(value: ConfigValue) -> str:
-    return value.choice(SCALINGS, "a scaling")
-
-
 def _folds(value: ConfigValue) -> int:
     if value.integer(minimum=0) == 1:
         raise value.expected("0 (no validation) or at least 2")
@@ -239,3 +220,19 @@ def _threshold(value: ConfigValue) -> Threshold:
     if isinstance(value.data, str):
         raise value.expected("auto or a number from 0 to 1")
     return value.number(minimum=0, maximum=math.nextafter(1, 0))
+
+
+_reduction = partial(ConfigValue.integer, minimum=0)
+_OPERATIONS: Mapping[str, Any] = {
+    "reduction": _reduction,
+    "scaling": partial(ConfigValue.choice, known=SCALINGS, what="a scaling"),
+}
+_SPLIT: Mapping[str, Any] = {"folds": _folds, "by": _by}
+_CANDIDATE: Mapping[str, Any] = {
+    **_OPERATIONS,
+    "name": lambda value: value.text() if isinstance(value.data, str) else str(value.data),
+    "class": ConfigValue.text,
+    "threshold": _threshold,
+    "parameters": lambda value: {key: part.data for key, part in value.mapping().items()},
+    "unique": ConfigValue.boolean,
+}

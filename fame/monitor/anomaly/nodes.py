@@ -24,7 +24,7 @@ from fame.middleware.interface import SENSOR_DATA, Middleware, Node
 from fame.monitor.anomaly.live import Collector, Point, RunMonitor, RunReport
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.recording import JUMP, Rule
-from fame.monitor.pipeline.fields import UnusableMessage
+from fame.monitor.pipeline.fields import UnusableMessage, stamp_of
 from fame.monitor.pipeline.subscriptions import SilenceWatch
 
 TYPE = "sensor_msgs/msg/JointState"
@@ -32,12 +32,6 @@ EMPTY = "std_msgs/msg/Empty"
 START, END, ALARM, CHANGE = "/task_start", "/task_end", "/anomaly", "/process_change"
 SILENCE = 1.0
 """A topic without a message for this time (s) is silent."""
-
-
-def stamp_of(message: Any) -> float:
-    """Give the time of a message in s, 0.0 if it has none."""
-    stamp = message.header.stamp
-    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
 
 
 def values_of(message: Any, joints: Sequence[str], field: str = "position") -> list[float]:

@@ -48,6 +48,7 @@ from fame.monitor.anomaly.benign_changes import (
 from fame.monitor.anomaly.recording import Recording
 from fame.monitor.arrays import Floats
 from fame.monitor.kinematics import Chain, Vector
+from fame.monitor.storage import from_plain, to_plain
 
 NEIGHBOURS = 8
 TURN = 0.02
@@ -174,38 +175,16 @@ class PathDetector:
     def to_plain(self) -> dict[str, Any]:
         """All of it as plain data and arrays."""
         assert self.paths is not None
-        chain, paths = self.chain, self.paths
-        return {
-            "kind": "paths",
-            "joints": list(chain.joints),
-            "origins": np.array(chain.origins),
-            "axes": np.array(chain.axes),
-            "steps": list(chain.steps),
-            "tool": list(chain.tool),
-            "margin": self.margin,
-            "parameters": {name: getattr(self.parameters, name) for name in self.parameters.__slots__},
-            "turns": paths.turns,
-            "period": self.period,
-            "places": paths.places,
-            "directions": paths.directions,
-            "times": paths.times,
-            "runs": paths.runs,
-            "arrival": paths.arrival,
-            "limits": self.limits,
-            "noise": self.noise,
-        }
+        own = {name: to_plain(getattr(self, name)) for name in ("margin", "parameters", "period", "limits", "noise")}
+        return {"kind": "paths", **to_plain(self.chain), **to_plain(self.paths), **own}
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> PathDetector:
         """Give the detector that `to_plain` described. Raises KeyError, TypeError or ValueError for anything else."""
-        vectors = [tuple(tuple(map(float, row)) for row in plain[name]) for name in ("origins", "axes")]
-        chain = Chain(tuple(plain["joints"]), vectors[0], vectors[1], tuple(plain["steps"]), tuple(plain["tool"]))  # type: ignore[arg-type]
-        detector = cls(chain, float(plain["margin"]), **plain.get("parameters", {}))
+        parts = {"turns": np.zeros((0, 4)), **plain, "kind": None}
+        detector = cls(from_plain(Chain, parts), float(plain["margin"]), **plain.get("parameters", {}))
         detector.period, detector.noise = float(plain["period"]), float(plain.get("noise", math.inf))
-        detector.paths = Paths(
-            plain["places"], plain["directions"], plain["times"], plain["runs"], float(plain["arrival"]),
-            plain.get("turns", np.zeros((0, 4))),
-        )  # fmt: skip
+        detector.paths = from_plain(Paths, parts)
         limits = np.asarray(plain["limits"], dtype=np.float64)
         missing = 4 - limits.shape[1]  # of a model of an earlier version: the tilt
         detector.limits = np.pad(limits, ((0, 0), (0, missing)), constant_values=np.inf)

@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any
 
 from fame.config.loader import read_document
-from fame.config.values import ConfigValue, Source, join
+from fame.config.values import ConfigValue, Source, entries, join
 from fame.errors import ConfigError, MessageError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, QoS
@@ -102,7 +102,7 @@ def load(path: str | Path) -> Configuration:
     path = Path(path)
     document = read_document(path, "node")
     sections = document.mapping(_SECTIONS)
-    imports = {name: _import(name, value, path.parent) for name, value in _entries(sections, "Imports").items()}
+    imports = {name: _import(name, value, path.parent) for name, value in entries(sections, "Imports").items()}
     policies = _policies(sections["QoS"], {}) if "QoS" in sections else {}
     inputs = _ports(sections, "Inputs", imports, policies, INPUT)
     outputs = _ports(sections, "Outputs", imports, policies, SIGNAL)
@@ -138,12 +138,7 @@ def _stage(value: ConfigValue) -> Stage:
         return Stage(value.data, {}, value)
     parts = value.mapping(("Class", "Parameters"))
     cls = value.required("Class", "LowPass").text()
-    return Stage(cls, {name: item.data for name, item in _entries(parts, "Parameters").items()}, value)
-
-
-def _entries(parts: Mapping[str, ConfigValue], key: str) -> dict[str, ConfigValue]:
-    """Give the entries of a mapping that may be missing or empty."""
-    return parts[key].mapping() if key in parts and parts[key].data is not None else {}
+    return Stage(cls, {name: item.data for name, item in entries(parts, "Parameters").items()}, value)
 
 
 def _ports(
@@ -153,14 +148,14 @@ def _ports(
     policies: Mapping[str, Any],
     base: QoS,
 ) -> tuple[Port, ...]:
-    entries = _entries(sections, section)
-    ports = tuple(_port(name, value, imports, policies, base) for name, value in entries.items())
+    given = entries(sections, section)
+    ports = tuple(_port(name, value, imports, policies, base) for name, value in given.items())
     spelled: dict[str, str] = {}
     for port in ports:
         other = spelled.setdefault(port.name.lower(), port.name)
         if other != port.name:
-            raise entries[port.name].error(f"{other} and {port.name} differ in capitals only")
-    _check_paths(entries, ports, fields.writer if section == "Outputs" else None)
+            raise given[port.name].error(f"{other} and {port.name} differ in capitals only")
+    _check_paths(given, ports, fields.writer if section == "Outputs" else None)
     return ports
 
 
@@ -185,11 +180,11 @@ def _port(name: str, value: ConfigValue, imports: Mapping[str, str], policies: M
     )
 
 
-def _check_paths(entries: Mapping[str, ConfigValue], ports: Sequence[Port], writer: Any) -> None:
+def _check_paths(given: Mapping[str, ConfigValue], ports: Sequence[Port], writer: Any) -> None:
     """Check every path against its type, and that a topic has one type. Raises ConfigError."""
     first: dict[str, Port] = {}
     for port in ports:
-        value, other = entries[port.name], first.setdefault(port.topic, port)
+        value, other = given[port.name], first.setdefault(port.topic, port)
         if other.type != port.type:
             text = f"topic {port.topic} has the type {other.type} in {other.name}, {port.type} here; expected one type"
             raise value.source.error(join(value.path, "MessageType"), text)

@@ -42,6 +42,12 @@ def has_stamp(type: str) -> bool:
     return any(field.name == "header" and field.base == "std_msgs/msg/Header" for field in fields)
 
 
+def stamp_of(message: Any) -> float:
+    """Give the time in the header of a message in s, 0.0 if it has none."""
+    stamp = message.header.stamp
+    return float(stamp.sec + stamp.nanosec * 1e-9)
+
+
 def reader(type: str, path: Path) -> Read:
     """Give a function that reads the numbers at a path of a message, and the names of their channels if it has some.
 

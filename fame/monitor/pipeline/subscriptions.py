@@ -19,7 +19,7 @@ from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import MessageError
 from fame.middleware.interface import Middleware, Node
 from fame.monitor.pipeline.configuration import Port
-from fame.monitor.pipeline.fields import Read, UnusableMessage, has_stamp, reader
+from fame.monitor.pipeline.fields import Read, UnusableMessage, has_stamp, reader, stamp_of
 from fame.monitor.pipeline.processor import Samples
 
 
@@ -177,10 +177,7 @@ class Subscriptions:
         """Take a message of a stream."""
         now, topic = self._scheduler.now / SECOND, stream.topic
         stream.silence.on_message()
-        stamp = now
-        if stream.stamped:
-            time = message.header.stamp
-            stamp = (time.sec + time.nanosec * 1e-9) or now
+        stamp = (stamp_of(message) if stream.stamped else 0.0) or now
         if not stamp > stream.last:
             what = "a second sample" if stamp == stream.last else f"a sample {stream.last - stamp:.3g} s older"
             self._report(

@@ -11,7 +11,7 @@ import numpy as np
 from fame.clock import SECOND, Scheduler
 from fame.errors import MessageError
 from fame.middleware.interface import SENSOR_DATA, Middleware, Node
-from fame.monitor.pipeline.fields import Path, UnusableMessage, has_stamp, reader
+from fame.monitor.pipeline.fields import Path, UnusableMessage, has_stamp, reader, stamp_of
 from fame.text import printable
 
 
@@ -68,10 +68,7 @@ class Series:
         except UnusableMessage:
             self.unusable += 1
             return
-        stamp = self._scheduler.now / SECOND
-        if self._stamped:
-            time = message.header.stamp
-            stamp = (time.sec + time.nanosec * 1e-9) or stamp
+        stamp = (stamp_of(message) if self._stamped else 0.0) or self._scheduler.now / SECOND
         self.stamps.append(stamp)
         self.values.append(value)
 
