@@ -126,10 +126,11 @@ def forgotten(team: Team) -> Iterator[str]:
 
 
 def effects(team: Team) -> Iterator[str]:
-    """No effect is lost, and none is repeated but by another process after a crash. A new start begins anew."""
-    robot = team.robots["A"]
-    if not robot.durable or robot.spoilt:
-        return
+    """No effect is lost, and none is repeated but by another process after a crash. A new start begins anew.
+
+    Without a directory, or with a disk that rots, A may only begin anew or further back: it never makes up a count.
+    """
+    keeps = team.robots["A"].durable and not team.robots["A"].spoilt
     starts = sorted(one.time for one in team.said if (one.robot, one.answer) == ("A", "started"))
     last: dict[int, tuple[int, str, int]] = {}
     for time, process, message in team.fabric.published.get("/tick", ()):
@@ -140,8 +141,9 @@ def effects(team: Team) -> Iterator[str]:
         if count > before + 1:
             yield f"A has lost effects: after {before} of version {version} comes {count}"
         elif count <= before and process == by:
-            yield f"A has repeated {count} of version {version} without a crash"
-        elif count < before:
+            if keeps or count > 1:
+                yield f"A has repeated {count} of version {version} without a crash"
+        elif count < before and keeps:
             yield f"A has forgotten effects: after {before} of version {version} comes {count}"
         last[version] = max(before, count), process, bisect(starts, time)
 

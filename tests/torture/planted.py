@@ -12,10 +12,12 @@ from fame.deploy import robot_protocol, sender_protocol, termination
 from fame.deploy.engine_node import EngineNode
 from fame.deploy.envelope import Envelope
 from fame.deploy.request_verifier import RequestVerifier
+from fame.deploy.requests import TaskServer
 from fame.deploy.resumption import _PROMISE, StateKeeper
 from fame.robot.durable import Recorder
 from fame.robot.journal import Journal, StateDirectory
 from fame.robot.live import LiveFeed
+from fame.robot.node import RobotNode
 
 from .invariants import judge
 from .plan import draw
@@ -156,6 +158,46 @@ def _changes_forgotten(original: Any) -> Any:
     return append
 
 
+def _promise_removed_at_start(original: Any) -> Any:
+    """A promise is forgotten when its process starts, before that is on the disk."""
+
+    def begin(self: StateKeeper, envelope: Envelope, process: Any) -> None:
+        self.forget_promises(envelope.order)
+        original(self, envelope, process)
+
+    return begin
+
+
+def _set_aside_is_dropped(original: Any) -> Any:
+    """A promise that a newer deployment sets aside is forgotten."""
+
+    def set_aside(self: Any) -> None:
+        original(self)
+        self.state = replace(self.state, promises=())
+
+    return set_aside
+
+
+def _asks_no_more(original: Any) -> Any:
+    """A robot that holds again for an older deployment takes a plain start."""
+    return lambda self, candidate, commit: original(self, candidate, None)
+
+
+def _again_after_migration(original: Any) -> Any:
+    """What was received before a migration is taken again."""
+    return lambda self: None
+
+
+def _repair_each_time(original: Any) -> Any:
+    """A request that is repeated is done again, and answered by its last result."""
+
+    def on_request(self: Any, message: Any) -> None:
+        self._answers.clear()
+        original(self, message)
+
+    return on_request
+
+
 def _sequence_reversed(original: Any) -> Any:
     """Of two deployments the older is taken for the newer."""
     return property(lambda self: (-self.sequence, self.deployment))
@@ -180,7 +222,7 @@ BUGS: dict[str, Bug] = {
     "a promise that is not written": (StateKeeper, "promise", _empty),
     "a promise that is not read again": (EngineNode, "_read_promises", _promise_not_resumed),
     "a promise that hides the next one": (StateKeeper, "promise", _promise_overwrites_nothing),
-    "a promise that is never removed": (StateKeeper, "_keep_only", _nothing),
+    "a promise that is removed too early": (StateKeeper, "begin", _promise_removed_at_start),
     "an effect before its record": (Journal, "sync", _effect_before_record),
     "a record that claims too much": (Journal, "append", _claims_too_much),
     "a change that is not recorded": (Journal, "append", _changes_forgotten),
@@ -191,6 +233,10 @@ BUGS: dict[str, Bug] = {
     "a robot that aborts alone": (termination, "step", _decides_alone),
     "a robot that starts alone": (termination, "step", _starts_alone),
     "a ready robot that says aborted": (termination, "reply", _ready_is_aborted),
+    "what was set aside is forgotten": (_transition, "_set_aside", _set_aside_is_dropped),
+    "who asked takes a plain start": (_transition, "_become_ready", _asks_no_more),
+    "messages twice after a migration": (RobotNode, "forget_early", _again_after_migration),
+    "a repair done each time it is asked": (TaskServer, "_on_request", _repair_each_time),
     "a sequence compared wrongly": (Envelope, "order", _sequence_reversed),
     "a robot that does not report": (EngineNode, "_on_loaded", _nothing),
     "a hold that nobody ends": (_transition, "decide", _nothing),
