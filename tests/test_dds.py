@@ -530,6 +530,27 @@ def test_a_process_that_just_ends_has_said_everything_and_is_gone_at_once(
     assert time.monotonic() - began < 1
 
 
+def test_what_the_queue_of_a_busy_subscription_drops_is_counted_exactly(here: WallWorld) -> None:
+    """Each message is taken from Cyclone before the next one is sent: Cyclone itself drops none."""
+    seen: list[int] = []
+
+    def work(message: Any) -> None:
+        seen.append(message.data)
+        for number in range(100 if message.data < 0 else 0):
+            publisher.publish(create(INT, number))
+            while slow.lost + len(slow._queue) <= number:
+                time.sleep(0.0005)
+
+    slow = here.node("b").subscription("/x", INT, work, QoS(depth=10))
+    publisher = here.node("a").publisher("/x", INT)
+    here.connect("/x")
+    publisher.publish(create(INT, -1))
+    here.until(lambda: 99 in seen)
+    assert seen == [-1, *range(90, 100)]
+    text = "/x: /b lost 90 messages, which came faster than it takes them or not at all"
+    assert here.middlewares[0].losses() == [text]
+
+
 @pytest.mark.processes
 def test_a_process_that_is_killed_is_gone_when_its_lease_is_over_and_garbage_before_that_does_no_harm(
     here: WallWorld, child: subprocess.Popen[bytes]

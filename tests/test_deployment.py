@@ -445,7 +445,7 @@ def test_lost_messages_are_told_as_they_grow_and_counted_in_the_reports_and_in_f
         for _ in range(7):
             publisher.publish(messages.create(deploy.STRING, "x"))
         field.pass_time(3)
-    text = "/x: /A/b lost {} messages or more, which came faster than it takes them or not at all"
+    text = "/x: /A/b lost {} messages, which came faster than it takes them or not at all"
     assert [event.detail for event in told] == [text.format(2), text.format(4)]
     assert field.said[-1].warnings == [text.format(4)]
     assert [row[-2] for row in rows("A", field.said[-1])][-1] == f"warning: {text.format(4)}"

@@ -76,9 +76,10 @@ def dropped_warning(topic: str, reason: str) -> EndpointWarning:
     return EndpointWarning(topic, f"dropped a message: {reason}", "dropped")
 
 
-def lost_text(topic: str, node: str, count: int) -> str:
-    """Warn that a subscription of a node has lost messages."""
-    return f"{topic}: {node} lost {count} messages or more, which came faster than it takes them or not at all"
+def lost_text(topic: str, node: str, count: int, more: bool = False) -> str:
+    """Warn that a subscription of a node has lost messages; `more`: it may have lost others that nobody could count."""
+    number = f"at least {count}" if more else f"{count}"
+    return f"{topic}: {node} lost {number} messages, which came faster than it takes them or not at all"
 
 
 def unreadable_text(topic: str, node: str, count: int) -> str:

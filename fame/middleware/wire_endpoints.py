@@ -132,6 +132,7 @@ class WireSubscription(TopicEndpoint):
         self.held: bool = False
         self.on_dropped: OnWarning = self._warn_once
         self.counts_losses: bool = counts_losses(qos)
+        self.uncounted: bool = False  # whether more may have been lost than the backend can count
         self._callback = callback
         self._queue: deque[bytes] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
         self._scheduled = False
@@ -176,8 +177,9 @@ class WireSubscription(TopicEndpoint):
             self._callback(message)
 
     def losses(self) -> str:
-        counts = ((lost_text, self.lost), (unreadable_text, self._unreadable - 1))
-        return "; ".join(text(self.topic, self.node.full_name, count) for text, count in counts if count > 0)
+        place, unreadable = (self.topic, self.node.full_name), self._unreadable - 1
+        texts = [lost_text(*place, self.lost, self.uncounted)] if self.lost else []
+        return "; ".join([*texts, *[unreadable_text(*place, unreadable)] * (unreadable > 0)])
 
     def close(self) -> None:
         self._queue.clear()

@@ -77,8 +77,9 @@ class DdsPublisher(WirePublisher):
 class DdsSubscription(WireSubscription):
     """A subscription.
 
-    Cyclone keeps one message more than its depth until it is asked, so that a loss there is noticed, though not how
-    large it is. While it is `held`, messages wait in Cyclone alone, for `drain`.
+    Cyclone counts the messages that a publisher had sent and does not have any more. It keeps one message more than the
+    depth until it is asked: that it dropped others from there is noticed, though not how many, since samples come
+    without their numbers. While it is `held`, messages wait in Cyclone alone, for `drain`.
     """
 
     def __init__(
@@ -135,8 +136,10 @@ class DdsSubscription(WireSubscription):
         """Take what waits in Cyclone. Another thread may call this."""
         if self.held or self.closed:
             return
+        taken = 0
         for _ in range(_MAX_BATCHES):
             samples = self._reader.take(_BATCH)
+            taken += len(samples)
             for sample in samples:
                 info = sample.sample_info
                 if info.valid_data and info.publication_handle not in self._own:
@@ -145,6 +148,7 @@ class DdsSubscription(WireSubscription):
                 break
         else:
             self._soon(self._on_data)  # let others have their turn
+        self.uncounted |= self.counts_losses and taken > self.qos.depth and self.qos.history == "keep_last"
         self.schedule()
 
     def _sender(self, handle: int) -> str:

@@ -258,6 +258,7 @@ class RosSubscription(WireSubscription):
             use_default_callbacks=False,
         )
         self._end: Any = None
+        self.uncounted = True  # ROS does not tell what it drops from its own queue
         self._end = ros.node.create_subscription(
             ros_class(self.type),
             topic,

@@ -158,7 +158,7 @@ class ZenohPublisher(WirePublisher):
 
 
 class ZenohSubscription(WireSubscription):
-    """A subscription. Messages that were lost are those whose number is missing.
+    """A subscription. Messages that were lost are those whose number is missing, up to the last one that came.
 
     Publishers of the same session hand their messages over by themselves: Zenoh would call back in the thread that
     publishes, and swallow the KeyboardInterrupt of a Ctrl-C at that moment.
@@ -253,8 +253,13 @@ class ZenohSubscription(WireSubscription):
         """Keep a sample until the scheduler takes it; at most as many as there may wait."""
         arrived = self._arrived
         if len(arrived) == self._queue.maxlen:
-            with suppress(IndexError):  # the scheduler has just taken it
-                arrived.popleft()
+            with suppress(IndexError, MessageError):  # the scheduler has just taken it; it is refused elsewhere
+                dropped = arrived.popleft()
+                if not self._last:  # nothing has been taken yet: its number is where counting begins
+                    number, _, gid = tokens.read_attachment(
+                        dropped.attachment.to_bytes() if dropped.attachment else b""
+                    )
+                    self._last.setdefault(gid, number - 1)
         arrived.append(sample)
         if not self._noted and self._wakeups is not None:
             self._noted = True
@@ -286,6 +291,8 @@ class ZenohSubscription(WireSubscription):
             self.count_lost(number - last - 1)
         self._last[gid] = number
         if self.held:
+            if self.counts_losses and len(self._held) == self._held.maxlen:
+                self.count_lost(1)
             self._held.append((gid, data))
         else:
             self.enqueue(data)
