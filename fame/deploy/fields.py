@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any
 
 from fame.text import is_ros_name
@@ -12,7 +13,12 @@ from fame.text import is_ros_name
 
 def values(message: Any) -> dict[str, Any]:
     """The fields of a message, a dataclass, by name. Their values are JSON as they are: nothing is copied."""
-    return {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
+    return {name: getattr(message, name) for name in _names(message.__class__)}
+
+
+@cache
+def _names(cls: Any) -> tuple[str, ...]:
+    return tuple(field.name for field in dataclasses.fields(cls))
 
 
 Check = Callable[[Any], bool]

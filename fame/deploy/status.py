@@ -191,10 +191,11 @@ class Status:
             migration=migration or {},
             born=self._born,
             time=self._scheduler.now / SECOND,
+            key=self._identity.key if self._identity is not None else "",
+            voucher=self._identity.voucher if self._identity is not None else "",
             **self._progress(),
         )
         if self._identity is not None:
-            report = replace(report, key=self._identity.key, voucher=self._identity.voucher)
             report = replace(report, signature=sign(fields.values(report), self._identity.private))
         self._out.publish(messages.create(STRING, report.to_json()))
 
