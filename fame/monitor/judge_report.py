@@ -130,8 +130,8 @@ def _card(card: dict[str, Any]) -> str:
 # ---- plots -----------------------------------------------------------------------------------------------------------
 
 
-def _svg(width: float, height: float, draw: Callable[[Axes], object]) -> str:
-    """Give a plot as SVG for the page. Raises UnavailableError without matplotlib."""
+def _svg(width: float, height: float, draw: Callable[..., object], *shown: Any) -> str:
+    """Give a plot of what is shown as SVG for the page. Raises UnavailableError without matplotlib."""
     require("matplotlib")
     import matplotlib as mpl
     from matplotlib.figure import Figure
@@ -139,7 +139,7 @@ def _svg(width: float, height: float, draw: Callable[[Axes], object]) -> str:
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.add_subplot()
     axes.spines[["top", "right"]].set_visible(False)
-    draw(axes)
+    draw(axes, *shown)
     stream = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": "fame", "svg.fonttype": "none"}):  # the same data give the same page
         figure.savefig(stream, format="svg", metadata={"Date": None})
@@ -150,16 +150,15 @@ def _svg(width: float, height: float, draw: Callable[[Axes], object]) -> str:
 
 def _overview(judgement: Judgement) -> str:
     runs = judgement.runs
-    plots = [_svg(9, 2.8, lambda axes: _draw_scores(axes, runs))]
+    plots = [_svg(9, 2.8, _draw_scores, runs)]
     if judgement.drift.size:
-        plots.append(_svg(9, 2.8, lambda axes: _draw_drift(axes, judgement)))
+        plots.append(_svg(9, 2.8, _draw_drift, judgement))
     labels = np.array([run.label == -1 for run in runs])
     pair = ""
     if 0 < labels.sum() < len(labels):
         scores = np.array([run.score for run in runs])
-        drawings = (_draw_roc, _draw_precision)
-        pair = "".join(f"<div>{_svg(4.4, 3.6, lambda axes, d=d: d(axes, labels, scores))}</div>" for d in drawings)  # type: ignore[misc]
-        pair = f'<div class="row">{pair}</div>'
+        drawn = [_svg(4.4, 3.6, draw, labels, scores) for draw in (_draw_roc, _draw_precision)]
+        pair = f'<div class="row">{"".join(f"<div>{plot}</div>" for plot in drawn)}</div>'
     return "".join(plots) + pair
 
 
@@ -236,7 +235,7 @@ def _draw_precision(axes: Axes, labels: Any, scores: Any) -> None:
 
 def _run_plots(runs: Sequence[JudgedRun]) -> str:
     shown = sorted((run for run in runs if run.ratios.size), key=lambda run: (not run.anomalous, -run.score))[:PLOTTED]
-    plots = [_svg(9, 2.6, lambda axes, run=run: _draw_run(axes, run)) for run in shown]  # type: ignore[misc]
+    plots = [_svg(9, 2.6, _draw_run, run) for run in shown]
     if not plots:
         return ""
     rest = f'<p class="quiet">{len(shown)} of {len(runs)} runs: those with an alarm first, then the next ones.</p>'

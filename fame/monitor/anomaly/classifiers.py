@@ -232,7 +232,7 @@ def by_point(recording: Recording, predicted: Any) -> ConfusionMatrix:
     return OutputMatrix().output_matrix(recording.labels, predicted)
 
 
-def by_run(labels: list[int], scores: list[float], threshold: float) -> ConfusionMatrix:
+def by_run(labels: Sequence[int], scores: Sequence[float], threshold: float) -> ConfusionMatrix:
     """A run is anomalous if its score exceeds the threshold."""
     return OutputMatrix().output_matrix(labels, [-1 if score > threshold else 1 for score in scores])
 
@@ -246,16 +246,31 @@ TRAIN, VALIDATION, TEST = "train", "validation", "test"
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Results of a classifier on some data: matrices of points and runs, score and label of each run, true and
-    predicted labels (points,)."""
+    """Results of a classifier on some data: the labels (points,) that it gave them, and the score of each run."""
 
     data: str
-    points: ConfusionMatrix
-    runs: ConfusionMatrix
+    recording: Recording = field(repr=False, compare=False)
+    predicted: Any = field(repr=False, compare=False)
     scores: tuple[float, ...]
-    labels: tuple[int, ...]
-    truth: Any = field(default=None, repr=False, compare=False)
-    predicted: Any = field(default=None, repr=False, compare=False)
+    threshold: float
+
+    @property
+    def labels(self) -> list[int]:
+        """The true label of each run."""
+        return self.recording.run_labels()
+
+    @property
+    def points(self) -> ConfusionMatrix:
+        return by_point(self.recording, self.predicted)
+
+    @property
+    def runs(self) -> ConfusionMatrix:
+        return by_run(self.labels, self.scores, self.threshold)
+
+    @property
+    def benign(self) -> tuple[float, ...]:
+        """The scores of benign runs."""
+        return tuple(score for score, label in zip(self.scores, self.labels, strict=True) if label == BENIGN)
 
 
 @dataclass(frozen=True, slots=True)

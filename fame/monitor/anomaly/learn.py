@@ -42,7 +42,6 @@ from fame.monitor.anomaly.classifiers import (
     Named,
     TrainedClassifier,
     by_point,
-    by_run,
     expand_candidates,
     fit,
     make,
@@ -278,15 +277,14 @@ def _learned(
     whole = data.both or data.benign
     assert whole is not None
     held = _held_out([results[_Task(number, fold)].predicted for fold in range(learning.folds)], whole, learning.folds)
-    threshold, note, calibration = set_threshold(candidate, learning, whole, held)
-    evaluations = [_evaluate(TRAIN, whole, final.predicted, threshold)]
-    if held is not None:
-        evaluations.append(_evaluate(VALIDATION, whole, held, threshold))
+    validation = None if held is None else _evaluate(VALIDATION, whole, held)
+    threshold, note, calibration = set_threshold(candidate, learning, whole, validation)
+    evaluations = [_evaluate(TRAIN, whole, final.predicted), *([] if validation is None else [validation])]
     known = {data_hash_of_run(run) for source in (data.both, data.benign) if source is not None for run in source}
     for item in data.testing:
         known_run = any(data_hash_of_run(run) in known for run in item)
         label = f"{TRAIN if known_run else TEST}: {item.source}"
-        evaluations.append(_evaluate(label, item, final.estimator.predict(item), threshold))
+        evaluations.append(_evaluate(label, item, final.estimator.predict(item)))
     benign = whole.select([index for index, label in enumerate(whole.run_labels()) if label == BENIGN])
     model = Model(
         name=candidate.name,
@@ -299,7 +297,7 @@ def _learned(
         versions=versions(),
         calibration=calibration,
     )
-    return TrainedClassifier(candidate, model, tuple(evaluations), note)
+    return TrainedClassifier(candidate, model, tuple(replace(each, threshold=threshold) for each in evaluations), note)
 
 
 def _held_out(parts: Sequence[Any], whole: Recording, folds: int) -> Any:
@@ -313,12 +311,9 @@ def _held_out(parts: Sequence[Any], whole: Recording, folds: int) -> Any:
     return found
 
 
-def _evaluate(name: str, recording: Recording, predicted: Any, threshold: float) -> Evaluation:
-    scores, labels = run_scores(recording, predicted), recording.run_labels()
-    return Evaluation(
-        name, by_point(recording, predicted), by_run(labels, scores, threshold), tuple(scores), tuple(labels),
-        recording.labels, predicted,
-    )  # fmt: skip
+def _evaluate(name: str, recording: Recording, predicted: Any) -> Evaluation:
+    """Evaluate what was predicted; the threshold is still to be set."""
+    return Evaluation(name, recording, predicted, tuple(run_scores(recording, predicted)), 0.0)
 
 
 class Interface:

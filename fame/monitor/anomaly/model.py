@@ -173,20 +173,17 @@ class Model:
         scores = [count / points for count in anomalous]
         return float(self.estimator.score(scores)) if isinstance(self.estimator, Ensemble) else scores[0]
 
-    def alarm_points(self, threshold: float | None = None) -> int:
-        """The number of anomalous points of a run from which on its score exceeds the threshold."""
-        limit = self.threshold if threshold is None else threshold
-        return math.floor(limit * self.nominal + 1e-9) + 1
-
     def alarm_text(self, threshold: float | None = None) -> str:
         """The threshold in points and time."""
         if isinstance(self.estimator, Ensemble):
             factor = self.threshold if threshold is None else threshold
             texts = (f"{each.name}: {each.alarm_text(factor * each.threshold)}" for each in self.estimator.members)
             return f"{self.estimator.rule} {'; '.join(texts)}"
-        points = self.alarm_points(threshold)
+        limit = self.threshold if threshold is None else threshold
+        points = math.floor(limit * self.nominal + 1e-9) + 1
+        lasts = f", {points * self.period:.3g} s" if self.period else ""  # if the model knows the time between two
         many = "1 anomalous point" if points == 1 else f"{points} anomalous points"
-        return f"alarm from {many} of a run of {self.nominal} on{self.seconds_text(points)}"
+        return f"alarm from {many} of a run of {self.nominal} on{lasts}"
 
     @property
     def period(self) -> float:
@@ -194,10 +191,6 @@ class Model:
         if isinstance(self.estimator, Ensemble):
             return float(max(each.period for each in self.estimator.members))
         return self.estimator.period if isinstance(self.estimator, PathDetector) else 0.0
-
-    def seconds_text(self, points: int) -> str:
-        """The duration of this many points, if the model knows the time between two of them; else empty."""
-        return f", {points * self.period:.3g} s" if self.period else ""
 
     def worst_joint(self, values: Floats) -> tuple[str, float]:
         """The joint that is farthest from the nearest benign point, and how far (rad)."""

@@ -7,7 +7,7 @@ processor names it; where several of a chain have the same, ``2.cutoff`` is that
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -45,20 +45,20 @@ class ParameterServer:
 
     def __init__(self, node: Node, processors: Sequence[Any], report: ThrottledReport) -> None:
         self.owners, self._report = owners(processors), report
+        offers = {
+            name: NodeParameter(
+                parameter.type, partial(self._value, name), partial(self.set, name), _description(parameter),
+                {"read_only": parameter.fixed, **bounds(parameter)},
+            )
+            for name, (_, parameter) in self.owners.items()
+        }  # fmt: skip
         if hasattr(node, "ros"):
-            self._declare(node)
+            self._declare(node, offers)
             return
         table, offered = getattr(node, "parameters", None), True
         if table is None:  # within one process
             table, offered = ParameterTable(), False
-        for name, (_, parameter) in self.owners.items():
-            table[name] = NodeParameter(
-                parameter.type,
-                partial(self._value, name),
-                partial(self.set, name),
-                _description(parameter),
-                {"read_only": parameter.fixed, **bounds(parameter)},
-            )
+        table.update(offers)
         if not offered:
             table.offer(node)
 
@@ -75,7 +75,7 @@ class ParameterServer:
         processor, parameter = self.owners[name]
         return getattr(processor, parameter.name)
 
-    def _declare(self, node: Any) -> None:
+    def _declare(self, node: Any, offers: Mapping[str, NodeParameter]) -> None:
         """Declare the parameters to rclpy, whose command line or parameter file may set them at the start."""
         from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
@@ -95,12 +95,9 @@ class ParameterServer:
 
         node.ros.add_on_set_parameters_callback(check)
         node.ros.add_post_set_parameters_callback(apply)
-        for name, (processor, parameter) in self.owners.items():
-            value = plain(getattr(processor, parameter.name))
-            described = NodeParameter(
-                parameter.type, partial(self._value, name), description=_description(parameter), more=bounds(parameter)
-            ).descriptor(name)
-            fields = described | {"read_only": parameter.fixed, "dynamic_typing": value == []}  # without a type in ROS
+        for name, offer in offers.items():
+            value = plain(offer.get())
+            fields = offer.descriptor(name) | {"dynamic_typing": value == []}  # without a type in ROS
             message = to_ros(messages.create("rcl_interfaces/msg/ParameterDescriptor", fields), ParameterDescriptor)
             try:
                 node.ros.declare_parameter(name, value, message)
