@@ -91,7 +91,7 @@ def run_collect(arguments: Namespace) -> int:
             report=note, progress=lambda count: note(f"{count}{of} runs"), done=scheduler.stop,
         )  # fmt: skip
 
-    drive(arguments, make, lambda: collector.done)
+    drive(arguments, make)
     recording = collector.recording()
     write_csv(arguments.output, recording)
     print_written(arguments, recording)
@@ -226,30 +226,15 @@ def run_operate(arguments: Namespace) -> int:
 
     model = load_model(arguments.model)
     note(f"{arguments.model}: {model.alarm_text(arguments.threshold)}")
-    nodes: list[OperateNode] = []
-    over = False
-
-    def enough() -> bool:
-        return bool(nodes) and 0 < arguments.runs <= len(nodes[0].runs)
-
-    def report(text: str) -> None:
-        nonlocal over
-        if not over:
-            note(text)
-            over = enough()
-            if over:
-                nodes[0].scheduler.stop()
 
     def make(middleware: Middleware, scheduler: Scheduler) -> OperateNode:
-        made = OperateNode(
-            middleware, scheduler, model, topic=arguments.topic, field=arguments.field,
-            threshold=arguments.threshold, rule=arguments.rule, cycle=arguments.points, report=report,
+        return OperateNode(
+            middleware, scheduler, model, topic=arguments.topic, field=arguments.field, rule=arguments.rule,
+            threshold=arguments.threshold, cycle=arguments.points, limit=arguments.runs, report=note,
+            done=scheduler.stop,
         )  # fmt: skip
-        nodes.append(made)
-        return made
 
-    drive(arguments, make, enough)
-    runs = nodes[0].runs[: arguments.runs or None]
+    runs: list[RunReport] = drive(arguments, make).runs
     if not runs and arguments.bag is not None:
         raise MissionError(f"{arguments.bag}: no run was evaluated: none began that the model fits (--rule, --topic)")
     return _print_runs(runs, arguments.json)

@@ -75,11 +75,10 @@ def writable(path: Path) -> None:
         raise ConfigError("expected a file, got a folder", file=str(path))
 
 
-def drive(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
-    """Make the node and let it work: until the bag ends or is enough, else until its work is done or interrupted."""
+def drive(arguments: Namespace, make: Make) -> Any:
+    """Make the node and let it work, until the bag ends, its work is done or it is interrupted. Returns the node."""
     if arguments.bag is not None:
-        _play(arguments, make, enough)
-        return
+        return _play(arguments, make)
     with connected(arguments) as (scheduler, middleware):
         node = make(middleware, scheduler)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # whoever ends it wants what has come, too
@@ -89,9 +88,10 @@ def drive(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
             note("interrupted: the data so far are used")
         finally:
             node.close()
+        return node
 
 
-def _play(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
+def _play(arguments: Namespace, make: Make) -> Any:
     """Give the messages of a bag to the node, in the time of the bag."""
     from fame.clock import SECOND, Scheduler
     from fame.middleware.local import LocalMiddleware
@@ -109,11 +109,12 @@ def _play(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
         scheduler.run(round((time - first) * SECOND))
         takes[topic](message)
         empty &= topic != arguments.topic
-        if enough():
+        if node.done:
             break
     if empty:
         raise MissionError(f"{arguments.bag}: {arguments.topic} holds no messages")
     node.close()
+    return node
 
 
 def add_labelled_files(parts: Commands) -> None:

@@ -61,7 +61,7 @@ class RunReport(NamedTuple):
 
 
 class RunMonitor:
-    """Scores points as they come, run by run.
+    """Scores points as they come, run by run, until `limit` runs have ended (0: always).
 
     `ended` collects the reports of runs, `run` is the number of this one; `waiting` until the first begins, `late`
     if the arm was moving away from home meanwhile.
@@ -74,10 +74,13 @@ class RunMonitor:
     waiting: bool
     late: bool
 
-    def __init__(self, model: Model, threshold: float | None = None, rule: Rule = "home", cycle: int = 0) -> None:
+    def __init__(
+        self, model: Model, threshold: float | None = None, rule: Rule = "home", cycle: int = 0, limit: int = 0
+    ) -> None:
         self.model, self.joints = model, model.joints
         self.threshold = model.threshold if threshold is None else threshold
         self.ended: list[RunReport] = []
+        self._limit = limit
         self._scorer = model.scorer()
         self._segmenter = RunSegmenter(rule, cycle or model.nominal)
         self._recent: deque[tuple[float, Sequence[float]]] = deque(maxlen=2 * model.nominal)
@@ -93,8 +96,13 @@ class RunMonitor:
     def begin(self) -> None:
         """Begin a run (rule ``signal``), and end the current one."""
         self.end()
-        self._running = True
+        self._running = not self.done
         self._clear()
+
+    @property
+    def done(self) -> bool:
+        """Whether as many runs have ended as were wanted."""
+        return 0 < self._limit <= self.run
 
     def end(self) -> RunReport | None:
         """The run ends. None if there was none."""
@@ -118,7 +126,7 @@ class RunMonitor:
 
     def step(self, stamp: float, values: Sequence[float]) -> Point | None:
         """One more point: its time (s) and the joints in the model's order. None between runs and before the first."""
-        if not self._running:
+        if not self._running or self.done:
             return None
         own = self._segmenter.feed(values)
         self._recent.append((stamp, values))
@@ -134,7 +142,7 @@ class RunMonitor:
         again = list(self._recent)[-own:]
         del self._points[max(0, len(self._points) - (own - 1)) :]
         self.end()
-        return [self._score(*item) for item in again][-1]
+        return None if self.done else [self._score(*item) for item in again][-1]
 
     def _score(self, stamp: float, values: Sequence[float]) -> Point:
         verdict = self._scorer.step(values, stamp)

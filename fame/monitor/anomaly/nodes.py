@@ -63,12 +63,13 @@ def _are_default_names(joints: Sequence[str]) -> bool:
 
 class NodeOptions(TypedDict, total=False):
     """What a node reads: the topic, the field of its messages, the namespace of the node; `report` gets a line for
-    everything unusual."""
+    everything unusual, `done` is called after the last run that is wanted."""
 
     topic: str
     field: str
     namespace: str
     report: Callable[[str], object]
+    done: Callable[[], object]
 
 
 class _JointStateNode(ABC):
@@ -93,8 +94,9 @@ class _JointStateNode(ABC):
         field: str = "position",
         namespace: str = "",
         report: Callable[[str], object] = lambda text: None,
+        done: Callable[[], object] = lambda: None,
     ) -> None:
-        self.scheduler, self._runs, self._field, self._report = scheduler, runs, field, report
+        self.scheduler, self._runs, self._field, self._report, self._done = scheduler, runs, field, report, done
         self._reported: set[str] = set()
         self._last: list[float] = []
         self.node = middleware.node(self.name, namespace)
@@ -106,15 +108,20 @@ class _JointStateNode(ABC):
             scheduler, self.topic, SILENCE, report, lambda received: f"; run {runs.run} waits for it"
         )
 
+    @property
+    def done(self) -> bool:
+        """Whether there are as many runs as were wanted."""
+        return self._runs.done
+
     def begin(self, message: Any = None) -> None:
         """Begin a run."""
         self._runs.begin()
-        self._update()
+        self._tell()
 
     def end(self, message: Any = None) -> None:
         """End the current run."""
         self._runs.end()
-        self._update()
+        self._tell()
 
     def close(self) -> None:
         """Close all endpoints."""
@@ -123,6 +130,8 @@ class _JointStateNode(ABC):
 
     def on_message(self, message: Any) -> None:
         """Take a joint state. One that cannot be used is reported."""
+        if self._runs.done:
+            return
         self._watch.on_message()
         try:
             values = values_of(message, self._runs.joints, self._field)
@@ -135,9 +144,14 @@ class _JointStateNode(ABC):
         if not self._runs.joints and len(message.name) == len(values):
             self._runs.joints = tuple(message.name)
         point = self._runs.step(stamp_of(message) or self.scheduler.now / SECOND, values)
-        self._update(point)
+        self._tell(point)
         if self._runs.late:
             self._report_once(self.moving)
+
+    def _tell(self, point: Point | None = None) -> None:
+        self._update(point)
+        if self._runs.done:
+            self._done()
 
     @abstractmethod
     def _update(self, point: Point | None = None) -> None:
@@ -165,9 +179,10 @@ class OperateNode(_JointStateNode):
         threshold: float | None = None,
         rule: Rule = "home",
         cycle: int = 0,
+        limit: int = 0,
         **options: Unpack[NodeOptions],
     ) -> None:
-        monitor = RunMonitor(model, threshold, rule, cycle)
+        monitor = RunMonitor(model, threshold, rule, cycle, limit)
         self.runs, self._reported_runs = monitor.ended, 0
         super().__init__(middleware, scheduler, monitor, signals=rule == "signal", **options)
         self._score = self.node.publisher("anomaly_score", "std_msgs/msg/Float64")
@@ -196,7 +211,7 @@ class OperateNode(_JointStateNode):
 
 
 class CollectNode(_JointStateNode):
-    """Records joint states. `progress` gets the number of complete runs, `done` is called after the last one wanted."""
+    """Records joint states. `progress` gets the number of complete runs."""
 
     name = "anomaly_collection"
     moving = "the arm is moving; it is recorded from its next pass of home on"
@@ -208,18 +223,15 @@ class CollectNode(_JointStateNode):
         collector: Collector,
         *,
         progress: Callable[[int], object] = lambda runs: None,
-        done: Callable[[], object] = lambda: None,
         **options: Unpack[NodeOptions],
     ) -> None:
-        self._collector, self._progress, self._done, self._told = collector, progress, done, 0
+        self._collector, self._progress, self._told = collector, progress, 0
         super().__init__(middleware, scheduler, collector, signals=True, **options)
 
     def _update(self, point: Point | None = None) -> None:
         if self._collector.run > self._told:
             self._told = self._collector.run
             self._progress(self._told)
-            if self._collector.done:
-                self._done()
 
 
 def alarm_message(point: Point) -> Any:

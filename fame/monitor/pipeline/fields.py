@@ -11,14 +11,13 @@ named places, whose names go into the message's list of names.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import messages, typesystem
 from fame.middleware.definitions import Definition, Field
@@ -210,7 +209,6 @@ class _Slot:
     names    of its places, if outputs name them
     beside   the field next to it that takes names, if there is one
     several  whether it is an array
-    floats   whether it is one of float64 without bounds
     """
 
     path: tuple[str, ...]
@@ -219,7 +217,6 @@ class _Slot:
     names: tuple[str, ...]
     beside: str | None
     several: bool
-    floats: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,26 +244,6 @@ class Writer:
                 tree.setdefault(slot.beside, list(channels))
         return messages.create(self.type, content)
 
-    def alike(self, first: Any, rows: Sequence[Any], stamps: Sequence[float]) -> Iterator[Any]:
-        """Messages as `first`, which `message` made, but with these values and stamps: without asking what fits."""
-        make, header = first.__class__, first.header
-        fields: list[Any] = [getattr(first, name) for name in first.__slots__]
-        at = first.__slots__.index("header")
-        places = [(first.__slots__.index(slot.path[0]), rows[slot.values[0]]) for slot in self.slots]
-        for index, stamp in enumerate(stamps):
-            time = header.stamp.__class__(*divmod(round(stamp * SECOND), SECOND))
-            fields[at] = header.__class__(time, header.frame_id)
-            for place, values in places:
-                fields[place] = values[index]
-            yield make(*fields)
-
-    def is_plain(self, values: Sequence[Any]) -> bool:
-        """Whether `alike` will do: fields of the message itself that take arrays of float64 as they are."""
-        return self.stamped and all(
-            len(slot.path) == 1 and slot.several and not slot.places and slot.floats and value.dtype == np.float64
-            for slot, value in ((slot, values[slot.values[0]]) for slot in self.slots)
-        )
-
 
 def writer(type: str, paths: Sequence[Path]) -> Writer:
     """What makes messages of a type from values at these paths.
@@ -282,11 +259,7 @@ def writer(type: str, paths: Sequence[Path]) -> Writer:
         steps, last, several, beside = _checked(content, path, ())
         grouped.setdefault(steps, []).append((number, last))
         ends[steps] = (several, beside)
-    floats = {field.name for field in content.fields if str(field) == "float64[]"}
-    slots = tuple(
-        replace(_slot(content, steps, filled, *ends[steps]), floats=steps[0] in floats)
-        for steps, filled in grouped.items()
-    )
+    slots = tuple(_slot(content, steps, filled, *ends[steps]) for steps, filled in grouped.items())
     return Writer(content.name, has_stamp(content.name), slots)
 
 

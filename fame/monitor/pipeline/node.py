@@ -83,11 +83,8 @@ class Publications:
             )
         rows = [np.ascontiguousarray(item.values[finite]) for item in there]  # as a middleware writes them
         stamps = there[0].stamps[finite].tolist()
-        plain = bool(stamps) and publication.writer.is_plain(rows)
-        for index, stamp in enumerate(stamps[:1] if plain else stamps):
-            first = publication.writer.message([item[index] for item in rows], stamp, channels)
-            publication.publisher.publish(first)
-        for message in publication.writer.alike(first, [item[1:] for item in rows], stamps[1:]) if plain else ():
+        for index, stamp in enumerate(stamps):
+            message = publication.writer.message([item[index] for item in rows], stamp, channels)
             publication.publisher.publish(message)
         self.count += len(stamps)
 
