@@ -268,6 +268,19 @@ def test_a_branch_of_another_run_is_refused_with_the_first_difference(tmp_path: 
             other.run(observer=live.observer, pace=same)
 
 
+def test_a_branch_of_a_failed_run_that_an_older_version_has_recorded_is_the_recorded_run(tmp_path: Path) -> None:
+    """The recording is of FAME 0.2.0 at commit 943a21f, which did not report the error that ended an instance."""
+    with Recording(Path(__file__).with_name("recordings") / "failed.mcap") as recording:
+        assert [event.detail for event in recording.events() if event.what in ("fail", "report")] == ["broken"]
+        for name, content in recording.attachments.items():
+            (tmp_path / Path(name).name).write_bytes(content)
+        scenario = Scenario.load(tmp_path / "two.yaml", seed=int(recording.metadata["seed"]))
+        live, same = branched(scenario, recording, 9 * SECOND)
+        live.hand_over = lambda: setattr(live._run, "interrupted", True)  # type: ignore[method-assign]
+        scenario.run(observer=live.observer, pace=same)
+    assert same._reached
+
+
 def test_a_branch_of_a_run_with_other_values_is_refused(tmp_path: Path) -> None:
     """Another seed: at first the tokens move at the same times, but the noise differs."""
     path = recorded(Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=5), tmp_path / "run.mcap")

@@ -219,12 +219,13 @@ class SameRun:
     """Lets a recorded run go on again to a time (ns), and compares it with what was recorded until then.
 
     There `live` hands over to its pages, if they are the same. It is a `fame.scenario.run.Pace`, and raises ConfigError
-    with the first difference.
+    with the first difference. Reports of elements are not compared: another version of FAME has others.
     """
 
     def __init__(self, recording: Recording, time: int, live: LiveRun) -> None:
         self._file, self._time, self._live, self._reached = recording.file, time, live, False
-        self._recorded = recording.messages(_COMPARED, end=time)
+        recorded = ((each.time, each.topic, each.json()) for each in recording.messages(_COMPARED, end=time))
+        self._recorded = ((at, topic, data) for at, topic, said in recorded if (data := _steps(topic, said)))
         self._run: Run | None = None
         live.listen = self._compare
 
@@ -235,27 +236,39 @@ class SameRun:
         if not self._reached and (run.scheduler.now >= self._time or run.over):
             missing = next(self._recorded, None)
             if missing is not None:
-                raise self._difference(missing.time, missing.topic, missing.json(), None)
+                raise self._difference(*missing, None)
             self._reached, self._live.listen = True, None
             self._live.hand_over()
 
     def _compare(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
         if topic not in _COMPARED or time > self._time or self._run is None or self._run.interrupted:
             return
-        recorded = next(self._recorded, None)
-        if recorded is None:
-            raise self._difference(time, topic, None, data)
-        there = recorded.json()
-        if (recorded.time, recorded.topic) != (time, topic):
-            earlier = min(time, recorded.time)
-            raise self._difference(earlier, topic, there if recorded.topic == topic else None, data)
-        if there != data:
-            raise self._difference(time, topic, there, data)
+        now = _steps(topic, data)
+        if not now:
+            return
+        at, there_topic, there = next(self._recorded, (time, topic, None))
+        if there is None:
+            raise self._difference(time, topic, None, now)
+        if (at, there_topic) != (time, topic):
+            raise self._difference(min(time, at), topic, there if there_topic == topic else None, now)
+        if there != now:
+            raise self._difference(time, topic, there, now)
 
     def _difference(self, time: int, topic: str, recorded: Any, now: Any) -> ConfigError:
         difference = _first_difference(_lines(topic, recorded), _lines(topic, now))
         text = f"the run again is not the recorded one: at {time / SECOND:g} s {difference}"
         return ConfigError(text, file=self._file)
+
+
+def _steps(topic: str, data: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A message of variables, or one of events without the reports of elements; empty if it has only such."""
+    if topic == VARIABLES:
+        return data
+    groups = []
+    for group in data["events"]:
+        marks = [mark for mark in group["marks"] if not (mark[0] and mark[1] == "report")]
+        groups += [{**group, "marks": marks}] if marks else []
+    return {**data, "events": groups} if groups else {}
 
 
 def _first_difference(recorded: list[str], now: list[str]) -> str:
