@@ -4,7 +4,7 @@ import json
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from deployment_field import TEAM, Field, patrol
+from deployment_field import TEAM, Field, kill, patrol
 
 from fame import deploy
 from fame.clock import SECOND
@@ -355,3 +355,22 @@ def test_an_older_splitter_that_was_stopped_takes_the_team_back_as_the_younger_l
     farm.pass_time(12)
     assert farm.engines["B_2"].hash == farm.engines["B_1"].hash
     assert [farm.engines[name].running for name in ("A", "B_1")] == kept
+
+
+def test_an_older_splitter_that_was_stopped_deploys_the_diagram_that_the_younger_never_received():
+    farm = Farm("A", "B_1")
+    elder = farm.splitter(Stoppable)
+    farm.diagram(TRACTORS)
+    farm.pass_time(3)
+    farm.diagram(TRACTORS.replace('"ua"', '"ua2"'))
+    farm.pass_time(0.01)
+    kill(elder._deployment)
+    elder.stopped = True
+    younger = farm.splitter()
+    farm.pass_time(6)
+    assert younger.state == "keeping"
+    assert farm.engines["A"].running.instances[-1].waiting == ["ua"]
+    elder.go_on(cut_off=False)
+    farm.pass_time(15)
+    assert farm.engines["A"].running.instances[-1].waiting == ["ua2"]
+    assert (elder.state, younger.state) == ("keeping", "standby")

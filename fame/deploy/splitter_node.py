@@ -168,7 +168,9 @@ class SplitterNode:
         self._election.handle(Woken(self.scheduler.now))
         if not self._leads:
             with suppress(FameError):
-                self._diagram = self._read(message.data, "deployed")
+                found = self._read(message.data, "deployed")
+                if self._kept is None or found[0] != self._kept[0][0]:  # else what was received since is newer
+                    self._diagram, self._kept = found, (found, ())
 
     def _read(self, text: str, purpose: str) -> tuple[str, Definitions]:
         """Hash and model, checked as far as that is possible without the robots. Raises FameError."""
