@@ -28,6 +28,7 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
     faults.redeployments,
     faults.flapping,
     faults.late_joiners,
+    faults.two_splitters,
     engines.uninterruptible,
     deployment.strangers_key,
     deployment.silent_other,

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import itertools
+import json
 import random
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 from attacks.field import Field, held
 from attacks.team import Sender, Team, mission
 from fame.bpmn.reader import read_text
-from fame.deploy import Deployment
+from fame.deploy import STRING, Deployment
+from fame.deploy.leader_election import GONE
 
 MOMENTS = ("", "load", "B ready", "A ready", "start", "B started", "A started")
 """Of a deployment at which somebody is stopped: soon after the sender begins, or when something is said."""
@@ -149,3 +152,41 @@ def late_joiners(field: Field) -> None:
                 team.restart("R_1")
         team.await_version(version)
         team.judge()
+
+
+def two_splitters(field: Field) -> None:
+    """Of two splitters the leader is killed, or stopped and continued, while it deploys: the newest runs everywhere."""
+    team, roles = Team(field, "AB", durable="A"), dict[int, tuple[float, str]]()
+
+    def note(message: Any) -> None:
+        role = json.loads(message.data)
+        roles[role["born"]] = time.monotonic(), role["state"]
+
+    def one_leads() -> bool:
+        there = [state for at, state in roles.values() if time.monotonic() - at < GONE]
+        return len(there) == len(splitters) == 1 + there.count("standby")
+
+    field.stranger.subscription("/fame_splitter", STRING, note)
+    splitters = [field.begin("splitter")]
+    strikes = {"load": signal.SIGKILL, "A started": signal.SIGKILL, "B ready": signal.SIGSTOP, "": None}
+    for moment, strike in strikes.items():
+        held(field.until(one_leads, 40), f"splitters do not agree: {roles}")
+        if len(splitters) == 1:
+            splitters.append(field.begin("splitter"))
+            held(field.until(one_leads, 40), f"splitters do not agree: {roles}")
+        field.pass_time(1)  # so that both hear who sends diagrams
+        for _ in range(1 if strike else 3):
+            version, file = team.write(tasks=TASKS // 4)
+            field.say("/collaboration_diagram", Path(file).read_text())
+        leader = splitters[0]
+        if strike:
+            held(team.at(moment, Sender(version, leader)), f"no {moment!r}")
+            leader.send_signal(strike)
+            field.pass_time(LONG)
+            leader.send_signal(signal.SIGCONT)
+        team.await_version(version)
+        splitters = [splitter for splitter in splitters if splitter.poll() is None]
+        team.judge()
+        before = [robot.last.deployed for robot in team.robots.values()]
+        field.pass_time(LONG)
+        held(before == [robot.last.deployed for robot in team.robots.values()], "what ran was started again")
