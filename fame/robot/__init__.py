@@ -13,7 +13,7 @@ events          events of a run, and observers of them
 changes         what changes from instant to instant: events, variables, waiting tokens
 change_text     JSON of these changes
 live            publishes these changes for views and recorders
-plain_values    variables as plain data and JSON, for these changes; message_parts: messages, taken apart quickly
+plain_values    variables as plain data and JSON, for these changes
 
 durable         durable execution: records, effects, resumption
 journal         the file of these records

@@ -8,7 +8,6 @@ writes a recording starts quickly.
 from __future__ import annotations
 
 import json
-import struct
 from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import lru_cache
@@ -27,12 +26,6 @@ Changes = tuple[Sequence[Group], Sequence[ScopeChange], Sequence[int], Sequence[
 
 Put = Callable[[str, int, str], object]
 """Takes a channel (``events``, ``variables``, ``waiting``), a time (ns) and JSON."""
-
-Layout = tuple[str, str, tuple[tuple[int, str], ...]]
-"""How JSON is made of the parts of a message: a template with ``%r`` for numbers and ``%s`` for everything else; the
-format of the numbers (`struct`); of everything else the place, and the format of an array (empty: no array)."""
-MessageParts = tuple[Layout, bytes, tuple[Any, ...]]
-"""A message taken apart (`fame.robot.message_parts`): its numbers, and everything else, arrays as bytes."""
 
 TEXT = 1000
 """Most characters of a text."""
@@ -181,7 +174,7 @@ class _ScopeText:
             if value is ...:
                 gone += [name] * (name in texts)
                 continue
-            text = variable_text(value)
+            text = value_text(value)
             if texts.get(name) != text:
                 texts[name] = text
                 fresh.append(f"{name_text(name)}:{text}")
@@ -196,37 +189,8 @@ class _ScopeText:
         return f'{self.where},"set":{{{members}}}}}'
 
 
-def variable_text(value: Any) -> str:
-    """The JSON of the plain form of a variable (`fame.robot.plain_values.plain`)."""
-    kind = value.__class__
-    if kind is float:
-        return float_text(value)
-    if kind is tuple:
-        return array_text(*value) if len(value) == 2 else message_text(value)
-    return value_text(value)
-
-
-def message_text(message: MessageParts) -> str:
-    """The JSON of a message taken apart."""
-    (template, numbers, places), data, others = message
-    parts: list[Any] = list(struct.unpack(numbers, data))
-    for (place, items), other in zip(places, others, strict=True):
-        parts.insert(place, array_text(items, other) if items else value_text(other))
-    text = template % tuple(parts)
-    if ":nan" in text or ":inf" in text or ":-inf" in text:  # a number that JSON does not have, or a text like that
-        finite = [float_text(part) if part.__class__ is float else part for part in parts]
-        return template.replace("%r", "%s") % tuple(finite)
-    return text
-
-
-@lru_cache(1000)
-def array_text(items: str, data: bytes) -> str:
-    """The JSON of an array, given as bytes. Most arrays in messages are covariances, which rarely differ."""
-    return f"[{','.join(map(value_text, struct.unpack(items, data)))}]"
-
-
 def value_text(value: Any) -> str:
-    """A value as JSON. Bytes are JSON already."""
+    """The JSON of a value in plain form (`fame.robot.plain_values.plain`): bytes are JSON already."""
     kind = value.__class__
     if kind is bytes:
         text: str = value.decode("utf-8", "surrogatepass")

@@ -7,7 +7,6 @@ it elsewhere (`fame.robot.change_text`), in recordings by another process, so th
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from itertools import compress, count
 from operator import is_not
@@ -17,7 +16,7 @@ from fame.clock import SECOND
 from fame.engine.program import Node
 from fame.engine.state import Instance, Scope, Trail, Wait
 from fame.robot.change_text import Changes, Group, ScopeChange, Token, encode, name_text
-from fame.robot.plain_values import FIXED, differs, is_changeable, plain, snapshot_of
+from fame.robot.plain_values import PLAIN, differs, is_changeable, plain, snapshot_of
 
 if TYPE_CHECKING:
     from fame.robot.events import Event
@@ -185,17 +184,7 @@ class _ScopeVariables:
             places = [place for place in places if place not in self._hidden]
         if not (places or has_new_names):
             return None
-        try:
-            found = [
-                value
-                if (kind := (value := values[place]).__class__) in _PLAIN
-                else make(value)
-                if (make := FIXED.get(kind))
-                else self._plain(place, value)
-                for place in places
-            ]
-        except (AttributeError, struct.error):  # of a message with a value of another class
-            found = [self._plain(place, values[place]) for place in places]
+        found = [values[at] if values[at].__class__ in PLAIN else self._plain(at, values[at]) for at in places]
         return names if has_new_names else None, places, found
 
     def _rename(self, names: list[str]) -> None:
@@ -226,8 +215,6 @@ class _ScopeVariables:
 
 _NOTHING = object()
 """The value of a variable that was not there."""
-_PLAIN: frozenset[type] = frozenset((float, int, bool, type(None), complex))
-"""The classes of values that stand for themselves."""
 _CUT_ARRAY = b'{"$cut":"array of'
 """How the JSON of a large array begins: it tells nothing that a change in place could make different."""
 

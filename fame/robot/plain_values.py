@@ -4,25 +4,24 @@ Numbers, texts, truth values, null, lists and mappings are themselves, messages 
 fields. What is cut says so: ``{"$cut": "list of 10000", "first": [...]}``, ``{"$cut": "text of 5000", ...}``,
 ``{"$cut": "array of 15504"}``, ``{"$cut": "Plan of 12345 characters"}`` for what is too large as a whole. NaN and
 infinities, which JSON does not have, are the texts ``"NaN"``, ``"Infinity"`` and ``"-Infinity"``; complex numbers are
-texts, too. In messages without lists, NaN and infinities are null.
+texts, too.
 """
 
 from __future__ import annotations
 
 import reprlib
-import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
-from functools import cache
+from functools import cache, partial
 from itertools import islice
+from operator import attrgetter
 from types import ModuleType
 from typing import Any
 
 from fame.middleware import typesystem
 from fame.middleware.messages import Message
-from fame.robot.change_text import TEXT, complex_text, float_text, message_text, name_text, string
-from fame.robot.message_parts import LONG, has_lists, reader
+from fame.robot.change_text import TEXT, complex_text, float_text, name_text, string
 
 try:
     import orjson
@@ -31,6 +30,8 @@ except ImportError:  # a workspace of ROS that was built by colcon alone: messag
 
 ITEMS = 16
 """Most items of a list, array or mapping that is kept whole."""
+LONG = 64
+"""Items of an array in a message, above which it is cut."""
 SIZE = 4000
 """Most characters of a value as JSON."""
 _DEPTH = 8
@@ -54,54 +55,19 @@ def is_data(name: str, value: Any) -> bool:
 def plain(value: Any) -> Any:
     """The plain form of a value in changes: plain data that `marshal` takes and that does not change.
 
-    That is a number or short text itself, the parts of a message, the format and bytes of an array of numbers, JSON
-    (bytes), or ``...`` for code, which is no data.
+    That is a number or short text itself, JSON (bytes), or ``...`` for code, which is no data.
     """
     kind = value.__class__
-    make = _PLAIN.get(kind)
-    if make is None:
-        make = _PLAIN[kind] = _plain_maker(kind)
-        if kind is not tuple and not is_changeable(value):
-            FIXED[kind] = make
-    try:
-        return make(value)
-    except (AttributeError, struct.error):  # a message with a number where a message belongs, a text where a number
-        return _json_bytes(value)
-
-
-def _plain_maker(kind: type) -> Callable[[Any], Any]:
-    """The function that converts the values of a class to their plain form."""
-    if issubclass(kind, Message):
-        return reader(kind.__msgtype__) or _json_bytes
-    if kind is str:
-        return _plain_text
-    if kind.__module__ == "numpy" and kind.__name__ == "ndarray":
-        return _plain_array
-    return next((base for base in (bool, int, float, complex) if issubclass(kind, base)), _json_bytes)
-
-
-def _plain_text(text: str) -> Any:
-    return text if len(text) <= TEXT else _json_bytes(text)
-
-
-def _json_bytes(value: Any) -> Any:
+    if kind in PLAIN or (kind is str and len(value) <= TEXT):
+        return value
+    number = next((base for base in (int, float, complex) if isinstance(value, base)), None)
+    if number is not None:
+        return number(value)
     return json_text(value).encode("utf-8", "surrogatepass") if is_data("", value) else ...
 
 
-def _plain_array(array: Any) -> Any:
-    """A small array of numbers as the format of its items (`struct`) and bytes; another one as JSON."""
-    code = array.dtype.char
-    if array.ndim == 1 and 0 < array.size <= ITEMS and code in _NUMBERS and array.dtype.isnative:
-        return f"{array.size}{code}", array.tobytes()
-    return _json_bytes(array)
-
-
-_NUMBERS = frozenset("bBhHiIlLqQfd")
-"""The codes of items that numpy and `struct` have in common."""
-FIXED: dict[type, Callable[[Any], Any]] = {type(None): lambda none: none}
-"""The functions that `plain` calls for values that are not changed in place, by their class. They raise AttributeError
-or struct.error for a message with a value of another class in it; `plain` does not."""
-_PLAIN: dict[type, Callable[[Any], Any]] = {**FIXED}
+PLAIN: frozenset[type] = frozenset((float, int, bool, type(None), complex))
+"""The classes of values that stand for themselves."""
 
 
 def is_changeable(value: Any) -> bool:
@@ -164,7 +130,7 @@ def _encode(value: Any, depth: int) -> str:
 def _encoder(kind: type) -> Encode:
     """The function that encodes values of a class."""
     if issubclass(kind, Message):
-        return _message if has_lists(kind.__msgtype__) else _small_message
+        return _message
     if issubclass(kind, bool | int | float | str | bytes | complex):
         base = next(base for base in (bool, int, float, str, bytes, complex) if issubclass(kind, base))
         return lambda value, depth: _ENCODERS[base](base(value), depth)
@@ -227,42 +193,60 @@ def _object(value: Any, depth: int) -> str:
 
 
 def _message(value: Any, depth: int) -> str:
-    """A message of a type with lists: field by field if one of them is long."""
-    sequences = _sequences(value.__msgtype__)
-    if depth == _DEPTH and sequences and orjson is not None:
+    """A message; field by field if it has long lists or texts, or numbers that JSON does not have."""
+    type = value.__msgtype__
+    if orjson is not None and _is_simple(type):
         with suppress(TypeError):  # what was put into its fields does not fit
-            if max(len(getattr(value, name)) for name in sequences) <= ITEMS:
-                text: str = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY).decode()
-                if "null" not in text:
-                    return text
-    fields = _message_fields(value.__msgtype__)
-    return _mapping(((name, getattr(value, name)) for name in fields), type(value).__name__, len(fields), depth)
+            text: str = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+            if "null" not in text and (len(text) <= TEXT or not any(len(read(value)) > TEXT for read in _texts(type))):
+                return text
+    fields = _message_fields(type)
+    if depth == 0:
+        return _cut(f"{value.__class__.__name__} of {len(fields)}")
+    members = [f"{name_text(name)}:{_field(getattr(value, name), depth - 1)}" for name in fields]
+    return f"{{{','.join(members)}}}"
 
 
-def _small_message(value: Any, depth: int) -> str:
-    """A message of a type without lists of any length."""
-    read = reader(value.__msgtype__)
-    if read is not None:
-        with suppress(AttributeError, struct.error):
-            return message_text(read(value))
-    return _message(value, depth)
+def _field(value: Any, depth: int) -> str:
+    """What is in a message: its arrays are kept whole where other ones are cut."""
+    size = getattr(value, "size", 0)
+    if isinstance(size, int) and ITEMS < size <= LONG and getattr(value, "ndim", 0) == 1:
+        return f"[{','.join([_encode(item, depth) for item in value.tolist()])}]"
+    return _encode(value, depth)
+
+
+@cache
+def _is_simple(type: str) -> bool:
+    """Whether messages of a type have neither sequences nor long arrays, nor ones of float32 (orjson rounds)."""
+    fields = typesystem.definition(type).fields
+    return bool(fields) and not any(
+        field.shape == "sequence"
+        or field.size > LONG
+        or (field.is_message and (field.shape != "single" or not _is_simple(field.base)))
+        or (field.shape != "single" and field.base == "float32")
+        for field in fields
+    )
+
+
+@cache
+def _texts(type: str) -> Sequence[Callable[[Any], str]]:
+    """The readers of all texts in messages of a type."""
+    readers: list[Callable[[Any], str]] = []
+    for field in typesystem.definition(type).fields:
+        if field.is_message:
+            readers += [partial(_inner, attrgetter(field.attribute), read) for read in _texts(field.base)]
+        elif field.base in ("string", "wstring") and field.shape == "single":
+            readers.append(attrgetter(field.attribute))
+    return readers
+
+
+def _inner(outer: Callable[[Any], Any], read: Callable[[Any], str], value: Any) -> str:
+    return read(outer(value))
 
 
 @cache
 def _message_fields(type: str) -> list[str]:
     return [field.attribute for field in typesystem.definition(type).fields]
-
-
-@cache
-def _sequences(type: str) -> list[str]:
-    """The fields of a type of messages that are sequences, if they are of messages and nothing else has lists."""
-    fields = typesystem.definition(type).fields
-    sequences = [field for field in fields if field.shape == "sequence"]
-    others = [field for field in fields if field.shape != "sequence"]
-    simple = not any(field.size > LONG or (field.is_message and has_lists(field.base)) for field in others)
-    if simple and all(field.is_message and not has_lists(field.base) for field in sequences):
-        return [field.attribute for field in sequences]
-    return []
 
 
 def _cut(text: str, first: str = "") -> str:
