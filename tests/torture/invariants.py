@@ -99,10 +99,11 @@ def broken_promises(team: Team) -> Iterator[str]:
         robot = team.robots[said.robot]
         return said.robot if robot.durable and not robot.spoilt else said.process
 
-    ready = {(engine(said), said.deployment) for said in team.said if said.answer == "ready"}
+    ready: set[tuple[str, str]] = set()
     started = {said.deployment for said in team.said if said.answer == "started"}
     for said in team.said:
         key = engine(said), said.deployment
+        ready |= {key} if said.answer == "ready" else set()
         broken = said.answer in ("aborted", "refused") and key in ready and said.deployment in started
         if broken and (said.robot, said.deployment) not in team.released:
             yield f"{said.robot} said ready, then {said.answer} to {said.deployment}, which others have started"
