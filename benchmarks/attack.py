@@ -18,10 +18,11 @@ from functools import partial
 from pathlib import Path
 
 from attacks import deployment, engines, faults, network, people
-from attacks.field import Fell, Field
+from attacks.field import Fell, Field, NotRun
 
 ATTACKS: tuple[Callable[[Field], None], ...] = (
     faults.half_killed,  # the longest first
+    faults.fifty_over_zenoh,
     faults.stopped_sender,
     faults.stopped_first,
     faults.stopped_last,
@@ -57,6 +58,8 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
 PATIENCE, LONG_PATIENCE = 240, 7200
 """How long an attack may take (s), and with ``--long``."""
 DOMAINS = 232
+NOT_RUN = 77
+"""The exit code of an attack that cannot be made here."""
 
 
 def main() -> int:
@@ -79,7 +82,7 @@ def main() -> int:
         fell = [attack for attack, effect in zip(chosen, effects, strict=True) if effect]
     if arguments.again:  # on a busy machine robots may need longer to meet than an attack waits
         fell = [attack for number, attack in enumerate(fell) if make(attack, len(chosen) + number)]
-    print(f"{len(chosen) - len(fell)} held, {len(fell)} fell, in {time.monotonic() - begun:.0f} s")
+    print(f"{len(chosen) - len(fell)} held (or were not run), {len(fell)} fell, in {time.monotonic() - begun:.0f} s")
     return min(len(fell), 1)
 
 
@@ -100,10 +103,9 @@ def apart(attack: Callable[[Field], None], number: int, *, long: bool) -> bool:
     what = str(attack.__doc__).splitlines()[0]
     reason = "" if process.returncode == 0 else out.strip() or err.strip()[-500:] or f"exit code {process.returncode}"
     took = f"{time.monotonic() - begun:5.1f} s"
-    print(
-        f"{'fell' if reason else 'held'}  {took}  {attack.__name__:16} {what}{reason and f' >> {reason}'}", flush=True
-    )
-    return bool(reason)
+    verdict = "NOT RUN" if process.returncode == NOT_RUN else "fell" if reason else "held"
+    print(f"{verdict}  {took}  {attack.__name__:16} {what}{reason and f' >> {reason}'}", flush=True)
+    return verdict == "fell"
 
 
 def here(attack: Callable[[Field], None], domain: int, *, long: bool) -> int:
@@ -115,9 +117,9 @@ def here(attack: Callable[[Field], None], domain: int, *, long: bool) -> int:
     field = Field(domain, long=long)
     try:
         attack(field)
-    except Fell as effect:
+    except (Fell, NotRun) as effect:
         print(effect)
-        return 1
+        return NOT_RUN if isinstance(effect, NotRun) else 1
     finally:
         field.close()
     return 0

@@ -167,7 +167,7 @@ def strangers_key(field: Field) -> None:
     held(sender.process.poll() == 0, f"a stranger has kept a team from deploying: {sender.outcome}")
     running = {robot.last.deployed for robot in team.robots.values()}
     for name in "AB":
-        team.robots[name].process.process.kill()
+        team.robots[name].process.kill()
         team.restart(name)
     team.await_robots()
     field.pass_time(3)

@@ -7,10 +7,11 @@ import json
 import random
 import signal
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from attacks.field import Field, held
+from attacks.field import Field, NotRun, held
 from attacks.team import Sender, Team, mission
 from fame.bpmn.reader import read_text
 from fame.deploy import STRING, Deployment
@@ -36,10 +37,10 @@ def _stopped(field: Field, victim: str) -> None:
             held(team.at(moment, sender), f"no {moment!r}: {sender.outcome if not sender.alive else 'silence'}")
         else:
             field.pass_time(0.6)
-        process = sender.process if victim == "sender" else team.robots[victim].process.process
-        process.send_signal(signal.SIGSTOP)
+        tell = sender.process.send_signal if victim == "sender" else team.robots[victim].process.tell
+        tell(signal.SIGSTOP)
         field.pass_time((SHORT, LONG)[number % 2])
-        process.send_signal(signal.SIGCONT)
+        tell(signal.SIGCONT)
         team.judge()
     team.finish()
 
@@ -69,7 +70,7 @@ def half_killed(field: Field) -> None:
         held(team.at(moment, sender), f"no {moment!r}: {sender.outcome if not sender.alive else 'silence'}")
         victims = random.Random(number).sample(names, len(names) // 2)
         for name in victims:
-            team.robots[name].process.process.kill()
+            team.robots[name].process.kill()
         if number == 3:
             sender.process.kill()
         field.pass_time(3)
@@ -148,7 +149,7 @@ def late_joiners(field: Field) -> None:
             held(team.at(moment, sender), f"no {moment!r}")
             team.start(f"R_{next(numbers)}")
             if moment == "load" and version == 2:
-                team.robots["R_1"].process.process.kill()
+                team.robots["R_1"].process.kill()
                 team.restart("R_1")
         team.await_version(version)
         team.judge()
@@ -190,3 +191,25 @@ def two_splitters(field: Field) -> None:
         before = [robot.last.deployed for robot in team.robots.values()]
         field.pass_time(LONG)
         held(before == [robot.last.deployed for robot in team.robots.values()], "what ran was started again")
+
+
+def fifty_over_zenoh(field: Field) -> None:
+    """Ten of 50 engines over Zenoh are killed while deploying, ten others stopped: those that are there agree."""
+    if find_spec("zenoh") is None:
+        raise NotRun("zenoh is not installed")
+    field.change_middleware("zenoh")
+    names = [f"R{number}" for number in range(50)]
+    team = Team(field, names, together=True)
+    team.finish("--wait", "30")
+    sender = team.deploy("--wait", "30", tasks=TASKS)
+    held(team.at("R1 ready", sender), f"R1 is not ready: {sender.outcome if not sender.alive else 'silence'}")
+    for name in names[10:20]:
+        team.robots[name].process.tell(signal.SIGSTOP)
+    for name in names[20:30]:
+        team.robots[name].process.kill()
+    field.pass_time(LONG)
+    team.judge()
+    for name in names[20:30]:
+        team.restart(name)
+    team.await_robots()
+    team.finish("--wait", "30")

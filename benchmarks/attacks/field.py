@@ -28,6 +28,10 @@ class Fell(Exception):
     """An attack had its effect."""
 
 
+class NotRun(Exception):
+    """An attack cannot be made here."""
+
+
 def held(holds: object, otherwise: str) -> None:
     """Raise Fell unless it holds."""
     if not holds:
@@ -68,6 +72,10 @@ class Engine:
     def tell(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
     def ends(self, within: float) -> bool:
         """Whether it is over soon after a Ctrl-C."""
         self.tell(signal.SIGINT)
@@ -78,11 +86,31 @@ class Engine:
         return True
 
 
+class Forked:
+    """One of the engines that one command has started: a child of its process."""
+
+    def __init__(self, name: str, pid: int) -> None:
+        self.name, self._pid = name, pid
+
+    @property
+    def alive(self) -> bool:
+        return Path(f"/proc/{self._pid}").exists()
+
+    def tell(self, number: signal.Signals) -> None:
+        os.kill(self._pid, number)
+
+    def kill(self) -> None:
+        self.tell(signal.SIGKILL)
+        while self.alive:  # until its parent knows
+            time.sleep(0.05)
+
+
 class Field:
     """See the module. All processes are ended when it closes. `long`: attacks may take as long as they like."""
 
     def __init__(self, domain: int, *, long: bool = False) -> None:
         self.long = long
+        self.words: tuple[str, ...] = ()  # which each command has
         self._folder = tempfile.TemporaryDirectory(prefix="fame-attack-")
         self.folder = Path(self._folder.name)
         self.environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "PYTHONPATH": str(ROOT)}
@@ -104,6 +132,17 @@ class Field:
             person.communicate()
         self.middleware.close()
         self._folder.cleanup()
+
+    def change_middleware(self, backend: str) -> None:
+        """Go over to another middleware, before anything is started."""
+        from fame.scenario.process import connect, scheduler_for
+
+        self.middleware.close()
+        os.environ["ROS_DOMAIN_ID"] = self.environment["ROS_DOMAIN_ID"]
+        self.words = ("--middleware", backend)
+        self.scheduler = scheduler_for(backend)
+        self.middleware = connect(backend, self.scheduler)
+        self.stranger = self.middleware.node("stranger")
 
     # ---- engines -----------------------------------------------------------------------------------------------------
 
@@ -175,14 +214,14 @@ class Field:
 
     def fame(self, *words: str, wait: float = 60) -> subprocess.CompletedProcess[str]:
         """A command of a person."""
-        command = [sys.executable, "-m", "fame", *words]
+        command = [sys.executable, "-m", "fame", *words, *self.words]
         return subprocess.run(
             command, env=self.environment, cwd=ROOT, capture_output=True, text=True, timeout=wait, check=False
         )
 
     def begin(self, *words: str) -> subprocess.Popen[str]:
         """The same, which goes on meanwhile."""
-        command = [sys.executable, "-m", "fame", *words]
+        command = [sys.executable, "-m", "fame", *words, *self.words]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
         self._people.append(person := subprocess.Popen(command, env=self.environment, cwd=ROOT, text=True, **pipes))
         return person

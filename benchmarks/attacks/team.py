@@ -14,14 +14,15 @@ import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from attacks.field import START, WAIT, Engine, Field, held, model, process
+from attacks.field import START, WAIT, Engine, Field, Forked, held, model, process
 from fame.deploy import STATUS_QOS, STRING, Report
 from fame.deploy.envelope import PROCESS_QOS, read_envelope
 from fame.errors import DeploymentError
-from tests.torture.invariants import broken_promises, forgotten, half_applied, strangers
+from tests.torture.invariants import broken_promises, forgotten, mixed, strangers
 from tests.torture.team import STRANGER, Said
 
 PATIENCE = 90.0
@@ -62,7 +63,7 @@ class Robot:
 
     name: str
     versions: dict[str, str]  # of each deployment
-    process: Engine
+    process: Engine | Forked
     durable: bool = False
     spoilt: bool = False
     reports: int = 0
@@ -110,11 +111,17 @@ class Sender:
 class Team:
     """Engines of some `names`, each with the options `words`; those that are `durable` have a directory.
 
-    A `fleet` is a pool for all robots of that name and a number.
+    A `fleet` is a pool for all robots of that name and a number. One command starts all of them `together`.
     """
 
     def __init__(
-        self, field: Field, names: Iterable[str], *words: str, durable: Collection[str] = (), fleet: str = ""
+        self,
+        field: Field,
+        names: Iterable[str],
+        *words: str,
+        durable: Collection[str] = (),
+        fleet: str = "",
+        together: bool = False,
     ) -> None:
         self.field, self.words, self.fleet = field, words, fleet
         self.robots: dict[str, Robot] = {}
@@ -127,20 +134,38 @@ class Team:
         self.versions: dict[str, str] = {}
         self.released: set[tuple[str, str]] = set()
         self._versions = itertools.count(1)
-        for name in names:
-            self.start(name, durable=name in durable)
+        if together:
+            self._fork(*names)
+        else:
+            for name in names:
+                self.start(name, durable=name in durable)
         self.await_robots()
+
+    def _fork(self, *names: str) -> None:
+        """Start all engines by one command."""
+        parent = Engine(
+            names[0], (*names[1:], *self.field.words, *self.words), self.field.environment, self.field.folder, None
+        )
+        self.field.engines.append(parent)
+        children = Path(f"/proc/{parent.process.pid}/task/{parent.process.pid}/children")
+        held(self.field.until(lambda: len(children.read_text().split()) == len(names), 60), "not all were forked")
+        for name, pid in zip(names, children.read_text().split(), strict=True):
+            self.robots[name] = Robot(name, self.versions, Forked(name, int(pid)))
+            self._listen(name)
 
     def start(self, name: str, *, durable: bool = False) -> None:
         """Start an engine; hear what it says, and what is said to it."""
         self.robots[name] = Robot(name, self.versions, self._engine(name, durable=durable), durable)
+        self._listen(name)
+
+    def _listen(self, name: str) -> None:
         stranger = self.field.stranger
         stranger.subscription(f"/{name}/bpmn_status", STRING, lambda said: self._on_report(name, said), STATUS_QOS)
         stranger.subscription(f"/{name}/bpmn_process", STRING, lambda said: self._on_sent(name, said), PROCESS_QOS)
 
     def _engine(self, name: str, *, durable: bool) -> Engine:
         state = ("--state", str(self.field.folder / f"{name}.state")) if durable else ()
-        engine = Engine(name, (*self.words, *state), self.field.environment, self.field.folder, None)
+        engine = Engine(name, (*self.field.words, *self.words, *state), self.field.environment, self.field.folder, None)
         self.field.engines.append(engine)
         return engine
 
@@ -152,7 +177,6 @@ class Team:
     def restart(self, name: str) -> None:
         """Start the engine of a robot again that was killed."""
         robot = self.robots[name]
-        robot.process.process.wait()
         robot.reports, robot.last = 0, None
         robot.process = self._engine(name, durable=robot.durable)
 
@@ -246,8 +270,7 @@ class Team:
         """Wait until all robots run a version."""
 
         def others() -> dict[str, str]:
-            engines = {name: robot.engine for name, robot in self.robots.items()}
-            runs = {name: engine.deployed if engine is not None else "" for name, engine in engines.items()}
+            runs = {name: self._engines().get(name, ("", ""))[0] or "" for name in self.robots}
             return {name: deployed for name, deployed in runs.items() if deployed != f"version{version}"}
 
         held(self.field.until(lambda: not others(), within), f"not all run version {version}: {others()}")
@@ -262,13 +285,13 @@ class Team:
                 sender.process.send_signal(signal.SIGCONT)
         holding = self.settle()
         self._hold(*strangers(self._of_strangers()))
-        self._hold(*broken_promises(self), *half_applied(self), *forgotten(self))  # type: ignore[arg-type]
+        self._hold(*broken_promises(self), *mixed(self._engines()), *forgotten(self))  # type: ignore[arg-type]
         for name in holding:
             if not self.robots[name].at_rest:
                 self.release(name)
         if holding:
             held(not self.settle(released=True), f"{holding} hold although a person has aborted")
-        self._hold(*broken_promises(self), *half_applied(self))  # type: ignore[arg-type]
+        self._hold(*broken_promises(self), *mixed(self._engines()))  # type: ignore[arg-type]
         self._hold(*self._betrayed())
 
     def finish(self, *words: str) -> None:
@@ -278,6 +301,11 @@ class Team:
         held(not sender.alive, "a new deployment does not end on a healthy team")
         held(sender.process.returncode == 0, f"a new deployment fails on a healthy team: {sender.outcome}")
         self.judge()
+
+    def _engines(self) -> dict[str, tuple[str | None, str]]:
+        """Version and state of each engine."""
+        engines = {name: robot.engine for name, robot in self.robots.items()}
+        return {name: (engine.deployed or None, engine.state) for name, engine in engines.items() if engine is not None}
 
     def _of_strangers(self) -> Any:
         """What was said, and the senders that no key of the team has signed, by the names of their deployments."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from fame.clock import SECOND
 
@@ -68,10 +68,15 @@ def _judge(team: Team) -> list[str]:
 
 def half_applied(team: Team) -> Iterator[str]:
     """Never one robot on the new model and another on the old one."""
+    return mixed({name: (version, state(team, name)) for name, version in versions(team).items()})
+
+
+def mixed(engines: Mapping[str, tuple[int | str | None, str]]) -> Iterator[str]:
+    """The same of engines of which version and state are given, as of real ones."""
     running = {
         name: version
-        for name, version in versions(team).items()
-        if version is not None and state(team, name) not in ("holding", "suspended")
+        for name, (version, state) in engines.items()
+        if version is not None and state not in ("holding", "suspended")
     }
     if len(set(running.values())) > 1:
         where = ", ".join(f"{name} runs {version}" for name, version in running.items())
