@@ -113,7 +113,7 @@ def test_the_graph_of_a_pipeline_shows_nodes_and_topics_in_order(tmp_path: Path)
 def test_losses_are_drawn_with_thresholds_and_alarms(tmp_path: Path) -> None:
     loss = Samples(np.abs(np.random.default_rng(0).normal(size=(50, 2))), np.arange(50.0), ("elbow", "wrist"))
     plot_loss(loss, tmp_path / "bare.png")
-    plot_loss(loss, tmp_path / "loss.png", thresholds=[1.0, 2.0], alarms=[12.0, 30.0], title="a run")
+    plot_loss(loss, tmp_path / "loss.png", thresholds=[1.0, 2.0], title="a run")
     bare, told = (path.read_bytes() for path in (tmp_path / "bare.png", tmp_path / "loss.png"))
     assert told.startswith(b"\x89PNG")
     assert told != bare

@@ -54,10 +54,8 @@ def line_style(number: int) -> tuple[str, str]:
     return _COLOURS[number % len(_COLOURS)], ("-", "--", ":", "-.")[number // len(_COLOURS) % 4]
 
 
-def plot_loss(
-    loss: Samples, file: str | Path, *, thresholds: Sequence[float] = (), alarms: Sequence[float] = (), title: str = ""
-) -> None:
-    """Loss over time, a line per channel, each with its threshold in its colour (one for all in black), and alarms (s).
+def plot_loss(loss: Samples, file: str | Path, *, thresholds: Sequence[float] = (), title: str = "") -> None:
+    """Loss over time, a line per channel, each with its threshold in its colour (one for all in black).
 
     Writes a PNG. Raises UnavailableError without matplotlib.
     """
@@ -73,8 +71,6 @@ def plot_loss(
             axes.axhline(thresholds[channel], color=line.get_color(), linestyle="--", linewidth=0.8)
     if len(thresholds) == 1 or (len(names) == 1 and thresholds):
         axes.axhline(thresholds[0], color="black", linestyle="--", linewidth=0.8, label="threshold")
-    for number, alarm in enumerate(alarms):
-        axes.axvline(alarm - begin, color="red", linewidth=1, label="" if number else "alarm")
     axes.set(xlabel="time in s", ylabel="loss")
     _save_with_legend(figure, axes, file)
 

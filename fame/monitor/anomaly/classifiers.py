@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from fame.errors import ConfigError, UnavailableError
-from fame.monitor.anomaly.learning_file import Candidate, Learning
+from fame.monitor.anomaly.learning_file import DEFAULTS as DEFAULTS, Candidate, Learning
 from fame.monitor.anomaly.model import DataProcess, Model, PointClassifier
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording
@@ -35,14 +35,6 @@ _MODULES = {
     "tree": ("DecisionTreeClassifier",),
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
-
-DEFAULTS = (
-    Candidate("ocsvm", "OneClassSVM", {"nu": 0.05, "gamma": 1000}, reduction=0, threshold=0.22, unique=True),
-    Candidate(
-        "rbfsvm", "SVC", {"gamma": 20000, "C": 1000, "tol": 0.01, "cache_size": 400}, reduction=3, threshold=0.01
-    ),
-)
-"""Gamma is per squared unit of columns scaled to 0 ... 1."""
 
 
 def make(candidate: Candidate, folder: Path, scaling: str = "minmax") -> PathDetector | PointClassifier:

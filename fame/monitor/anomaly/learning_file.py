@@ -43,8 +43,6 @@ from fame.monitor.pipeline.detectors import split_rule
 
 _SECTIONS = ("Files", "Operations", "Classifiers", "Grid", "Split", "Threshold", "FalseAlarms")
 _FILES = ("fit_file", "unsupervised_train", "supervised_train", "testing")
-DEFAULTS = ("ocsvm", "rbfsvm")
-"""The classifiers that are tried if the file names none."""
 SCALINGS = ("minmax", "standard", "none")
 FOLDS = 5
 
@@ -86,6 +84,15 @@ class Candidate:
         return (rule, names) if rule else None
 
 
+DEFAULTS = (
+    Candidate("ocsvm", "OneClassSVM", {"nu": 0.05, "gamma": 1000}, reduction=0, threshold=0.22, unique=True),
+    Candidate(
+        "rbfsvm", "SVC", {"gamma": 20000, "C": 1000, "tol": 0.01, "cache_size": 400}, reduction=3, threshold=0.01
+    ),
+)
+"""What is tried if the file names none. Gamma is per squared unit of columns scaled to 0 ... 1."""
+
+
 @dataclass(frozen=True, slots=True)
 class Learning:
     """A learning file."""
@@ -122,7 +129,7 @@ def load(path: str | Path) -> Learning:
     }
     settings.pop("by", None)
     if "Grid" in sections:
-        settings["grid"] = _grid(sections["Grid"], [each.name for each in classifiers] or DEFAULTS)
+        settings["grid"] = _grid(sections["Grid"], [each.name for each in classifiers or DEFAULTS])
     if "Threshold" in sections:
         settings["threshold"] = _threshold(sections["Threshold"])
     if "FalseAlarms" in sections:

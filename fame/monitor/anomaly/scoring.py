@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -42,7 +42,7 @@ class Verdict(NamedTuple):
 BENIGN_POINT = Verdict(False)
 
 
-class Scorer(Protocol):
+class Scorer:
     """Scores points one by one."""
 
     def reset(self) -> None:
@@ -50,42 +50,32 @@ class Scorer(Protocol):
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
         """One point: values of the joints in the model's order, and its time (s) if known."""
+        raise NotImplementedError
 
     def changes(self) -> Sequence[Change]:
         """Give the benign changes of the run so far."""
+        return ()
 
 
-class PointScorer:
+class PointScorer(Scorer):
     """Scores each point on its own, by a classifier."""
 
-    model: Model
-
     def __init__(self, model: Model) -> None:
-        self.model = model
-        self._benign = model.estimator.decision(len(model.joints))
-
-    def reset(self) -> None:
-        """Nothing is kept from point to point."""
+        self._model, self._benign = model, model.estimator.decision(len(model.joints))
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
         point = np.asarray(values, dtype=np.float64)
         if self._benign(point):
             return BENIGN_POINT
-        joint, apart = self.model.worst_joint(point)
+        joint, apart = self._model.worst_joint(point)
         return Verdict(True, apart, "rad", joint)
 
-    def changes(self) -> Sequence[Change]:
-        return ()
 
-
-class PathScorer:
+class PathScorer(Scorer):
     """For the detector in task space."""
 
-    model: Model
-
     def __init__(self, model: Model) -> None:
-        self.model = model
-        self._tracker = model.estimator.tracker()
+        self._model, self._tracker = model, model.estimator.tracker()
 
     def reset(self) -> None:
         self._tracker.reset()
@@ -94,7 +84,7 @@ class PathScorer:
         reading = self._tracker.step(values, stamp)
         if not reading.anomalous:
             return BENIGN_POINT
-        joint, _ = self.model.worst_joint(np.asarray(values))
+        joint, _ = self._model.worst_joint(np.asarray(values))
         if reading.off_path:
             return Verdict(True, 1000 * reading.deviation, "mm", joint, reading.kind)
         if reading.kind == "orientation":
@@ -122,7 +112,7 @@ class Ensemble(NamedTuple):
         return np.where(combined(self.rule, votes), -1, 1)
 
 
-class EnsembleScorer:
+class EnsembleScorer(Scorer):
     """Scores points by all members. The magnitude is that of the first member that calls a point anomalous."""
 
     def __init__(self, ensemble: Ensemble) -> None:
