@@ -62,8 +62,14 @@ class RecordingFile:
             channel = self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
         self.write(channel, time, text.encode("utf-8", "backslashreplace"))
 
+    def message(self, channel: int, time: int, message: Message) -> None:
+        """Write a message of the mission."""
+        from fame.middleware import codec
+
+        self.write(channel, time, codec.serialize(message))
+
     def write(self, channel: int, time: int, data: bytes) -> None:
-        """Write a message."""
+        """Write a message that is bytes already."""
         sequence = self._sequences[channel] = self._sequences.get(channel, 0) + 1
         self._writer.add_message(channel, time, data, time, sequence)
 
@@ -162,9 +168,7 @@ class FileWriter:
 
     def message(self, channel: int, time: int, message: Message) -> None:
         """Write a message."""
-        from fame.middleware import codec
-
-        self.write(channel, time, codec.serialize(message))
+        self._file.message(self._channels[channel], time, message)
 
     def write(self, channel: int, time: int, data: bytes) -> None:
         """Write a message that is CDR already."""

@@ -14,14 +14,14 @@ from fame.errors import ConfigError, FameError
 from fame.log import Recording
 from fame.log.channels import EVENTS, VARIABLES
 from fame.log.recorder import Recorder
-from fame.log.recording_file import FileWriter, RecordingFile
-from fame.middleware import codec, messages
+from fame.log.recording_file import FileWriter
 from fame.scenario import Scenario
 from fame.scenario.run import Run
 from fame.view.blocks import Mark, Packer
 from fame.view.catalogue import Catalogue
 from fame.view.control import COMMANDS, RunControl, faults_of
 from fame.view.mission import Chip, mission_json
+from fame.view.sink import PageSink
 
 _MOVES = frozenset(("enter", "leave", "cancel", "fail", "start", "end"))
 _TICK = SECOND // 10
@@ -42,28 +42,6 @@ class Known(NamedTuple):
     mission: Hashable
 
 
-class _Sink(RecordingFile):
-    """Takes the messages of a recording; the file is the page."""
-
-    def __init__(self, live: LiveRun) -> None:
-        self._live = live
-        self._topics: list[tuple[str, str, str]] = []
-
-    def put(self, topic: str, time: int, text: str) -> None:
-        self._live.put(topic, time, json.loads(text))
-
-    def message_channel(self, topic: str, type: str, node: str, definition: str = "") -> int:
-        self._topics.append((topic, type, node))
-        return len(self._topics) - 1
-
-    def write(self, channel: int, time: int, data: bytes) -> None:
-        topic, type, publisher = self._topics[channel]
-        self._live.message(time, topic, publisher, messages.to_mapping(codec.deserialize(data, type)))
-
-    def finish(self) -> None:
-        pass
-
-
 class LiveRun:
     """The source of a page that shows a run. `observer` and `control` are for `Scenario.run`."""
 
@@ -81,7 +59,7 @@ class LiveRun:
         self._repeats = control.pause_at
         self._missions = 0
         self._time = 0
-        self.observer = Recorder(lambda: FileWriter(_Sink(self)))
+        self.observer = Recorder(lambda: FileWriter(PageSink(self.put, self.message)))
         self._run: Run | None = None
         self.listen: Callable[[int, str, Mapping[str, Any]], object] | None = None
 

@@ -6,7 +6,6 @@ tokens, as `fame complete` and the others do; each robot decides whether it obey
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Mapping
 from concurrent.futures import Future, InvalidStateError, TimeoutError as NoAnswer
@@ -20,52 +19,20 @@ from fame.closing import Closing
 from fame.deploy import Report
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.errors import FameError, ModelError
-from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
-from fame.middleware import codec, messages
 from fame.middleware.interface import Middleware
 from fame.text import read_json
 from fame.view.blocks import Packer
 from fame.view.catalogue import Catalogue
 from fame.view.live import growth, index_of
 from fame.view.mission import mission_json, place_of
+from fame.view.sink import PageSink
 
 _ANSWER = 5.0
 """Seconds that a robot has to answer a command."""
 _ACTS = ("complete", "activate", "retry", "set", "move")
 _DELAY = SECOND // 20
 """How long batches wait for those of other robots (ns): engines send 20 a second."""
-
-
-class _Sink(RecordingFile):
-    """Takes the messages of a recording of the team; the file is the page."""
-
-    def __init__(self, view: TeamView) -> None:
-        self._view = view
-        self._topics: list[tuple[str, str, str]] = []
-
-    def describe(self, metadata: Mapping[str, str]) -> None:
-        pass
-
-    def attach(self, name: str, media_type: str, data: bytes) -> None:
-        pass
-
-    def put(self, topic: str, time: int, text: str) -> None:
-        self._view.put(topic, time, json.loads(text))
-
-    def message_channel(self, topic: str, type: str, node: str, definition: str = "") -> int:
-        self._topics.append((topic, type, node))
-        return len(self._topics) - 1
-
-    def write(self, channel: int, time: int, data: bytes) -> None:
-        topic, type, node = self._topics[channel]
-        self._view.message(time, topic, node, messages.to_mapping(codec.deserialize(data, type)))
-
-    def flush(self) -> None:
-        pass
-
-    def finish(self) -> None:
-        pass
 
 
 class TeamView(Closing):
@@ -92,7 +59,7 @@ class TeamView(Closing):
         self._recorder = TeamRecorder(
             middleware,
             scheduler,
-            lambda: _Sink(self),
+            lambda: PageSink(self.put, self.message),
             robots=robots,
             models=False,
             on_model=self._on_model,
