@@ -26,6 +26,7 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
     faults.stopped_sender,
     faults.stopped_first,
     faults.stopped_last,
+    faults.bad_network,
     faults.redeployments,
     faults.flapping,
     faults.late_joiners,
@@ -78,16 +79,18 @@ def main() -> int:
         return here(chosen[0], arguments.here, long=arguments.long)
     begun, make = time.monotonic(), partial(apart, long=arguments.long)
     with ThreadPoolExecutor(arguments.jobs) as pool:
-        effects = pool.map(make, chosen, range(len(chosen)))
-        fell = [attack for attack, effect in zip(chosen, effects, strict=True) if effect]
+        verdicts = list(pool.map(make, chosen, range(len(chosen))))
+    fell = [attack for attack, verdict in zip(chosen, verdicts, strict=True) if verdict == "fell"]
     if arguments.again:  # on a busy machine robots may need longer to meet than an attack waits
-        fell = [attack for number, attack in enumerate(fell) if make(attack, len(chosen) + number)]
-    print(f"{len(chosen) - len(fell)} held (or were not run), {len(fell)} fell, in {time.monotonic() - begun:.0f} s")
+        fell = [attack for number, attack in enumerate(fell) if make(attack, len(chosen) + number) == "fell"]
+    not_run = verdicts.count("NOT RUN")
+    took = time.monotonic() - begun
+    print(f"{len(chosen) - len(fell) - not_run} held, {len(fell)} fell, {not_run} NOT RUN, in {took:.0f} s")
     return min(len(fell), 1)
 
 
-def apart(attack: Callable[[Field], None], number: int, *, long: bool) -> bool:
-    """Make one in a process of its own and print how it went; whether it had its effect."""
+def apart(attack: Callable[[Field], None], number: int, *, long: bool) -> str:
+    """Make one in a process of its own and print how it went: held, fell, or NOT RUN."""
     domain = 1 + (os.getpid() * 37 + number) % DOMAINS
     command = [sys.executable, __file__, attack.__name__, "--here", str(domain), *["--long"] * long]
     patience = LONG_PATIENCE if long else PATIENCE
@@ -105,7 +108,7 @@ def apart(attack: Callable[[Field], None], number: int, *, long: bool) -> bool:
     took = f"{time.monotonic() - begun:5.1f} s"
     verdict = "NOT RUN" if process.returncode == NOT_RUN else "fell" if reason else "held"
     print(f"{verdict}  {took}  {attack.__name__:16} {what}{reason and f' >> {reason}'}", flush=True)
-    return verdict == "fell"
+    return verdict
 
 
 def here(attack: Callable[[Field], None], domain: int, *, long: bool) -> int:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import random
 import signal
+import subprocess
+import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from attacks import relay as bad_relay
 from attacks.field import Field, NotRun, held
 from attacks.team import Sender, Team, mission
 from fame.bpmn.reader import read_text
@@ -213,3 +217,37 @@ def fifty_over_zenoh(field: Field) -> None:
         team.restart(name)
     team.await_robots()
     team.finish("--wait", "30")
+
+
+def bad_network(field: Field) -> None:
+    """Two machines whose UDP packets are lost, doubled, delayed and overtaken, or that are cut off in each phase."""
+    if os.geteuid() or subprocess.run(["unshare", "-n", "true"], check=False, stderr=subprocess.DEVNULL).returncode:
+        raise NotRun("no network namespaces: needs root")
+    relay = field.open(["unshare", "-n", sys.executable, bad_relay.__file__])
+    said = relay.stdout.readline().split()
+    if len(said) != 2:
+        raise NotRun(f"no veth between network namespaces: {relay.communicate()[1][-300:]}")
+
+    def network(loss: float, duplicates: float = 0.0, delay: float = 0.0) -> None:
+        relay.stdin.write(f"{loss} {duplicates} {delay}\n")
+        relay.stdin.flush()
+
+    here, there = said
+    field.enter(int(here), bad_relay.INTERFACE)
+    field.elsewhere = {"B": ("nsenter", "-t", there, "-n")}
+    team = Team(field, "AB", "--insecure", durable="A")
+    team.finish()
+    for loss, duplicates, delay in ((0.1, 0.1, 0.05), (0.3, 0.3, 0.2), (0.0, 0.5, 1.0)):
+        network(loss, duplicates, delay)
+        sender = team.deploy()
+        field.until(lambda sender=sender: not sender.alive, 60)
+        network(0)
+        team.judge()
+    for moment in MOMENTS[1:5]:
+        sender = team.deploy(tasks=TASKS)
+        held(team.at(moment, sender), f"no {moment!r}: {sender.outcome if not sender.alive else 'silence'}")
+        network(1)
+        field.pass_time(LONG)
+        network(0)
+        team.judge()
+    team.finish()

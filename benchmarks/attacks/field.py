@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import json
 import os
@@ -42,10 +43,16 @@ class Engine:
     """One engine process; what it says on stderr goes to a file, or to `stderr`."""
 
     def __init__(
-        self, name: str, words: tuple[str, ...], environment: Mapping[str, str], folder: Path, stderr: Any
+        self,
+        name: str,
+        words: tuple[str, ...],
+        environment: Mapping[str, str],
+        folder: Path,
+        stderr: Any,
+        where: tuple[str, ...] = (),
     ) -> None:
         self.name, self.log = name, folder / f"{name}.log"
-        command = [sys.executable, "-m", "fame", "engine", name, *words]
+        command = [*where, sys.executable, "-m", "fame", "engine", name, *words]
         with open(self.log, "w") as log:
             out = log if stderr is None else stderr
             self.process = subprocess.Popen(command, env=environment, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=out)
@@ -111,6 +118,7 @@ class Field:
     def __init__(self, domain: int, *, long: bool = False) -> None:
         self.long = long
         self.words: tuple[str, ...] = ()  # which each command has
+        self.elsewhere: dict[str, tuple[str, ...]] = {}  # before the command of an engine: where it runs
         self._folder = tempfile.TemporaryDirectory(prefix="fame-attack-")
         self.folder = Path(self._folder.name)
         self.environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "PYTHONPATH": str(ROOT)}
@@ -127,11 +135,23 @@ class Field:
             if engine.alive:
                 engine.process.kill()
             engine.process.wait()
+        self.middleware.close()
         for person in self._people:
             person.kill()
             person.communicate()
-        self.middleware.close()
         self._folder.cleanup()
+
+    def enter(self, machine: int, interface: str) -> None:
+        """Go over to the network namespace of a process, before anything is started."""
+        self.middleware.close()
+        with open(f"/proc/{machine}/ns/net") as namespace:
+            held(ctypes.CDLL(None).setns(namespace.fileno(), 0) == 0, "namespace not entered")  # os.setns: Python 3.12
+        self.words = ("--network", interface)
+        self.scheduler = DdsScheduler()
+        self.middleware = DdsMiddleware(
+            self.scheduler, domain=int(self.environment["ROS_DOMAIN_ID"]), network=interface
+        )
+        self.stranger = self.middleware.node("stranger")
 
     def change_middleware(self, backend: str) -> None:
         """Go over to another middleware, before anything is started."""
@@ -221,10 +241,13 @@ class Field:
 
     def begin(self, *words: str) -> subprocess.Popen[str]:
         """The same, which goes on meanwhile."""
-        command = [sys.executable, "-m", "fame", *words, *self.words]
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
-        self._people.append(person := subprocess.Popen(command, env=self.environment, cwd=ROOT, text=True, **pipes))
-        return person
+        return self.open([sys.executable, "-m", "fame", *words, *self.words])
+
+    def open(self, command: list[str]) -> subprocess.Popen[str]:
+        """Start a process that ends with the field."""
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        self._people.append(process := subprocess.Popen(command, env=self.environment, cwd=ROOT, text=True, **pipes))
+        return process
 
     def file(self, name: str, text: str) -> str:
         path = self.folder / name

@@ -165,7 +165,8 @@ class Team:
 
     def _engine(self, name: str, *, durable: bool) -> Engine:
         state = ("--state", str(self.field.folder / f"{name}.state")) if durable else ()
-        engine = Engine(name, (*self.field.words, *self.words, *state), self.field.environment, self.field.folder, None)
+        words, where = (*self.field.words, *self.words, *state), self.field.elsewhere.get(name, ())
+        engine = Engine(name, words, self.field.environment, self.field.folder, None, where)
         self.field.engines.append(engine)
         return engine
 
