@@ -34,6 +34,7 @@ def _judge(team: Team) -> list[str]:
         *strangers(team),
         *order(team),
         *goals(team),
+        *repairs(team),
     ]
     for robot in team.robots.values():
         for _ in range(15):  # of 50 messages that wait, ten need it
@@ -167,6 +168,17 @@ def order(team: Team) -> Iterator[str]:
                 counts = [count for count in taken if count // 1000 == version]
                 if counts != sorted(counts):
                     yield f"{robot.name} has taken counts out of order: {counts}"
+
+
+def repairs(team: Team) -> Iterator[str]:
+    """What a person asks for is done once, however often it is asked: an engine gives one answer to each request."""
+    answers: dict[tuple[str, str], set[str]] = {}
+    for said in team.said:
+        if said.deployment.startswith("person"):
+            answers.setdefault((said.process, said.deployment), set()).add(said.answer)
+    for (process, request), found in answers.items():
+        if len(found) > 1:
+            yield f"{process} has answered {', '.join(sorted(found))} to {request}"
 
 
 _SUSPENDING = {"cut", "match", "stop", "loss", "migrate", "full", "read-only", "kill sender", "stop sender", "kill"}
