@@ -369,6 +369,8 @@ class EngineNode:
                 self._map_state(candidate, self.scheduler.now + LEAVING)
             case Replace():
                 old = self.running
+                if self._keeper is not None:
+                    self._keeper.stop()  # a crash before the next one is on the disk leaves this one as it was
                 candidate.replace(old, partial(self._protocol.handle, Replaced()), stop=not self._migrates(candidate))
             case Run():
                 self._run(candidate)
