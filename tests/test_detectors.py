@@ -12,7 +12,6 @@ from scipy.stats import binomtest
 from fame.errors import ConfigError
 from fame.monitor.pipeline.detectors import (
     DETECTORS,
-    Settings,
     detector_from_plain,
     detector_name,
     detector_names,
@@ -22,7 +21,7 @@ from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.monitor.storage import to_plain
 
-QUICK = Settings(hidden=(6, 2, 6), epochs=3, neighbours=300)
+QUICK = Training(hidden=(6, 2, 6), epochs=3, neighbours=300)
 EVERY = (*DETECTORS, "any of pca, knn", "all of pca, mahalanobis")
 
 

@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -75,9 +75,10 @@ class Paths:
     def without(self, runs: Sequence[int]) -> Paths:
         """All runs but these."""
         kept = ~np.isin(self.runs, runs)
-        return Paths(
-            self.places[kept], self.directions[kept], self.times[kept], self.runs[kept], self.arrival, self.turns[kept]
-        )
+        return replace(self, **{name: getattr(self, name)[kept] for name in _ARRAYS})
+
+
+_ARRAYS = ("places", "directions", "times", "runs", "turns")
 
 
 class PathDetector:
@@ -115,7 +116,7 @@ class PathDetector:
         for block in np.array_split(np.arange(len(runs)), BLOCKS):
             others = self.paths.without(block.tolist())
             for number in block:
-                tracker = self._tracker(others)
+                tracker = Tracker(self, others)
                 for reading in tracker.follow(runs[number]):
                     scores = (reading.deviation, abs(reading.change), abs(reading.lateness), reading.tilt)
                     bin = bin_of(reading.phase, length, size)
@@ -129,8 +130,7 @@ class PathDetector:
 
     def follow(self, run: Recording) -> list[Reading]:
         """Every point of one run."""
-        assert self.paths is not None
-        return self._tracker(self.paths).follow(run)
+        return self.tracker().follow(run)
 
     def predict(self, recording: Recording) -> Any:
         """Labels (points,): +1 benign, -1 anomalous."""
@@ -140,10 +140,7 @@ class PathDetector:
     def tracker(self) -> Tracker:
         """What follows one run after the other, point by point."""
         assert self.paths is not None
-        return self._tracker(self.paths)
-
-    def _tracker(self, paths: Paths) -> Tracker:
-        return Tracker(self, paths)
+        return Tracker(self, self.paths)
 
     def _path(self, run: Recording, number: int) -> Paths:
         values = run.values
@@ -365,14 +362,8 @@ def directions(places: Floats, slow: float = PathParameters().slow) -> Floats:
 
 def join_paths(paths: Sequence[Paths]) -> Paths:
     """All points of several paths."""
-    return Paths(
-        np.vstack([path.places for path in paths]),
-        np.vstack([path.directions for path in paths]),
-        np.concatenate([path.times for path in paths]),
-        np.concatenate([path.runs for path in paths]),
-        min(path.arrival for path in paths),
-        np.vstack([path.turns for path in paths]),
-    )
+    arrays = {name: np.concatenate([getattr(path, name) for path in paths]) for name in _ARRAYS}
+    return Paths(**arrays, arrival=min(path.arrival for path in paths))
 
 
 def _period(runs: Sequence[Recording]) -> float:

@@ -22,7 +22,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -31,32 +31,15 @@ from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.storage import from_plain
 
+if TYPE_CHECKING:
+    from fame.monitor.pipeline.train import Training
+
 ACTIVATIONS = ("relu", "tanh", "logistic", "identity")
 POINTS = 10
 """Values per channel that a window is reduced to, by means of equal parts, where windows are compared to each other."""
 _TINY = 1e-12
 _RIDGE = 1e-5
 """What is added to each variance before it is inverted, relative to the mean variance."""
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Parameters of detectors.
-
-    hidden      neurons of the autoencoders' layers between input and output
-    activation  of these layers
-    epochs      passes of the autoencoders over the windows
-    components  part of the variance that principal components explain
-    neighbours  windows that `knn` keeps, at most
-    seed        of everything random
-    """
-
-    hidden: tuple[int, ...] = (16, 4, 16)
-    activation: str = "tanh"
-    epochs: int = 60
-    components: float = 0.99
-    neighbours: int = 4000
-    seed: int = 0
 
 
 class Detector(Protocol):
@@ -120,7 +103,7 @@ class Network:
         return cls(weights, biases, str(estimators[0].activation))
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Settings) -> Network:
+    def fit(cls, windows: Floats, settings: Training) -> Network:
         require("sklearn")
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.neural_network import MLPRegressor
@@ -128,7 +111,7 @@ class Network:
         estimators = []
         for channel in range(windows.shape[2]):
             estimator = MLPRegressor(
-                hidden_layer_sizes=settings.hidden,
+                hidden_layer_sizes=tuple(settings.hidden),
                 activation=settings.activation,
                 learning_rate_init=3e-3,
                 max_iter=settings.epochs,
@@ -181,7 +164,7 @@ class Components:
         return np.asarray(np.einsum("nwc,nwc->nc", errors, errors) / windows.shape[1])
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Settings, most: int = 64) -> Components:
+    def fit(cls, windows: Floats, settings: Training, most: int = 64) -> Components:
         flat = windows.reshape(len(windows), -1)
         values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
         values, vectors = np.maximum(values[::-1], 0), vectors[:, ::-1]
@@ -207,7 +190,7 @@ class Whitening:
         return np.asarray(np.einsum("nwc,nwc->nc", white, white) / windows.shape[1])
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Settings) -> Whitening:
+    def fit(cls, windows: Floats, settings: Training) -> Whitening:
         flat = windows.reshape(len(windows), -1)
         values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
         floor = _RIDGE * max(float(values.mean()), _TINY)
@@ -242,7 +225,7 @@ class Nearest:
         return np.asarray(((reduced - self.kept[nearest]) ** 2).mean(axis=1))
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Settings) -> Nearest:
+    def fit(cls, windows: Floats, settings: Training) -> Nearest:
         reduced = _reduced(_chosen(windows, settings.neighbours, settings.seed))
         return cls(reduced, Components.fit(reduced, settings, most=12))
 
@@ -290,7 +273,7 @@ class OneClass:
         return _shared(np.maximum(0.0, 1.0 - (density - np.log(self.offset))), windows)
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Settings) -> OneClass:
+    def fit(cls, windows: Floats, settings: Training) -> OneClass:
         require("sklearn")
         from sklearn.svm import OneClassSVM
 
@@ -329,7 +312,7 @@ class Forest:
         return _shared(2.0 ** (-self.depths[trees, node].mean(axis=1) / self.usual), windows)
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Settings) -> Forest:
+    def fit(cls, windows: Floats, settings: Training) -> Forest:
         require("sklearn")
         from sklearn.ensemble import IsolationForest
 
@@ -391,7 +374,7 @@ class Several:
         return np.asarray(combined(self.rule, found))
 
     @classmethod
-    def fit(cls, rule: str, names: Sequence[str], windows: Floats, settings: Settings) -> Several:
+    def fit(cls, rule: str, names: Sequence[str], windows: Floats, settings: Training) -> Several:
         parts = tuple(_KINDS[name].fit(windows, settings) for name in names)
         usual = [np.quantile(part.loss(_chosen(windows, 4000, settings.seed)), 0.99, axis=0) for part in parts]
         return cls(rule, parts, np.maximum(usual, _TINY))
@@ -425,7 +408,7 @@ def detector_names(name: str) -> tuple[str, tuple[str, ...]]:
     return rule, names
 
 
-def fit_detector(name: str, windows: Floats, settings: Settings) -> Detector:
+def fit_detector(name: str, windows: Floats, settings: Training) -> Detector:
     """Learn a detector from scaled windows (n, window, channels). Raises ConfigError for an unknown name,
     UnavailableError without the package that learns it."""
     rule, names = detector_names(name)

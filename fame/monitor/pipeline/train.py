@@ -25,7 +25,7 @@ from fame.monitor.arrays import Floats
 from fame.monitor.calibration import calibrate, false_alarm_rate, read_false_alarms
 from fame.monitor.data_files import hash_files, rate_of, read_runs
 from fame.monitor.pipeline import processors
-from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, Settings, detector_names, fit_detector
+from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, detector_names, fit_detector
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.filters import LowPass, Windower
 from fame.monitor.pipeline.processor import Samples
@@ -77,11 +77,6 @@ class Training:
     components: float = 0.99
     neighbours: int = 4000
     seed: int = 0
-
-    @property
-    def settings(self) -> Settings:
-        """What detectors take of it."""
-        return Settings(tuple(self.hidden), self.activation, self.epochs, self.components, self.neighbours, self.seed)
 
 
 Report = Callable[[str], object]
@@ -142,7 +137,7 @@ def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedMo
     mean, scale = every.mean(axis=0), every.std(axis=0)
     scale = np.where(scale > 1e-9 * (1 + np.abs(mean)), scale, 1.0)  # a channel that never moves
     windows = (_windows(runs, config, rate) - mean) / scale
-    detector = fit_detector(config.detector, windows, config.settings)
+    detector = fit_detector(config.detector, windows, config)
     columns = runs[0].names or tuple(str(index) for index in range(windows.shape[2]))
     nothing = tuple(1.0 for _ in columns)
     return TrainedModel(columns, config.window, rate, mean, scale, detector, nothing, config.cutoff, config.before)
