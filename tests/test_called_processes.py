@@ -423,3 +423,42 @@ def test_a_process_that_is_called_late_and_early_is_as_deep_as_where_it_is_calle
     definitions = read_bytes(document("".join(processes)).encode(), file="deep.bpmn")
     assert not [one for one in check(definitions) if one.level == "error"]
     fame.Simulation(definitions, process="P")
+
+
+AGAIN = """<process id="P" isExecutable="true"><startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/>
+  <scriptTask id="t"><script>n = n + 1</script></scriptTask>
+  <boundaryEvent id="b" attachedToRef="t"><compensateEventDefinition/></boundaryEvent>
+  <scriptTask id="u" isForCompensation="true"><script>undone = undone + 1</script></scriptTask>
+  <association id="a" sourceRef="b" targetRef="u"/><sequenceFlow id="g" sourceRef="t" targetRef="x"/>
+  <exclusiveGateway id="x" default="q"/><sequenceFlow id="q" sourceRef="x" targetRef="e"/><endEvent id="e"/>
+  <sequenceFlow id="r" sourceRef="x" targetRef="c"><conditionExpression>n &lt; levels</conditionExpression>
+  </sequenceFlow>
+  <callActivity id="c" calledElement="P"/><sequenceFlow id="k" sourceRef="c" targetRef="e"/>{more}</process>
+  <process id="M" isExecutable="true"><startEvent id="ms"/><sequenceFlow id="mf" sourceRef="ms" targetRef="mc"/>
+  <callActivity id="mc" calledElement="P"/><sequenceFlow id="mg" sourceRef="mc" targetRef="mw"/><userTask id="mw"/>
+  <sequenceFlow id="mh" sourceRef="mw" targetRef="me"/><endEvent id="me"><compensateEventDefinition/></endEvent>
+  </process>"""
+"""A process that calls itself `levels` deep; then its tasks are compensated."""
+HANDLER = """<subProcess id="h" triggeredByEvent="true"><startEvent id="hs"><compensateEventDefinition/></startEvent>
+  <scriptTask id="hu"><script>undone = undone + 1</script></scriptTask>
+  <sequenceFlow id="hf" sourceRef="hs" targetRef="hu"/></subProcess>"""
+
+
+@pytest.mark.parametrize(("levels", "more"), [(900, ""), (90, HANDLER)], ids=["tasks", "handlers"])
+def test_what_can_be_compensated_at_any_depth_can_be_stored(levels: int, more: str, tmp_path: Path) -> None:
+    definitions = read_bytes(document(AGAIN.format(more=more)).encode(), file="again.bpmn")
+    simulation = fame.Simulation(definitions, process="M", variables={"n": 0, "undone": 0, "levels": levels})
+    simulation.run()
+    simulation.save(tmp_path / "state")
+    loaded = fame.Simulation.load(tmp_path / "state", definitions)
+    loaded.complete("mw")
+    loaded.run()
+    assert (loaded.instances[0].status, loaded.instances[0].variables["n"]) == ("completed", levels)
+    assert loaded.instances[0].variables["undone"] == (1 if more else levels)
+
+
+def test_handlers_inside_more_others_than_can_be_stored_are_an_error() -> None:
+    definitions = read_bytes(document(AGAIN.format(more=HANDLER)).encode(), file="again.bpmn")
+    simulation = fame.Simulation(definitions, process="M", variables={"n": 0, "undone": 0, "levels": 900})
+    simulation.run()
+    assert "compensation handlers of more than 100 completed activities inside" in str(simulation.instances[0].error)

@@ -20,6 +20,9 @@ from fame.engine.program import Handler, LoopInstance, Node, Step
 from fame.engine.scope_compiler import ScopeCompiler, boundary_of
 from fame.engine.state import Record, Scope
 
+NESTED = 100
+"""How deep records may be inside each other: they are stored recursively."""
+
 
 @dataclass(slots=True)
 class Compensate:
@@ -42,6 +45,21 @@ def remember(scope: Scope, *records: Record) -> None:
     if scope.done is None:
         scope.done = []
     scope.done.extend(records)
+
+
+def record_of(node: Node, inner: Scope) -> Record:
+    """The record of an activity whose scope has ended. Raises RecursionError if handlers are inside too many others.
+
+    An activity without a handler stands for the records inside it, at any depth: those are kept side by side.
+    """
+    records = inner.done or []
+    if handler_of(node) is None:
+        kept = ([record] if handler_of(record.node) is not None else record.inner for record in records)
+        records = [record for each in kept for record in each]
+    record = Record(node, inner.variables, records)
+    if record.depth > NESTED:
+        raise RecursionError(f"compensation handlers of more than {NESTED} completed activities inside each other")
+    return record
 
 
 def compensate(engine: EngineState, scope: Scope, node: Node) -> Node | None:

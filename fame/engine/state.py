@@ -86,16 +86,18 @@ Trail = list[tuple[Scope, list[Mark]]]
 
 
 class Record:
-    """A completed activity, with the records inside it (see `fame.engine.compensation`)."""
+    """A completed activity, with the records inside it, `depth` levels of them (see `fame.engine.compensation`)."""
 
-    __slots__ = ("inner", "node", "variables")
+    __slots__ = ("depth", "inner", "node", "variables")
 
     node: Node
     variables: dict[str, Any]
     inner: list[Record]
+    depth: int
 
     def __init__(self, node: Node, variables: dict[str, Any], inner: list[Record]) -> None:
         self.node, self.variables, self.inner = node, variables, inner
+        self.depth = 1 + max((record.depth for record in inner), default=0)
 
 
 class Wait:

@@ -88,7 +88,11 @@ def leave_with(engine: EngineState, scope: Scope, inner: Scope, results: Sequenc
     node = inner.node
     assert node is not None
     if inner.done or compensation.handler_of(node) is not None:
-        compensation.remember(scope, Record(node, inner.variables, inner.done or []))
+        try:
+            compensation.remember(scope, compensation.record_of(node, inner))
+        except RecursionError as error:
+            faults.fail(engine, scope, node, error)
+            return
     for name, value in results:
         if value is not UNDEFINED:
             scope.variables[name] = value
