@@ -150,9 +150,12 @@ def strangers_key(field: Field) -> None:
 
     team.finish("--key", key)
     team.on_sent = forge
-    for _ in range(3):
-        team.finish("--key", key)
+    for _ in range(3):  # a stranger may keep a team from deploying, if its message is there first
+        sender = team.deploy("--key", key)
+        field.until(lambda sender=sender: not sender.alive, 60)
+        team.judge()
     team.on_sent = lambda robot, text: None
+    team.finish("--key", key)
     for words in ((), ("--key", str(strange))):
         sender = team.deploy(*words, "--wait", "4", stranger=True)
         field.until(lambda sender=sender: not sender.alive, 30)
