@@ -3,7 +3,18 @@
 import pytest
 
 from fame.clock import SECOND
-from fame.deploy.late_joiners import CalledOff, Ended, JoinersState, Left, Polled, Reported, Started, Supply, step
+from fame.deploy.late_joiners import (
+    CalledOff,
+    Ended,
+    JoinersState,
+    Left,
+    Polled,
+    Reported,
+    Started,
+    Supply,
+    Withhold,
+    step,
+)
 
 WAIT = Reported("A", "waiting"), Reported("B", "waiting")
 
@@ -34,6 +45,14 @@ def after(*events, supplied: frozenset[str] = frozenset()) -> list[Supply]:
 )
 def test_who_is_supplied(events, robots):
     assert [action.robots for action in after(*events)] == ([robots] if robots else [])
+
+
+def test_a_team_that_has_gone_on_to_another_model_gets_no_late_joiner():
+    other = Reported("C", "running", ours=False)
+    assert after(*WAIT, other, Polled(0)) == [Withhold(("A", "B"))]
+    assert after(*WAIT, other, Polled(0), Polled(1)) == []
+    assert [each.robots for each in after(*WAIT, other, Left("C"), Polled(0))] == [("A", "B")]
+    assert [each.robots for each in after(WAIT[0], other, Reported("B", "idle", ours=True), Polled(0))] == [("A",)]
 
 
 def test_a_robot_that_had_the_model_before_is_told_so():

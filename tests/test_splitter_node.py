@@ -130,6 +130,22 @@ def test_a_robot_that_was_given_something_else_is_left_alone():
     assert farm.variables("B") == {"mark": 1}
 
 
+def test_who_comes_late_to_a_team_that_was_given_something_else_does_not_get_the_old_diagram():
+    farm = Farm("A", "B_1")
+    farm.splitter()
+    farm.diagram(TRACTORS)
+    farm.pass_time(3)
+    farm.send("B_1", patrol(1))  # A has the diagram
+    farm.come("B_2")
+    farm.pass_time(12)
+    assert farm.engines["B_2"].deployed
+    assert not farm.deploy(TRACTORS.replace('"ub"', '"ub2"'), "d2").failed
+    farm.come("B_3")
+    farm.pass_time(12)
+    assert farm.engines["B_3"].state == "waiting"
+    assert farm.lines[-1].startswith("B_3: not supplied: no robot has this model any more")
+
+
 @pytest.mark.parametrize(
     "text",
     [

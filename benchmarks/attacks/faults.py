@@ -157,6 +157,12 @@ def late_joiners(field: Field) -> None:
                 team.restart("R_1")
         team.await_version(version)
         team.judge()
+    team.finish()  # by a person: the splitter has the version before
+    team.start(last := f"R_{next(numbers)}")
+    team.await_robots()
+    field.pass_time(SHORT)
+    team.judge()
+    held(team.robots[last].last.state == "waiting", f"{last} is {team.robots[last].last.state}")
 
 
 def two_splitters(field: Field) -> None:

@@ -2,7 +2,8 @@
 
 Theory of operation. `LateJoiners` listens to every engine that a pool of its model wants. Those that report ``waiting``
 are sent their parts, all that wait at that moment in one deployment, so that they find each other. Robots that have a
-process are left alone, whatever it is. A robot whose deployment failed is tried again after `RETRY` s, those that were
+process are left alone, whatever it is. If no robot has the model any more and some have another one, nobody is
+supplied: the team has gone on. A robot whose deployment failed is tried again after `RETRY` s, those that were
 called off because of it at once.
 
 Who is supplied when is decided by a pure state machine, ``step(state, event) -> (state, actions)``.
@@ -15,11 +16,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
 
+from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import matches, pools_of
+from fame.bpmn.split import split
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.authentication import GONE, ReportReader
-from fame.deploy.envelope import STATUS_QOS, STRING, engines
+from fame.deploy.envelope import STATUS_QOS, STRING, Report, engines, model_hash
 from fame.deploy.machine import Machine, boundary
 from fame.deploy.sender import Deployment
 from fame.errors import FameError
@@ -42,20 +45,27 @@ class JoinersState:
     supplied   those that have had the model before
     retry      for each robot that was sent its part and has not started, when it may be sent again (ns)
     deploying  whether a deployment is under way
+    ours       those that have the model
+    others     those that have another one
+    withheld   those that were told not to be supplied
     """
 
     waiting: frozenset[str] = frozenset()
     supplied: frozenset[str] = frozenset()
     retry: frozenset[tuple[str, int]] = frozenset()
     deploying: bool = False
+    ours: frozenset[str] = frozenset()
+    others: frozenset[str] = frozenset()
+    withheld: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
 class Reported:
-    """A robot has reported its `Report.state`."""
+    """A robot has reported its `Report.state`, and whether it has the model (None: it has none)."""
 
     robot: str
     state: str
+    ours: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,17 +109,26 @@ class Supply:
     again: frozenset[str]
 
 
+@dataclass(frozen=True, slots=True)
+class Withhold:
+    """These robots wait, but the team has gone on to another model."""
+
+    robots: tuple[str, ...]
+
+
+Action = Supply | Withhold
 Event = Reported | Left | Polled | Started | CalledOff | Ended
 
 
-def step(state: JoinersState, event: Event) -> tuple[JoinersState, tuple[Supply, ...]]:
+def step(state: JoinersState, event: Event) -> tuple[JoinersState, tuple[Action, ...]]:
     """The next state and the actions."""
     match event:
-        case Reported(robot, "waiting"):
-            return replace(state, waiting=state.waiting | {robot}), ()
-        case Reported(robot, _):
-            return replace(state, waiting=state.waiting - {robot}), ()
+        case Reported(robot, reported, ours):
+            state = _placed(state, robot, ours)
+            waiting = state.waiting | {robot} if reported == "waiting" else state.waiting - {robot}
+            return replace(state, waiting=waiting), ()
         case Left(robot):
+            state = _placed(state, robot, None)
             return replace(state, waiting=state.waiting - {robot}, retry=_without(state, {robot})), ()
         case Started(robot):
             state = replace(state, waiting=state.waiting - {robot}, retry=_without(state, {robot}))
@@ -122,12 +141,24 @@ def step(state: JoinersState, event: Event) -> tuple[JoinersState, tuple[Supply,
             return _supply(state, now)
 
 
-def _supply(state: JoinersState, now: int) -> tuple[JoinersState, tuple[Supply, ...]]:
+def _supply(state: JoinersState, now: int) -> tuple[JoinersState, tuple[Action, ...]]:
     late = state.waiting - {robot for robot, time in state.retry if time > now}
     if state.deploying or not late:
         return state, ()
+    if state.others and not state.ours:
+        new = tuple(sorted(late - state.withheld))
+        return replace(state, withheld=state.withheld | late), (Withhold(new),) if new else ()
     retry = _without(state, late) | {(robot, now + round(RETRY * SECOND)) for robot in late}
     return replace(state, retry=retry, deploying=True), (Supply(tuple(sorted(late)), state.supplied & late),)
+
+
+def _placed(state: JoinersState, robot: str, ours: bool | None) -> JoinersState:
+    """The state with what a robot has."""
+    return replace(
+        state,
+        ours=state.ours | {robot} if ours else state.ours - {robot},
+        others=state.others | {robot} if ours is False else state.others - {robot},
+    )
 
 
 def _without(state: JoinersState, robots: Collection[str]) -> frozenset[tuple[str, int]]:
@@ -167,13 +198,16 @@ class LateJoiners:
         middleware: Middleware,
         key: Any = None,
         supplied: Collection[str] = (),
+        library: Library | None = None,
         log: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
+        self._hashes = {model_hash(part.source) for part in split(definitions, library)}
+        self._ids, self._met = set[str](), set[str]()  # deployments of the model, robots that have had a process
         self._pools, self._send, self._key, self._log = pools_of(definitions), send, key, log
         state = JoinersState(supplied=frozenset(supplied))
-        self._protocol: Machine[JoinersState, Event, Supply] = Machine(state, step, self._supply)
+        self._protocol: Machine[JoinersState, Event, Action] = Machine(state, step, self._perform)
         self._current: Deployment | None = None
         self.node: Node = middleware.node("fame_keeper")
         self._engines: dict[str, Subscription] = {}
@@ -206,14 +240,27 @@ class LateJoiners:
     def _on_report(self, reader: ReportReader, message: Any) -> None:
         report = reader.read(message.data, self.scheduler.now / SECOND)
         if report is not None:
-            self._protocol.handle(Reported(reader.robot, report.state))
+            ours = self._is_ours(reader.robot, report) if report.deployed else None
+            self._protocol.handle(Reported(reader.robot, report.state, ours))
+
+    def _is_ours(self, robot: str, report: Report) -> bool:
+        """Whether what a robot has is from here, or the model that it had before. Parts of models may be the same."""
+        if robot not in self._met:
+            self._met.add(robot)
+            if report.hash in self._hashes:
+                self._ids.add(report.deployed)
+        return report.deployed in self._ids
 
     def _on_strange_report(self, robot: str, reason: str) -> None:
         self._log(f"{robot}: its report: {reason}")
 
-    def _supply(self, action: Supply) -> None:
+    def _perform(self, action: Action) -> None:
+        if isinstance(action, Withhold):
+            self._log(f"{', '.join(action.robots)}: not supplied: no robot has this model any more")
+            return
         try:
             self._current = self._send(action.robots, action.again, self._on_end)
+            self._ids.add(self._current.id)
         except FameError as error:
             self._log(f"{', '.join(action.robots)}: {error}")
             self._protocol.handle(Ended())

@@ -251,6 +251,7 @@ class SplitterNode:
         self._team.publish(messages.create(STRING, self._deployed_text(diagram[1].source.decode(errors="replace"))))
         send = partial(self._send, diagram[1])
         around: dict[str, Any] = {"scheduler": self.scheduler, "middleware": self.middleware}
+        around["library"] = self._options["library"]
         self._late_joiners = LateJoiners(
             diagram[1], send, key=self._options["key"], supplied=supplied, log=self._report, **around
         )

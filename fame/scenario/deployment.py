@@ -143,6 +143,7 @@ class Sending:
             scheduler=self.scheduler,
             middleware=self.middleware,
             key=self._options.get("key"),
+            library=self._options.get("library"),
             supplied=served,
             log=log,
         )
