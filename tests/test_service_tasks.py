@@ -346,6 +346,7 @@ def test_a_goal_that_was_cancelled_before_its_server_left_is_cancelled_when_that
     until(here, lambda: place.server.goals)
     soon(here)
     place.server.server._ends[2].close()
+    soon(here)  # until the graph of ROS lacks it
     later = DeferredResponse()
     deaf = here.node("driver", "REX").service("drive/_action/cancel_goal", CANCEL, lambda request: later)
     soon(here)

@@ -185,5 +185,9 @@ def _torn(node: Node, chance: random.Random) -> bytes:
     if not data.startswith(synced):  # it was cut and written again
         return chance.choice((data, synced))
     end = chance.randint(len(synced), len(data))
+    if chance.random() < 0.3:  # blocks are not written in their order: what is missing reads as zeros
+        hole = chance.randint(len(synced), end)
+        width = min(end - hole, chance.randint(1, 500))
+        return data[:hole] + bytes(width) + data[hole + width : end]
     rest = bytes(chance.randrange(256) for _ in range(min(len(data) - end, 20))) if chance.random() < 0.3 else b""
     return data[:end] + rest

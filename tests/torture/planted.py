@@ -178,11 +178,6 @@ def _set_aside_is_dropped(original: Any) -> Any:
     return set_aside
 
 
-def _asks_no_more(original: Any) -> Any:
-    """A robot that holds again for an older deployment takes a plain start."""
-    return lambda self, candidate, commit: original(self, candidate, None)
-
-
 def _again_after_migration(original: Any) -> Any:
     """What was received before a migration is taken again."""
     return lambda self: None
@@ -234,7 +229,6 @@ BUGS: dict[str, Bug] = {
     "a robot that starts alone": (termination, "step", _starts_alone),
     "a ready robot that says aborted": (termination, "reply", _ready_is_aborted),
     "what was set aside is forgotten": (_transition, "_set_aside", _set_aside_is_dropped),
-    "who asked takes a plain start": (_transition, "_become_ready", _asks_no_more),
     "messages twice after a migration": (RobotNode, "forget_early", _again_after_migration),
     "a repair done each time it is asked": (TaskServer, "_on_request", _repair_each_time),
     "a sequence compared wrongly": (Envelope, "order", _sequence_reversed),

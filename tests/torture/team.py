@@ -433,6 +433,7 @@ class Team:
                 self._later(0.0, partial(self._do, step))
 
         engine.status.publish = published  # type: ignore[method-assign]
+        engine._tasks._report = published
 
     def _strike(self, robot: Robot, kind: str, away: float) -> bool:
         """SIGKILL, perhaps with more that happens to the disk, and a restart after a while."""
