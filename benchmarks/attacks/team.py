@@ -133,6 +133,7 @@ class Team:
         self.sequences: dict[str, int] = {}
         self.versions: dict[str, str] = {}
         self.released: set[tuple[str, str]] = set()
+        self.unwritten: frozenset[str] = frozenset()
         self._versions = itertools.count(1)
         if together:
             self._fork(*names)

@@ -106,7 +106,8 @@ def broken_promises(team: Team) -> Iterator[str]:
         return said.robot if robot.durable and not robot.spoilt else said.process
 
     ready: set[tuple[str, str]] = set()
-    started = {said.deployment for said in team.said if said.answer == "started"}
+    written = [said for said in team.said if said.process not in team.unwritten]
+    started = {said.deployment for said in written if said.answer == "started"}
     for said in team.said:
         key = engine(said), said.deployment
         ready |= {key} if said.answer == "ready" else set()
@@ -125,7 +126,8 @@ def undecided(team: Team) -> Iterator[str]:
 def forgotten(team: Team) -> Iterator[str]:
     """A robot with a directory runs what it ran, or something newer, or holds for it."""
     for robot in team.robots.values():
-        began = [said.deployment for said in team.said if said.robot == robot.name and said.answer == "started"]
+        written = [said for said in team.said if said.robot == robot.name and said.process not in team.unwritten]
+        began = [said.deployment for said in written if said.answer == "started"]
         engine = robot.engine
         knows = engine is not None and (engine.deployed or engine.state == "holding")
         if robot.durable and not robot.spoilt and began and not knows:
