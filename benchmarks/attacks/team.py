@@ -339,7 +339,7 @@ class Team:
         """A person aborts what a robot holds, and says so."""
         robot = self.robots[name]
         reason = self.why_it_holds(name)
-        held(reason, f"{name} holds and does not say for whom")
+        held(reason, f"{name} holds without a reason")
         if robot.last is not None:
             self.released.add((name, robot.last.candidate))
         self.field.fame("abort", name, *words)

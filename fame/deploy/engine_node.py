@@ -473,7 +473,7 @@ class EngineNode:
             self.running.release(_DEPLOYMENT)
 
     def _close_running(self, safe: str) -> None:
-        """The safe state (of a mission that is so) comes last: scripts that leave may have commanded something else."""
+        """Command the safe state last: scripts that end may have sent other commands."""
         if self._resumed is not None:
             self._resumed.drop()
         if self.running is not None:

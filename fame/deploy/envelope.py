@@ -125,7 +125,7 @@ class Report:
     elements   how many elements have been completed
     ahead      what timers of start events will still start: nothing, ``endless`` (cycles without end), ``due``
     waits      tokens that wait: `element`, `for` (in words), `since` (s), `topics` (each with the number of
-               publishers), `place` (the drawn activity) and `suspended` (by whom, since when), if they differ
+               publishers), `place` (the drawn activity) and `suspended` (the cause and the time), if they differ
     more_waits number of waiting tokens beyond those
     untaken    how many messages no event has taken, by topic
     offers     the elements of open ad-hoc sub-processes that can be activated

@@ -125,10 +125,12 @@ class StateKeeper:
 
         Returns why that is not possible, or nothing.
         """
+        kept = [*self._kept, candidate.envelope]
         try:
-            self._write_promises([*self._kept, candidate.envelope])
+            self._write_promises(kept)
         except OSError as error:
             return f"its promise cannot be written to {self.directory.path}: {error.strerror}"
+        self._kept = kept
         return ""
 
     def drop_promise(self, deployment: str) -> None:
@@ -152,7 +154,6 @@ class StateKeeper:
             self.directory.write_file(_PROMISE, b"\n".join(lines))
         else:
             self.directory.remove_file(_PROMISE)
-        self._kept = envelopes
 
     def begin(self, envelope: Envelope, process: RobotNode) -> None:
         """Record a process that is about to start."""

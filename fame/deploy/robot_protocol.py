@@ -184,9 +184,14 @@ class _Transition:
 
     def _forget(self, deployment: str) -> None:
         """A promise that waited is decided."""
-        if (kept := self.state.kept(deployment)) is not None:
-            self.state = replace(self.state, promises=tuple(one for one in self.state.promises if one is not kept))
+        if self._taken(deployment) is not None:
             self._do(Forget(deployment))
+
+    def _taken(self, deployment: str) -> Kept | None:
+        """The promise that waited, which does so no more."""
+        kept = self.state.kept(deployment)
+        self.state = replace(self.state, promises=tuple(one for one in self.state.promises if one is not kept))
+        return kept
 
     def _is_known(self, deployment: str) -> bool:
         """Whether a deployment is under way or was answered."""
@@ -307,8 +312,7 @@ class _Transition:
 
     def _promise(self, candidate: Candidate) -> None:
         self.state = replace(self.state, candidate=replace(candidate, stage="promising"))
-        if (kept := self.state.kept(candidate.envelope.deployment)) is not None:  # it is on the disk
-            self.state = replace(self.state, promises=tuple(one for one in self.state.promises if one is not kept))
+        if (kept := self._taken(candidate.envelope.deployment)) is not None:  # it is on the disk
             self._become_ready(candidate, kept.commit)
         else:
             self._do(Promise())

@@ -62,7 +62,7 @@ class ActionClient:
 
     @property
     def mismatch(self) -> str:
-        """Why it is not connected to an action of its name that is there; empty if there is none, or it is."""
+        """Why it is not connected to an action server of its name; empty if it is connected or no server exists."""
         ends = self._send_goal, self.get_result, self.cancel_goal
         return next((end.mismatch for end in ends if end.mismatch), "")
 

@@ -192,7 +192,7 @@ class Client(Protocol):
 
     @property
     def mismatch(self) -> str:
-        """Why it is not connected to a service of its name that is there; empty if there is none, or it is."""
+        """Why it is not connected to a service of its name; empty if it is connected or no service exists."""
 
     def call(
         self,

@@ -100,7 +100,7 @@ class Judgement:
 
     @property
     def exit_code(self) -> int:
-        """1 if a run is anomalous, otherwise 3 if one is not judged or there is none, otherwise 0."""
+        """1 if a run is anomalous, otherwise 3 if a run is not judged or no runs were given, otherwise 0."""
         verdicts = {run.verdict for run in self.runs}
         return 1 if "anomalous" in verdicts else 0 if verdicts == {"benign"} else NOT_KNOWN
 

@@ -256,7 +256,7 @@ class StateDirectory:
         return folder
 
     def read_file(self, name: str) -> bytes | None:
-        """The content of a file, None if there is none. Raises OSError."""
+        """The content of a file, None if the file does not exist. Raises OSError."""
         try:
             with self.disk.read(self.path / name) as file:
                 return file.read()

@@ -13,7 +13,7 @@ import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
-from functools import cache, partial
+from functools import cache
 from itertools import islice
 from operator import attrgetter
 from types import ModuleType
@@ -198,7 +198,8 @@ def _message(value: Any, depth: int) -> str:
     if orjson is not None and _is_simple(type):
         with suppress(TypeError):  # what was put into its fields does not fit
             text: str = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY).decode()
-            if "null" not in text and (len(text) <= TEXT or not any(len(read(value)) > TEXT for read in _texts(type))):
+            long = len(text) > TEXT and any(len(attrgetter(path)(value)) > TEXT for path in _texts(type))
+            if "null" not in text and not long:
                 return text
     fields = _message_fields(type)
     if depth == 0:
@@ -229,19 +230,11 @@ def _is_simple(type: str) -> bool:
 
 
 @cache
-def _texts(type: str) -> Sequence[Callable[[Any], str]]:
-    """The readers of all texts in messages of a type."""
-    readers: list[Callable[[Any], str]] = []
-    for field in typesystem.definition(type).fields:
-        if field.is_message:
-            readers += [partial(_inner, attrgetter(field.attribute), read) for read in _texts(field.base)]
-        elif field.base in ("string", "wstring") and field.shape == "single":
-            readers.append(attrgetter(field.attribute))
-    return readers
-
-
-def _inner(outer: Callable[[Any], Any], read: Callable[[Any], str], value: Any) -> str:
-    return read(outer(value))
+def _texts(type: str) -> Sequence[str]:
+    """The paths of all texts in messages of a type."""
+    fields = typesystem.definition(type).fields
+    inner = [f"{field.attribute}.{path}" for field in fields if field.is_message for path in _texts(field.base)]
+    return [*inner, *(field.attribute for field in fields if field.base in ("string", "wstring"))]
 
 
 @cache

@@ -402,7 +402,7 @@ def silence_text(kind: str, since: int, now: int) -> str:
 
 
 def suspender(wait: Wait) -> Scope | None:
-    """The scope of the event sub-process that suspends a token; None if there is none: the robot is on hold."""
+    """The scope of the event sub-process that suspends a token; None if the robot is on hold."""
     scope: Scope | None = wait.scope
     while scope is not None:
         if scope.suspender is not None and wait.key < scope.mark:

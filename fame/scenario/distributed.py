@@ -332,7 +332,7 @@ class Team:
         if publisher.subscriber_count() == 0 and tries:
             self.scheduler.after(SECOND // 50, partial(self._publish, publisher, sent, tries - 1), Kind.TIMER)
             return
-        lost = "" if publisher.subscriber_count() else "; nobody has subscribed to it"
+        lost = "" if publisher.subscriber_count() else "; it has no subscribers"
         publisher.publish(messages.create(sent.type, sent.payload))
         self._due -= 1
         self._report("", "", published_from_outside(sent) + lost)

@@ -6,6 +6,7 @@ import argparse
 import re
 import sys
 import time
+from argparse import ArgumentTypeError
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -13,11 +14,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from fame.log.conversion import merge
+from fame.log.writing import RECORDING
 
 from .invariants import judge
 from .plan import PHASES, Plan, draw
 from .planted import BUGS, seeds_until_found
 from .team import Team
+
+_TELL = 4.0
+"""How often progress is printed (s)."""
 
 
 def outcome(plan: Plan, log: Path | None = None) -> tuple[list[str], Counter[str], list[str]]:
@@ -35,8 +40,11 @@ def run_seed(seed: int) -> tuple[int, list[str], Counter[str]]:
 
 
 def reduced(plan: Plan) -> Plan:
-    """The fewest steps that still fail in the same way."""
-    steps, sought = list(plan.steps), _kind(outcome(plan)[0][0])
+    """The fewest steps that still fail in the same way; the plan itself if it does not fail."""
+    found = outcome(plan)[0]
+    if not found:
+        return plan
+    steps, sought = list(plan.steps), _kind(found[0])
     size = max(1, len(steps) // 2)
     while size:
         at = 0
@@ -58,22 +66,53 @@ def _kind(sentence: str) -> str:
 def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m tests.torture", description=__doc__)
-    parser.add_argument("--seeds", default="1:200", metavar="FIRST:LAST", help="the seeds to run (1:200)")
+    parser.add_argument("--seeds", type=_range, default="1:200", metavar="FIRST:LAST", help="the seeds to run (1:200)")
     parser.add_argument("--seconds", type=float, metavar="S", help="end after this time")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="number of processes (1)")
+    parser.add_argument("--jobs", type=_positive, default=1, metavar="N", help="number of processes (1)")
     parser.add_argument("--seed", type=int, metavar="N", help="run one seed, print what happens")
     parser.add_argument("--reduce", action="store_true", help="with --seed: the fewest steps that still fail")
-    parser.add_argument("--log", metavar="FILE", help="with --seed or --plan: record what the robots do, for fame view")
-    parser.add_argument("--plan", metavar="FILE", help="run a plan that was kept")
-    parser.add_argument("--planted", type=int, metavar="LIMIT", help="after how many seeds is each planted bug found")
+    parser.add_argument(
+        "--log", type=_recording, metavar="FILE", help="with --seed or --plan: record what the robots do, for fame view"
+    )
+    parser.add_argument("--plan", type=_plan, metavar="FILE", help="run a plan that was kept")
+    parser.add_argument(
+        "--planted", type=_positive, metavar="LIMIT", help="after how many seeds is each planted bug found"
+    )
     arguments = parser.parse_args()
     if arguments.planted:
         return _find_planted(arguments.planted, arguments.jobs)
     if arguments.seed is not None or arguments.plan:
-        plan = draw(arguments.seed) if arguments.plan is None else Plan.from_json(Path(arguments.plan).read_text())
+        plan = arguments.plan or draw(arguments.seed)
         return _show(reduced(plan) if arguments.reduce else plan, arguments.log)
-    first, last = map(int, arguments.seeds.split(":"))
-    return _run_all(range(first, last + 1), arguments.jobs, arguments.seconds)
+    return _run_all(arguments.seeds, arguments.jobs, arguments.seconds)
+
+
+def _range(text: str) -> range:
+    first, colon, last = text.partition(":")
+    if not (colon and first.isdecimal() and last.isdecimal() and int(first) <= int(last)):
+        raise ArgumentTypeError(f"expected FIRST:LAST, got {text!r}")
+    return range(int(first), int(last) + 1)
+
+
+def _positive(text: str) -> int:
+    if not (text.isdecimal() and int(text)):
+        raise ArgumentTypeError(f"expected a number from 1 on, got {text!r}")
+    return int(text)
+
+
+def _plan(file: str) -> Plan:
+    try:
+        return Plan.from_json(Path(file).read_text())
+    except OSError as error:
+        raise ArgumentTypeError(f"{file}: {error.strerror}") from None
+    except (ValueError, TypeError, KeyError):
+        raise ArgumentTypeError(f"{file}: expected a plan, the first line that --seed prints") from None
+
+
+def _recording(file: str) -> str:
+    if not file.endswith(RECORDING):
+        raise ArgumentTypeError(f"expected a file name that ends in {RECORDING}, got {file!r}")
+    return file
 
 
 def _show(plan: Plan, log: str | None) -> int:
@@ -97,6 +136,7 @@ def _find_planted(limit: int, jobs: int) -> int:
 
 def _run_all(seeds: range, jobs: int, seconds: float | None) -> int:
     begun, failed, struck, done = time.perf_counter(), 0, Counter[str](), 0
+    told = begun
     with ProcessPoolExecutor(jobs) as pool:
         for start in range(seeds.start, seeds.stop, 100):
             if seconds is not None and time.perf_counter() - begun > seconds:
@@ -107,6 +147,10 @@ def _run_all(seeds: range, jobs: int, seconds: float | None) -> int:
                 if found:
                     failed += 1
                     print(f"seed {seed}: {'; '.join(found)}", flush=True)
+                if time.perf_counter() - told > _TELL:
+                    told = time.perf_counter()
+                    left = (len(seeds) - done) * (told - begun) / done
+                    print(f"{done} of {len(seeds)} seeds, {failed} failed, {left / 60:.0f} min left", file=sys.stderr)
     took = time.perf_counter() - begun
     for kind, count in sorted(struck.items()):
         print(f"{count:9d}  {kind}")

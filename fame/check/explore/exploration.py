@@ -297,7 +297,7 @@ class Team:
         self.received |= {(report.processes[robot], what) for kind, robot, what in flags if kind == "received"}
 
     def _with_fewer(self, number: int, steps: int, stop: Callable[[], bool]) -> tuple[list[Finding], bool]:
-        """The errors of the team with at most so many robots in each multi-instance pool, and whether these are all."""
+        """Errors of the team with at most `number` robots in each multi-instance pool, and whether these are all."""
         kept, counts = dict[str, Pool](), Counter[str]()
         for robot, pool in self.cast.items():
             counts[pool.name] += 1

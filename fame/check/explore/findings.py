@@ -330,7 +330,7 @@ class Report:
                 yield Finding("condition", f"{who}: {place.display_name}: {why}", (place,), process, run)
 
     def _from_nowhere(self) -> Iterator[Finding]:
-        """Signals that come from outside at any time, as far as is known; nobody has said from where."""
+        """Signals without a declared source: they are assumed to come from outside at any time."""
         for robot, topic in self.sourceless:
             places = self._catchers(robot, topic)
             where = ", ".join(place.display_name for place in places)

@@ -94,7 +94,7 @@ class Explored:
         return bisect_right(self.layers, at)
 
     def shortest(self, starts: Iterable[int], goals: Container[int]) -> list[int]:
-        """A shortest way from one of some states to one of the goals, both included; empty if there is none."""
+        """A shortest way from a start to a goal, both included; empty if no goal can be reached."""
         before = dict.fromkeys(starts, -1)
         pending = list(before)
         for at in pending:
