@@ -16,6 +16,7 @@ FILES = {
     "world": ({"size": [4, 4], "robots": []}, "is a world, which is for fame world"),
     "node": ({"Inputs": {}, "Training": {}}, "is the configuration of a node, which is for fame process, "),
     "learning": ({"Files": {}, "Split": {}}, "is a learning file, which is for fame adm learn"),
+    "project": ({"scenarios": [], "tests": []}, "is a project, which is for fame run without a file"),
 }
 COMMANDS = {
     "run": (["run"], ("scenario",)),

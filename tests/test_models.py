@@ -32,7 +32,8 @@ from fame.monitor.services import SERVICES
 MODELS = Path(__file__).parent.parent / "models"
 LIBRARY = [path for folder in ("library", "monitoring") for path in sorted((MODELS / folder).glob("*.bpmn"))]
 LIBRARY.append(MODELS / "delivery" / "Deliver.bpmn")  # that of one mission
-FILES = [*sorted(MODELS.glob("*.bpmn")), MODELS / "delivery" / "delivery.bpmn", *LIBRARY]
+NEW = MODELS.parent / "examples" / "project" / "mission.bpmn"  # of fame new
+FILES = [*sorted(MODELS.glob("*.bpmn")), MODELS / "delivery" / "delivery.bpmn", NEW, *LIBRARY]
 
 every_model = pytest.mark.parametrize("model", [read(file) for file in FILES], ids=[file.stem for file in FILES])
 

@@ -77,11 +77,13 @@ def test_a_wheel_holds_fame_robots_and_sim2d_and_nothing_else(installed: Path) -
     assert all((installed / package / "py.typed").exists() for package in ("fame", "robots", "sim2d"))
 
 
-def test_the_models_are_data_of_the_installed_package(installed: Path) -> None:
+def test_models_and_examples_are_data_of_the_installed_package(installed: Path) -> None:
     def files(folder: Path) -> set[Path]:
         return {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
 
     assert files(installed / "fame" / "models") == files(ROOT / "models")
+    made = {path for path in files(ROOT / "examples") if "__pycache__" in path.parts}
+    assert files(installed / "fame" / "examples") == files(ROOT / "examples") - made  # fame new and fame demo copy them
     code = "from fame.bpmn.library import BUILT_IN; print(*BUILT_IN, sep='\\n')\nimport models"
     environment = {**os.environ, "PYTHONPATH": str(installed)}
     command = [sys.executable, "-S", "-P", "-c", code]  # -S: an editable install would offer the source tree, too

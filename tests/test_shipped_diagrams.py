@@ -18,6 +18,7 @@ from fame.bpmn.model import Bounds, Definitions, Edge, Shape
 ROOT = Path(__file__).parent.parent
 SVG = "{http://www.w3.org/2000/svg}"
 POOLS, BODIES = ("participant", "lane", "group"), ("subProcess", "transaction", "adHocSubProcess")
+NEW = ROOT / "examples" / "project" / "mission.bpmn"
 MARKER = 14.0
 
 
@@ -79,12 +80,12 @@ def covered(definitions: Definitions) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "models").rglob("*.bpmn")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [*sorted((ROOT / "models").rglob("*.bpmn")), NEW], ids=lambda path: path.stem)
 def test_nothing_on_a_shipped_diagram_covers_anything_else(path: Path) -> None:
     assert covered(read(path)) == []
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "models").rglob("*.bpmn")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [*sorted((ROOT / "models").rglob("*.bpmn")), NEW], ids=lambda path: path.stem)
 def test_a_name_without_a_place_finds_one_below_its_shape_as_modelers_put_it(path: Path) -> None:
     definitions = read(path)
     root = etree.fromstring(draw(definitions).encode())

@@ -8,6 +8,7 @@ error is one line on stderr or, with ``--json``, in the one object on stdout. A 
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -17,12 +18,15 @@ from importlib import import_module
 from io import TextIOWrapper
 from types import FrameType
 
+from fame.cli import output, project
 from fame.cli.arguments import Parser, Version, register_types
 from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, note, print_json
 from fame.errors import NOT_KNOWN, FameError
 
 _DECLARATIONS: Mapping[str, str] = {
+    "new": "new.add_new",
+    "demo": "new.add_demo",
     "run": "run.add",
     "split": "models.add_split",
     "check": "check.add",
@@ -60,12 +64,15 @@ _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line (that of the process by default) and return the exit code."""
+    output.named.clear()
     given = without_ros_arguments(sys.argv[1:] if argv is None else argv)
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to fail
     with _noting_interrupts() as interrupts:
         try:
             arguments = parser(*given[:1]).parse_args(given or ["--help"])
+            arguments.command_line = shlex.join(["fame", *given])
+            project.apply(arguments)
             register_types(arguments)
             code: int = arguments.command(arguments)
             sys.stdout.flush()

@@ -23,15 +23,30 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
+        self.given: list[tuple[argparse.Action, list[str]]] = []
+
+    @property
+    def arguments(self) -> Sequence[argparse.Action]:
+        """The arguments that were declared."""
+        return self._actions
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:  # type: ignore[override]
-        """Raise FameError for an unknown argument, with the name of the command that received it."""
+        """Raise FameError for an unknown argument, with the name of the command that received it.
+
+        Afterwards `given` has the arguments of the command line, each with its words.
+        """
+        self.given.clear()
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
             word, known = unknown[0], list(self._option_string_actions)
             hint = f"unknown option {word!r}; {suggestion(word, known)}"
             self.error(hint if word.startswith("-") else f"unexpected argument {word!r}")
         return found, unknown
+
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        if action.option_strings or arg_strings:
+            self.given.append((action, [word for word in arg_strings if word != "--"]))
+        return super()._get_values(action, arg_strings)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Raise ArgumentError for a value that is not a choice; the message names the closest one, or all."""
@@ -60,7 +75,8 @@ def command(
 ) -> Parser:
     """Add a command that calls `function`. `help` is a sentence, `examples` are whole command lines."""
     made = group(commands, name, help=help, examples=examples)
-    made.set_defaults(command=function)
+    made.set_defaults(command=function, leaf=made)
+    made.add_argument("--no-project", action="store_true", help="ignore fame.yaml, which has defaults for a project")
     return made
 
 

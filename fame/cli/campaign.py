@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, add_json, command, natural, positive
+from fame.cli.arguments import Commands, add_json, add_library, command, natural, positive
 from fame.cli.output import print_json, progress_line
 from fame.errors import ConfigError
 
@@ -29,7 +29,10 @@ def add(commands: Commands) -> None:
         commands, "campaign", run, examples=_EXAMPLES,
         help="run a scenario many times with varied seeds and values: probability of success, failures by cause",
     )  # fmt: skip
-    parser.add_argument("scenario", nargs="?", type=Path, metavar="SCENARIO.yaml|MODEL.bpmn")
+    parser.add_argument(
+        "scenario", nargs="?", type=Path, metavar="SCENARIO.yaml|MODEL.bpmn",
+        help="without it, the first scenario of the project (fame.yaml)",
+    )  # fmt: skip
     parser.add_argument("--runs", type=_count, default=100, metavar="N", help="number of runs (100)")
     parser.add_argument("--vary", type=Path, metavar="CAMPAIGN.yaml", help="values that vary, besides the seed")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for rows and reports (out/campaign)")
@@ -51,14 +54,7 @@ def add(commands: Commands) -> None:
         "--address", default="", metavar="URL", help="address of the cluster's scheduler, such as tcp://127.0.0.1:8786"
     )
     parser.add_argument("--parquet", action="store_true", help="write runs.parquet instead of runs.csv")
-    parser.add_argument(
-        "--library",
-        action="append",
-        default=[],
-        type=Path,
-        metavar="DIR",
-        help="folder with called processes; repeatable",
-    )
+    add_library(parser)
     add_json(parser)
 
 
@@ -123,13 +119,17 @@ def _campaign(arguments: Namespace) -> tuple[Campaign, Folder]:
         raise ConfigError("expected a scenario, or --resume DIR (see fame campaign --help)")
     if arguments.backend != "loky" and not arguments.address:
         raise ConfigError(f"--backend {arguments.backend} needs --address of the scheduler")
+    project = arguments.project
+    whole = project is not None or arguments.backend != "loky"  # the commands of its rows work from any folder
     campaign = Campaign(
-        scenario=str(arguments.scenario.resolve() if arguments.backend != "loky" else arguments.scenario),
+        scenario=str(arguments.scenario.resolve() if whole else arguments.scenario),
         runs=arguments.runs,
         seed=arguments.seed,
         variation=read_variation(arguments.vary) if arguments.vary is not None else Variation(),
         duration=arguments.duration,
-        library=tuple(map(str, arguments.library)),
+        library=tuple(str(path.resolve() if whole else path) for path in arguments.library),
+        types=tuple(str(path.resolve() if whole else path) for path in arguments.types),
+        project=str(project.file) if project is not None else "",
         workers=arguments.jobs or -1,
         backend=arguments.backend,
         address=arguments.address,

@@ -36,9 +36,9 @@ def add(commands: Commands) -> None:
         help="report errors and likely mistakes in models and scenarios; exit code 1 if there is an error",
     )  # fmt: skip
     parser.add_argument(
-        "models", type=Path, nargs="+", metavar="FILE",
+        "models", type=Path, nargs="*", metavar="FILE",
         help="a model (.bpmn), - for one from stdin, or a scenario (.yaml) with its model; the files that fame split "
-             "wrote of one mission are checked together",
+             "wrote of one mission are checked together; without any, the scenarios of the project (fame.yaml)",
     )  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="treat an undefined name in a payload as an error")
     parser.add_argument(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from argparse import Namespace
 from pathlib import Path
@@ -96,7 +95,7 @@ def record(arguments: Namespace) -> int:
                 open_file,
                 topics=arguments.log_topics,
                 robots=frozenset(arguments.robot),
-                metadata={"command": shlex.join(["fame", *sys.argv[1:]])},
+                metadata={"command": arguments.command_line},
                 note=note,
             )
             recorders.append(recorder)

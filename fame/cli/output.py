@@ -50,9 +50,13 @@ _WIPE = "\r\x1b[2K"
 _TICK = 1.0  # s between two looks at whether a line has stood for long
 
 
+named: dict[str, Any] = {}
+"""What each object of ``--json`` says besides: the project of the command, if there is one."""
+
+
 def print_json(value: Mapping[str, Any]) -> None:
     """The one object on stdout that ``--json`` promises."""
-    print(json.dumps(value, indent=2))  # in ASCII: no locale can spoil it
+    print(json.dumps({**value, **named}, indent=2))  # in ASCII: no locale can spoil it
 
 
 def error_object(error: FameError, cause: BaseException, status: str = "error") -> dict[str, Any]:

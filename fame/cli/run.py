@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import shutil
 import sys
 from argparse import ArgumentParser, Namespace
@@ -40,7 +39,10 @@ def add(commands: Commands) -> None:
         commands, "run", run, examples=_EXAMPLES,
         help="run a scenario (world, robots and model) or a model alone, in simulated time",
     )  # fmt: skip
-    parser.add_argument("scenario", type=Path, metavar="SCENARIO.yaml|MODEL.bpmn")
+    parser.add_argument(
+        "scenario", type=Path, nargs="?", metavar="SCENARIO.yaml|MODEL.bpmn",
+        help="without it, the first scenario of the project (fame.yaml)",
+    )  # fmt: skip
     parser.add_argument("--seed", type=natural, metavar="N", help="random seed (default: the scenario's, or 0)")
     parser.add_argument("--duration", type=positive, metavar="S", help="simulated seconds after which the run ends")
     parser.add_argument(
@@ -264,7 +266,7 @@ def _about(arguments: Namespace, scenario: Scenario) -> About:
     from fame.scenario.plan import named_files
 
     metadata = {
-        "command": shlex.join(["fame", *sys.argv[1:]]),
+        "command": arguments.command_line,
         "seed": str(scenario.seed),
         "duration": f"{scenario.duration:g}",
         "epoch": date_text(scenario.epoch),

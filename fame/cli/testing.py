@@ -6,7 +6,7 @@ import argparse
 from argparse import Namespace
 from pathlib import Path
 
-from fame.cli.arguments import Commands, command
+from fame.cli.arguments import Commands, add_library, command
 
 _EXAMPLES = (
     "fame test examples/tests",
@@ -23,7 +23,10 @@ def add(commands: Commands) -> None:
         commands, "test", run, examples=_EXAMPLES,
         help="run tests of missions with pytest; --cov-model: coverage of the models",
     )  # fmt: skip
-    parser.add_argument("paths", nargs="*", metavar="PATH", help="files and folders of tests")
+    parser.add_argument(
+        "paths", nargs="*", metavar="PATH",
+        help="files and folders of tests; without any, those of the project (fame.yaml), whose coverage is demanded",
+    )  # fmt: skip
     parser.add_argument("-k", metavar="EXPRESSION", help="only tests whose names match, as in pytest")
     parser.add_argument("-x", action="store_true", help="stop at the first failure")
     parser.add_argument("--cov-model", action="store_true", help="show coverage of elements and flows per process")
@@ -37,6 +40,7 @@ def add(commands: Commands) -> None:
         "--pytest", action="append", default=[], metavar="OPTION", help="an option for pytest: --pytest=-v; repeatable"
     )
     parser.add_argument("--junitxml", type=Path, metavar="FILE", help="results of the tests as JUnit XML")
+    add_library(parser)
 
 
 def _percent(text: str) -> float:
@@ -61,6 +65,12 @@ def run(arguments: Namespace) -> int:
     import pytest
 
     options = ["-p", "fame.testing.plugin", "-W", _IMPORTED, *arguments.paths]
+    options += [f"--fame-library={folder}" for folder in arguments.library]
+    options += [f"--fame-types={folder}" for folder in arguments.types]
+    if arguments.project is not None:
+        options += ["--rootdir", str(arguments.project.file.parent)]
+        if not (arguments.leaf.given or arguments.cov_model):  # of a part of the tests, nothing is demanded
+            arguments.cov_fail_under = arguments.project.coverage
     for name, option in (("k", "-k"), ("junitxml", "--junitxml")):
         if getattr(arguments, name) is not None:
             options += [option, str(getattr(arguments, name))]

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, Parser, add_library, command, positive
+from fame.cli.arguments import Commands, Parser, add_library, command, positive, register_types
 from fame.cli.network import add_network
 from fame.errors import ConfigError, FameError
 
@@ -242,6 +242,7 @@ def _recorded_command(recording: Recording) -> Namespace:
         again = parser("run").parse_args(command[1:])
     except SystemExit:
         raise ConfigError(f"cannot be run again: {shlex.join(command)} is no run", file=recording.file) from None
+    register_types(again)
     if again.middleware != "local" or again.real_time:
         raise ConfigError("cannot be run again: only simulated runs in one process repeat exactly", file=recording.file)
     return again

@@ -17,13 +17,14 @@ from fame.errors import ConfigError
 if TYPE_CHECKING:
     import yaml
 
-Kind = Literal["scenario", "world", "node", "learning"]
+Kind = Literal["scenario", "world", "node", "learning", "project"]
 """The kinds of configuration files."""
 _KINDS: dict[Kind, tuple[set[str], str, str]] = {
     "scenario": ({"model"}, "a scenario", "fame run"),
     "world": ({"robots", "size", "bounds"}, "a world", "fame world"),
     "node": ({"Inputs", "Outputs"}, "the configuration of a node", "fame process, fame record or fame train"),
     "learning": ({"Files"}, "a learning file", "fame adm learn"),
+    "project": ({"scenarios", "tests"}, "a project", "fame run without a file, in its folder"),
 }
 """Kind -> the keys that only such a file has, its name, and its commands."""
 

@@ -85,7 +85,7 @@ class CommandService:
         results: Callable[[Mapping[str, Any]], Mapping[str, Any]],
     ) -> None:
         self._context, self._to_variables = context, results
-        command = [sys.executable, "-m", "fame", *arguments, "--json"]
+        command = [sys.executable, "-m", "fame", *arguments, "--json", "--no-project"]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self._output: dict[str, Any] | None = None
         self._open = True

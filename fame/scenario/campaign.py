@@ -41,6 +41,8 @@ class Job:
     measures: Mapping[str, str] = field(default_factory=dict)
     duration: float | None = None
     library: tuple[str, ...] = ()
+    types: tuple[str, ...] = ()
+    project: str = ""
 
     def command(self) -> str:
         """The command that repeats this run."""
@@ -53,14 +55,19 @@ class Job:
         if self.duration is not None:
             words += ["--duration", f"{self.duration:g}"]
         words += [word for folder in self.library for word in ("--library", folder)]
+        words += [word for folder in self.types for word in ("--types", folder)]
+        words += ["--no-project"] if self.project else []
         return shlex.join(words)
 
 
 def run_job(job: Job) -> Row:
     """Execute a run and return its row. An impossible world is a status, not an error."""
+    from fame.middleware.messages import register_files
     from fame.scenario.run import Run
     from fame.scenario.scenario import Scenario
 
+    for folder in job.types:
+        register_files(folder)
     row: Row = {"run": job.number, "seed": job.seed, "command": job.command(), "changes": dict(job.changes)}
     try:
         changes = {path: value for path, value in job.changes.items() if path != FAULTS}
@@ -175,7 +182,10 @@ def _fault_texts(value: Any) -> list[str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Campaign:
-    """Many runs of a scenario. `workers` processes at a time (-1: all cores), on a `backend` of joblib."""
+    """Many runs of a scenario. `workers` processes at a time (-1: all cores), on a `backend` of joblib.
+
+    `library` and `types` are folders, beside those of the scenario; `project` is the file that named them, if one did.
+    """
 
     scenario: str
     runs: int
@@ -183,6 +193,8 @@ class Campaign:
     variation: Variation = field(default_factory=Variation)
     duration: float | None = None
     library: tuple[str, ...] = ()
+    types: tuple[str, ...] = ()
+    project: str = ""
     workers: int = -1
     backend: Literal["loky", "dask", "ray"] = "loky"
     address: str = ""
@@ -202,6 +214,8 @@ class Campaign:
                 self.variation.measures,
                 self.duration,
                 self.library,
+                self.types,
+                self.project,
             )
             for number, values in enumerate(points(self.variation, self.runs, self.seed, world), 1)
         ]
@@ -330,7 +344,7 @@ class Folder:
             Distribution(one["path"], one["kind"], tuple(one["numbers"]), tuple(one["choices"]))
             for one in variation["distributions"]
         )
-        about["library"] = tuple(about["library"])
+        about |= {name: tuple(about.get(name, ())) for name in ("library", "types")}
         return Campaign(
             **about, variation=Variation(distributions, variation["design"], dict(variation["measures"] or {}))
         )

@@ -383,7 +383,7 @@ class Subprocesses:
         root = Path(__file__).resolve().parents[2]
         paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
         process = subprocess.Popen(
-            [sys.executable, "-m", "fame", *arguments],
+            [sys.executable, "-m", "fame", *arguments, "--no-project"],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), PARENT: str(os.getpid())},
             stdin=subprocess.DEVNULL,
             stderr=subprocess.PIPE,

@@ -527,12 +527,12 @@ def collected_at_end() -> Iterator[None]:
 class MissionLoader:
     """The fixture ``mission``: loads missions, relative to the file of the test or to the folder of pytest.
 
-    `folder` is where a failed mission is saved.
+    `folder` is where a failed mission is saved, `library` are folders with called processes.
     """
 
-    def __init__(self, folder: Callable[[], Path], search: Sequence[Path] = ()) -> None:
+    def __init__(self, folder: Callable[[], Path], search: Sequence[Path] = (), library: Sequence[Path] = ()) -> None:
         self.loaded: list[MissionUnderTest] = []
-        self._folder, self._search = folder, search
+        self._folder, self._search, self._library = folder, search, library
 
     def load(self, path: str | Path, **options: Any) -> MissionUnderTest:
         """Load a model (.bpmn) or a scenario (.yaml); `options` are those of `fame.Scenario.load`: seed, faults ...
@@ -560,7 +560,7 @@ class MissionLoader:
         from fame.scenario.exploration import explore
         from fame.testing.failure import ExpectationError
 
-        result = explore(self._found(path), **options)
+        result = explore(self._found(path), **self._options(options))
         if result.status == "failed" or (result.status == "partial" and not allow_partial):
             errors = (one for one in result.findings if one.level == "error")
             lines = [line for one in errors for line in (str(one), *(f"  {step}" for step in one.run))]
@@ -568,7 +568,11 @@ class MissionLoader:
         return result
 
     def _scenario(self, path: str | Path, options: Mapping[str, Any]) -> Scenario:
-        return Scenario.load(self._found(path), **options)
+        return Scenario.load(self._found(path), **self._options(options))
+
+    def _options(self, given: Mapping[str, Any]) -> Mapping[str, Any]:
+        """With the library of all missions, unless the test names another."""
+        return {"library": self._library, **given} if self._library else given
 
     def _found(self, path: str | Path) -> Path:
         return next((folder / path for folder in self._search if (folder / path).is_file()), Path(path))

@@ -27,10 +27,18 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--cov-model-fail-under", type=float, metavar="PERCENT", help="fail below this model coverage")
     for form, what in (("html", "a page with the diagrams"), ("json", "data"), ("junit", "JUnit XML")):
         group.addoption(f"--cov-model-{form}", type=Path, metavar="FILE", help=f"write model coverage as {what}")
+    for kind, what in (("library", "called processes"), ("types", ".msg, .srv and .action files")):
+        text = f"folder with {what}, for all missions"
+        group.addoption(f"--fame-{kind}", type=Path, action="append", default=[], metavar="DIR", help=text)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Begin to collect coverage, if it is wanted."""
+    """Register message types, and begin to collect coverage, if it is wanted."""
+    if folders := config.getoption("fame_types"):
+        from fame.middleware.messages import register_files
+
+        for folder in folders:
+            register_files(folder)
     wanted = ("cov_model", "cov_model_fail_under", "cov_model_html", "cov_model_json", "cov_model_junit")
     if any(config.getoption(name) not in (None, False) for name in wanted):
         from fame.errors import FameError
@@ -66,7 +74,8 @@ def mission(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     from fame.testing.mission import MissionLoader, collected_at_end
 
     search = (request.path.parent, request.config.rootpath)
-    loader = MissionLoader(_folder(tmp_path_factory, request.node.name), search)
+    library = request.config.getoption("fame_library")
+    loader = MissionLoader(_folder(tmp_path_factory, request.node.name), search, library)
     request.node.stash[_LOADER] = loader
     with collected_at_end():
         yield loader

@@ -1,0 +1,296 @@
+"""A project: `fame new` writes it, and commands take from its `fame.yaml` what their command line does not say."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from bpmn_text import process
+
+from fame.cli import main, parser, project
+from fame.log import Recording
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = [path for path in sorted(ROOT.glob("examples/*.yaml")) if "\nmodel: " in path.read_text(encoding="utf-8")]
+CALLS = process(
+    '<startEvent id="S"/><callActivity id="C" calledElement="Beep"/><endEvent id="E"/>'
+    '<sequenceFlow id="F1" sourceRef="S" targetRef="C"/><sequenceFlow id="F2" sourceRef="C" targetRef="E"/>'
+)
+BEEP = process(
+    '<startEvent id="BS"/><scriptTask id="BT"><script>robot.publish("beep", "own_msgs/msg/Beep", count=1)</script>'
+    '</scriptTask><sequenceFlow id="B1" sourceRef="BS" targetRef="BT"/>'
+).replace('id="P"', 'id="Beep"')
+
+
+def files(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder that is the current one, with a .git so that no project above it counts."""
+    (tmp_path / ".git").mkdir()
+    inside = tmp_path / "work"
+    inside.mkdir()
+    monkeypatch.chdir(inside)
+    return inside
+
+
+@pytest.fixture
+def team(folder: Path) -> Path:
+    """A project whose model calls a process of its library, which publishes one of its message types."""
+    for path, text in {
+        "fame.yaml": "name: own\nscenarios: [calls.bpmn]\nlibrary: [behaviours]\ntypes: [msgs]\n",
+        "calls.bpmn": CALLS,
+        "behaviours/Beep.bpmn": BEEP,
+        "msgs/own_msgs/msg/Beep.msg": "int32 count\n",
+        "tests/test_it.py": 'def test_it(mission):\n    mission.load("calls.bpmn").expect().completed()\n',
+    }.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text, encoding="utf-8")
+    return folder
+
+
+def fame_test(*words: str) -> subprocess.CompletedProcess[str]:
+    """`fame test` in a process of its own: pytest cannot run inside of itself."""
+    own = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    command = [sys.executable, "-m", "fame", "test", *words]
+    return subprocess.run(command, env=own, capture_output=True, text=True, check=False)
+
+
+# ---- fame new --------------------------------------------------------------------------------------------------------
+
+
+def test_a_new_project_checks_runs_and_passes_its_tests_without_arguments(folder: Path, monkeypatch, capsys) -> None:
+    assert main(["new", "hospital"]) == 0
+    printed = capsys.readouterr().out
+    written = files(folder / "hospital")
+    assert written >= {"fame.yaml", "mission.bpmn", "mission.yaml", "tests/test_mission.py", ".gitignore"}
+    assert all(f"hospital/{name}\n" in printed for name in written)
+    assert json.loads((folder / "hospital" / ".camunda" / "element-templates" / "publish.json").read_text())
+    monkeypatch.chdir(folder / "hospital" / "tests")
+    assert main(["check"]) == 0
+    assert main(["run", "--quiet"]) == 0
+    tested = fame_test()
+    assert tested.returncode == 0, tested.stdout + tested.stderr
+    assert "3 passed" in tested.stdout
+    assert "total: 100.0 %" in tested.stdout
+
+
+def test_tests_that_leave_an_element_out_fail_a_project_and_a_selection_of_them_does_not(folder: Path) -> None:
+    main(["new", "hospital", "--json"])
+    os.chdir(folder / "hospital")
+    assert fame_test("-k", "world").returncode == 0
+    path = Path("tests/test_mission.py")
+    path.write_text(path.read_text(encoding="utf-8").replace("def test_a_scout_that_finds", "def a_scout_that_finds"))
+    done = fame_test()
+    assert done.returncode == 1
+    assert "is below 100 %" in done.stdout
+
+
+def test_the_workflow_of_a_new_project_runs_commands_that_exist() -> None:
+    (path,) = (ROOT / "examples" / "project" / ".github" / "workflows").iterdir()
+    steps = yaml.safe_load(path.read_text(encoding="utf-8"))["jobs"]["mission"]["steps"]
+    said = [step["run"] for step in steps if step.get("run", "").startswith("fame ")]
+    assert said == ["fame check", "fame test", "fame run --quiet"]
+    assert all(parser().parse_args(words.split()[1:]).command for words in said)
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_is_copied_with_all_that_it_needs(example: Path, folder: Path, monkeypatch) -> None:
+    assert main(["new", "--from", "example", example.stem]) == 0
+    copied = folder / example.stem
+    own = {f"examples/{example.name}", f"models/{example.stem}.bpmn"} & files(ROOT / "examples" / ".." / ".")
+    assert own <= files(copied)
+    monkeypatch.chdir(copied)
+    assert main(["check"]) == 0
+    tested = fame_test("-k", "not in_the_world")
+    assert tested.returncode == 0, tested.stdout + tested.stderr
+
+
+# ---- fame.yaml -------------------------------------------------------------------------------------------------------
+
+
+def test_the_project_is_named_first_and_in_json(team: Path, monkeypatch, capsys) -> None:
+    inner = team / "behaviours"
+    monkeypatch.chdir(inner)
+    assert main(["run"]) == 0
+    assert capsys.readouterr().err.splitlines()[0] == f"fame: project own: {team / 'fame.yaml'}"
+    assert main(["run", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["project"] == {"name": "own", "file": str(team / "fame.yaml")}
+    assert err == ""
+    assert main(["check", "--no-project", str(team / "calls.bpmn"), "--json"]) == 1  # the library is not known
+    assert "project" not in json.loads(capsys.readouterr().out)
+
+
+def test_library_and_types_of_a_project_hold_for_its_tests(team: Path) -> None:
+    done = fame_test("tests")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert fame_test("tests", "--no-project").returncode == 1
+
+
+def test_the_command_line_wins(team: Path, tmp_path: Path) -> None:
+    (team / "fame.yaml").write_text(
+        "scenarios: [calls.bpmn]\nmiddleware: zenoh\nkeys: {sign: a.key, trust: [a.pub]}\nlibrary: [behaviours]\n"
+    )
+    for name in ("a.key", "b.key", "a.pub"):
+        (team / name).touch()
+
+    def given(*words: str):
+        arguments = parser().parse_args(words)
+        arguments.command_line = ""
+        project.apply(arguments)
+        return arguments
+
+    deployed = given("deploy", "calls.bpmn")
+    assert (deployed.middleware, deployed.key, deployed.library) == ("zenoh", Path("a.key"), [Path("behaviours")])
+    own = given("deploy", "calls.bpmn", "--middleware", "dds", "--key", "b.key", "--library", "msgs")
+    assert (own.middleware, own.key, own.library) == ("dds", Path("b.key"), [Path("msgs"), Path("behaviours")])
+    assert given("engine", "REX").trust == [Path("a.pub")]
+    assert given("engine", "REX", "--insecure").trust == []
+    simulated = given("run")
+    assert (simulated.middleware, simulated.key, simulated.scenario) == ("local", None, Path("calls.bpmn"))
+    assert given("run", "--middleware", "dds").key == Path("a.key")
+    assert (given("view").middleware, given("view").key, given("view", "--control").key) == (
+        "zenoh",
+        None,
+        Path("a.key"),
+    )
+    assert given("keys", "new", "team").key is None
+
+
+def test_a_recording_has_a_command_that_does_the_same_anywhere(team: Path, tmp_path: Path, monkeypatch) -> None:
+    assert main(["run", "--log", "run.mcap", "--seed", "3", "--set", "x=-1"]) in (0, 2)
+    assert main(["run", "--log", "run.mcap", "--seed", "3"]) == 0
+    with Recording(team / "run.mcap") as recording:
+        command = shlex.split(recording.metadata["command"])
+    assert command[:3] == ["fame", "run", str(team / "calls.bpmn")]
+    assert {"--no-project", "--seed=3", f"--library={team / 'behaviours'}", f"--types={team / 'msgs'}"} <= {*command}
+    monkeypatch.chdir(tmp_path)
+    assert main([*command[1:], "--quiet"]) == 0
+
+
+def test_a_campaign_has_commands_that_do_the_same_anywhere(team: Path, tmp_path: Path, monkeypatch) -> None:
+    assert main(["campaign", "--runs", "2", "--jobs", "1", "-o", "out"]) == 0
+    row = json.loads((team / "out" / "runs.jsonl").read_text().splitlines()[0])
+    assert row["status"] == "completed"
+    monkeypatch.chdir(tmp_path)
+    assert main([*shlex.split(row["command"])[1:], "--quiet"]) == 0
+    assert main(["campaign", "--resume", str(team / "out")]) == 0
+
+
+def test_a_project_is_looked_for_up_to_a_repository_or_home(folder: Path, monkeypatch) -> None:
+    (folder / "fame.yaml").touch()
+    (folder / "a" / "b").mkdir(parents=True)
+    assert project.find(folder / "a" / "b") == folder / "fame.yaml"
+    (folder / "a" / ".git").touch()
+    assert project.find(folder / "a" / "b") is None
+    (folder / "a" / ".git").unlink()
+    monkeypatch.setenv("HOME", str(folder / "a"))
+    assert project.find(folder / "a" / "b") is None
+    assert project.find(Path("/proc/1")) is None  # an end of a file system
+
+
+def test_the_file_of_another_user_is_refused(team: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: (team / "fame.yaml").stat().st_uid + 1)
+    assert main(["check"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"fame: error: {team / 'fame.yaml'}: belongs to another user")
+    assert err.count("\n") == 1
+    assert main(["check", "--no-project", "calls.bpmn", "--library", "behaviours"]) == 0
+
+
+# ---- mistakes of newcomers -------------------------------------------------------------------------------------------
+
+WRONG_FILES = {
+    "a misspelt key": ("scenarois: [a.yaml]", ":1: scenarois: unknown key; did you mean 'scenarios'?"),
+    "a misspelt key of keys": ("keys: {sing: a.key}", ":1: keys.sing: unknown key; did you mean 'sign'?"),
+    "a file that is not there": (
+        "\nscenarios: [call.bpmn]",
+        ":2: scenarios[0]: there is no 'call.bpmn'; did you",
+    ),
+    "a folder that is not there": ("library: [behavior]", ":1: library[0]: there is no 'behavior'; did you mean"),
+    "a text instead of a list": ("scenarios: calls.bpmn", ":1: scenarios: expected a list, got 'calls.bpmn'"),
+    "a number in a list": ("types: [3]", ":1: types[0]: expected a text, got 3"),
+    "a middleware that is none": ("middleware: mqtt", ":1: middleware: expected dds, zenoh or ros, got 'mqtt'"),
+    "coverage as a text": ("coverage: full", ":1: coverage: expected a number from 0 to 100, got 'full'"),
+    "a name that is a list": ("name: [a, b]", ":1: name: expected a text, got ['a', 'b']"),
+    "a list": ("- scenarios", "fame.yaml:1: expected a mapping of keys to values, got ['scenarios']"),
+    "a tab": ("scenarios:\n\t- a", "fame.yaml:2: is not valid YAML"),
+    "no UTF-8": (b"name: \xff", "fame.yaml: is not UTF-8 text"),
+    "a scenario": ("model: calls.bpmn", "fame.yaml: is a scenario, which is for fame run"),
+    "nothing": ("", "fame.yaml: names no scenarios: expected scenarios: [FILE.yaml], or FILE"),
+    "a key given twice": ("name: a\nname: b", ":2: name: is given twice"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_FILES)
+def test_a_wrong_file_is_one_line_with_what_would_be_right(wrong: str, team: Path, capsys) -> None:
+    text, said = WRONG_FILES[wrong]
+    (team / "fame.yaml").write_bytes(text if isinstance(text, bytes) else text.encode())
+    assert main(["check"]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_a_folder_and_a_dangling_link_of_that_name_are_one_line(folder: Path, capsys) -> None:
+    (folder / "fame.yaml").mkdir()
+    assert main(["run"]) == 2
+    assert "fame.yaml: expected a file, got a folder; fame new NAME writes a project\n" in capsys.readouterr().err
+    (folder / "fame.yaml").rmdir()
+    (folder / "fame.yaml").symlink_to("nowhere")
+    assert main(["run"]) == 2
+    assert "fame.yaml: No such file or directory\n" in capsys.readouterr().err
+
+
+REQUESTS = {
+    "no name": ("new", "expected a name for the project, as in fame new hospital"),
+    "a space": ("new 'my hospital'", "expected a name of letters, digits, _ and -, such as my_hospital, got 'my hos"),
+    "a slash": ("new a/b", "such as b, got 'a/b'"),
+    "an option's name": ("new -- -x", "such as x, got '-x'"),
+    "a folder with files": ("new full", "full: expected a new or an empty folder: this one has files"),
+    "a file": ("new plain", "plain: expected the name of a new folder: there is a file of this name"),
+    "no such example": ("new --from example warehose", "there is no example 'warehose'; did you mean 'warehouse'?"),
+    "no such kind": ("new --from exampel warehouse", "--from: got 'exampel'; did you mean 'example'?"),
+    "an example alone": ("new --from warehouse", "--from: expected 2 arguments (see fame new --help)"),
+    "run outside of a project": ("run", "expected SCENARIO.yaml|MODEL.bpmn, or a project here or above (fame.yaml; "),
+    "check outside of a project": ("check", "expected FILE, or a project here or above"),
+    "the project as a scenario": ("run --no-project plain.yaml", "plain.yaml: is a project, which is for fame run"),
+}
+
+
+@pytest.mark.parametrize("wrong", REQUESTS)
+def test_a_wrong_request_is_one_line_with_what_would_be_right(wrong: str, folder: Path, capsys) -> None:
+    words, said = REQUESTS[wrong]
+    (folder / "full").mkdir()
+    (folder / "full" / "x").touch()
+    (folder / "plain").touch()
+    (folder / "plain.yaml").write_text("scenarios: [x.yaml]\n")
+    before = files(folder)
+    assert main(shlex.split(words)) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+    assert files(folder) == before
+
+
+def test_a_project_inside_of_another_is_refused_unless_it_is_meant(team: Path, capsys) -> None:
+    assert main(["new", "inner"]) == 2
+    assert "fame.yaml: is a project already: add scenarios to it, or go" in capsys.readouterr().err
+    assert main(["new", "inner", "--no-project"]) == 0
+
+
+def test_a_folder_that_cannot_be_written_is_named(monkeypatch, capsys) -> None:
+    monkeypatch.chdir("/proc")
+    assert main(["new", "hospital"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("fame: error: hospital: the folder /proc cannot be written (")
+    assert err.endswith("): change to one of yours\n")
