@@ -9,7 +9,7 @@ USER_DATA of both endpoints of a client or service holds one id, which shows tha
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from itertools import count
 from typing import Any, Literal
@@ -22,7 +22,7 @@ from fame.errors import MessageError
 from fame.middleware import codec, messages
 from fame.middleware.dds import wire
 from fame.middleware.dds.participant import Participant
-from fame.middleware.dds.wire import matched, samples_lost, user_data
+from fame.middleware.dds.wire import matched, user_data
 from fame.middleware.errors import dropped_warning
 from fame.middleware.interface import EndpointWarning, Message, QoS
 from fame.middleware.qos import one_deeper
@@ -33,6 +33,8 @@ _BATCH = 16
 """How many samples are taken from Cyclone at a time."""
 _MAX_BATCHES = 64
 """How many batches are taken in a row."""
+_LONGEST = 10 * SECOND
+"""In this time nobody sends as many messages as there are numbers."""
 
 
 class DdsPublisher(WirePublisher):
@@ -40,8 +42,9 @@ class DdsPublisher(WirePublisher):
 
     def __init__(self, node: WireNode, participant: Participant, topic: str, type: str, qos: QoS) -> None:
         super().__init__(node, topic, type, qos)
-        self._participant, self._unflushed = participant, False
-        self._writer = participant.entities.writer(wire.dds_topic(topic), self.type, qos, wire.type_hash(self.type))
+        self._participant, self._unflushed, self._sent = participant, False, 0
+        data = wire.type_hash(self.type) + wire.NUMBERED
+        self._writer = participant.entities.writer(wire.dds_topic(topic), self.type, qos, data)
         self.gid: bytes = self._writer.guid.bytes
         self.handle: int = wire.handle(self._writer.get_instance_handle())
 
@@ -49,7 +52,8 @@ class DdsPublisher(WirePublisher):
         data = self.pack(message)
         self._unflushed = True
         try:
-            self._writer.write(self._writer.data_type(data))
+            self._writer.write(self._writer.data_type(data), wire.numbered_time(self._sent))
+            self._sent += 1
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
                 raise MessageError(f"cannot be published on {self.topic}: {error}", type=self.type) from None
@@ -77,9 +81,9 @@ class DdsPublisher(WirePublisher):
 class DdsSubscription(WireSubscription):
     """A subscription.
 
-    Cyclone counts the messages that a publisher had sent and does not have any more. It keeps one message more than the
-    depth until it is asked: that it dropped others from there is noticed, though not how many, since samples come
-    without their numbers. While it is `held`, messages wait in Cyclone alone, for `drain`.
+    The messages of publishers of FAME are numbered, so that all that are missing are counted. Of others, Cyclone keeps
+    one message more than the depth until it is asked: that it dropped some from there is noticed, though not how many.
+    While it is `held`, messages wait in Cyclone alone, for `drain`.
     """
 
     def __init__(
@@ -95,6 +99,7 @@ class DdsSubscription(WireSubscription):
         self._participant = participant
         self._own = {publisher.handle for publisher in node.publishers if publisher.topic == topic}
         self._senders: dict[int, str] = {}
+        self._last: dict[int, int | None] = {}  # source times of the last messages; None: not numbered
         self._reader = participant.entities.reader(
             wire.dds_topic(topic), self.type, one_deeper(qos), wire.type_hash(self.type)
         )
@@ -114,16 +119,8 @@ class DdsSubscription(WireSubscription):
         """Take all messages that wait in Cyclone, each with the full name of the node that sent it."""
         found = []
         while samples := self._reader.take(_BATCH):
-            for sample in samples:
-                info = sample.sample_info
-                if info.valid_data and info.publication_handle not in self._own:
-                    found.append((self._sender(info.publication_handle), sample.data))
+            found += [(self._sender(info.publication_handle), data) for data, info in self._accepted(samples)]
         return found
-
-    def losses(self) -> str:
-        if self.counts_losses:
-            self.count_lost(samples_lost(self._reader))
-        return super().losses()
 
     def matched(self) -> bool:
         return not self._own.issuperset(map(wire.handle, matched(self._reader)))
@@ -136,20 +133,40 @@ class DdsSubscription(WireSubscription):
         """Take what waits in Cyclone. Another thread may call this."""
         if self.held or self.closed:
             return
-        taken = 0
+        unnumbered = 0
         for _ in range(_MAX_BATCHES):
             samples = self._reader.take(_BATCH)
-            taken += len(samples)
-            for sample in samples:
-                info = sample.sample_info
-                if info.valid_data and info.publication_handle not in self._own:
-                    self.enqueue(sample.data)
+            for data, info in self._accepted(samples):
+                self.enqueue(data)
+                unnumbered += self._last.get(info.publication_handle) is None
             if len(samples) < _BATCH:
                 break
         else:
             self._soon(self._on_data)  # let others have their turn
-        self.uncounted |= self.counts_losses and taken > self.qos.depth and self.qos.history == "keep_last"
+        self.uncounted |= self.counts_losses and unnumbered > self.qos.depth and self.qos.history == "keep_last"
         self.schedule()
+
+    def _accepted(self, samples: Iterable[Any]) -> Iterator[tuple[bytes, Any]]:
+        """The messages of other nodes, each with what DDS says of it. Counts those that are missing before them."""
+        for sample in samples:
+            info = sample.sample_info
+            if info.valid_data and info.publication_handle not in self._own:
+                if self.counts_losses:
+                    self._count(info.publication_handle, info.source_timestamp)
+                yield sample.data, info
+
+    def _count(self, sender: int, time: int) -> None:
+        """Count the messages that are missing before one."""
+        last = self._last.get(sender)
+        if last is not None:
+            number = wire.missing(last, time)
+            self.count_lost(number)
+            self.uncounted |= number > 0 and time - last > _LONGEST
+            self._last[sender] = time
+        elif sender not in self._last:
+            end = self._reader.get_matched_publication_data(sender)
+            data = end.qos[Policy.Userdata] if end is not None else None
+            self._last[sender] = time if data is not None and "numbered" in user_data(data.data) else None
 
     def _sender(self, handle: int) -> str:
         if handle not in self._senders:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import base64
 import ctypes
+import time
 import zlib
 from functools import cache
 from typing import Any
@@ -25,7 +26,6 @@ from typing import Any
 from cyclonedds.core import DDSException
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import make_idl_struct, types
-from cyclonedds.internal import dds_c_t
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos, _CQos
 from cyclonedds.sub import DataReader
@@ -156,6 +156,9 @@ _RELIABLE: Any = Policy.Reliability.Reliable
 _FOREVER = duration(infinite=True)
 _PATIENCE = SECOND // 10
 """Time that a write waits for subscriptions that do not keep up (ns)."""
+NUMBERED = "numbered=1;"
+"""The entry of the USER_DATA of a publisher that writes each message at its `numbered_time`."""
+_NUMBERS = 2**20
 _KEPT = "kept"
 """Topics with this prefix exist for their types alone."""
 _of_process: dict[int, list[Entities]] = {}
@@ -223,14 +226,17 @@ def matched(end: DataWriter[Any] | DataReader[Any]) -> list[int]:
             continue
 
 
-def samples_lost(reader: DataReader[Any]) -> int:
-    """The number of messages that a reader has missed since the last call, as far as Cyclone knows.
+def numbered_time(number: int) -> int:
+    """The source time (ns) of a message, whose last 20 bits (1 ms) number the messages of a publisher.
 
-    cyclonedds reports that to listeners only, which Cyclone calls in threads of its own.
+    DDS numbers them too, but Cyclone does not tell the numbers, nor that messages are missing.
     """
-    status: Any = dds_c_t.sample_lost_status()
-    reader._dll_handle.dds_get_sample_lost_status(reader._ref, ctypes.byref(status))
-    return int(status.total_count_change)
+    return time.time_ns() & -_NUMBERS | number % _NUMBERS
+
+
+def missing(last: int, now: int) -> int:
+    """How many messages are missing between two source times of a publisher that is `NUMBERED`."""
+    return (now - last - 1) % _NUMBERS
 
 
 def _refused(topic: str, type: str, error: DDSException) -> MessageError:
