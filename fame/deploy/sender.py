@@ -70,9 +70,9 @@ class Deployment:
     restricts it to some of them; `again` are those that had the model before; with `migrate` what runs goes over to the
     model by a `plan` (`fame.deploy.migration`), for somebody (`who`), if `approve` gives no reason against what is
     `foreseen` of each robot; it is called in a thread. A `preview` only asks what would become of it.
-    `key` signs what is sent. `ended` is called once, when all have started or it is known that they will not; `robots`
-    then has the result of each, and `envelopes` what each was sent. Raises ModelError, ConfigError and DeploymentError
-    for what cannot be sent at all.
+    `key` signs what is sent. `decided` is called as soon as robots were told to start: nothing stops them then. `ended`
+    is called once, when all have started or it is known that they will not; `robots` then has the result of each, and
+    `envelopes` what each was sent. Raises ModelError, ConfigError and DeploymentError for what cannot be sent at all.
     """
 
     id: str
@@ -90,6 +90,7 @@ class Deployment:
         scheduler: Scheduler,
         middleware: Middleware,
         ended: Callable[[Deployment], object],
+        decided: Callable[[], object] = lambda: None,
         robots: Sequence[str] | None = None,
         only: Sequence[str] = (),
         again: Collection[str] = (),
@@ -113,6 +114,7 @@ class Deployment:
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
         self._ended, self._patience, self._key, self._wall_time = ended, patience, key, wall_time
+        self._decided: Callable[[], object] | None = decided
         named = engines(middleware) if robots is None else robots
         pools = assign_robots(definitions, named, found=robots is None, only=only)
         sent = {robot: pool for robot, pool in pools.items() if not only or robot in only}
@@ -243,6 +245,9 @@ class Deployment:
                 self._send(robot, self.envelopes[robot])
             case Send(robot, phase, begun):
                 self._send(robot, replace(self._envelope(robot, phase), begun=begun))
+                if phase == "start" and self._decided is not None:
+                    self.scheduler.soon(self._decided)
+                    self._decided = None
             case StartTimer(seconds):
                 self._cancel(self._timer)
                 self._timer = self._after(seconds, self._on_timer)

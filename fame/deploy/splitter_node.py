@@ -2,8 +2,8 @@
 
 Its status is on ``/fame_splitter`` (latched, 1 Hz). There may be several splitters: all receive every diagram, one
 leads (`fame.deploy.leader_election`), the others stand by. What it has deployed is on ``/fame_splitter/deployed``
-(latched). When another one takes the lead, the team goes on with what it has; only a diagram that nobody had deployed
-yet is deployed then.
+(latched) as soon as robots were told to start. When another one takes the lead, the team goes on with what it has; only
+a diagram that nobody had deployed yet is deployed then.
 
 Of diagrams that wait, the newest is taken. One whose pools have no robots yet waits until they have.
 """
@@ -143,7 +143,8 @@ class SplitterNode:
 
     def _take_over(self, inherited: Collection[str]) -> None:
         """Keep the team of the leader before supplied; deploy what it had not deployed."""
-        if self._diagram is not None and self._diagram[0] in inherited:
+        told = self._kept is not None and self._diagram is self._kept[0]
+        if self._diagram is not None and (told or self._diagram[0] in inherited):
             self._keep(self._diagram, supplied=engines(self.middleware))
         else:
             self._try()
@@ -171,6 +172,8 @@ class SplitterNode:
                 found = self._read(message.data, "deployed")
                 if self._kept is None or found[0] != self._kept[0][0]:  # else what was received since is newer
                     self._diagram, self._kept = found, (found, ())
+                elif self._diagram is not None and self._diagram[0] == found[0]:
+                    self._diagram = self._kept[0]
 
     def _read(self, text: str, purpose: str) -> tuple[str, Definitions]:
         """Hash and model, checked as far as that is possible without the robots. Raises FameError."""
@@ -192,7 +195,8 @@ class SplitterNode:
             return
         diagram = self._diagram
         try:
-            self._deployment = self._send(diagram[1], (), (), partial(self._ended, diagram))
+            ended, decided = partial(self._ended, diagram), partial(self._tell, diagram)
+            self._deployment = self._send(diagram[1], (), (), ended, decided)
         except (ConfigError, DeploymentError) as error:
             self._report(f"waits: {error}")
         except FameError as error:
@@ -207,6 +211,7 @@ class SplitterNode:
         only: Sequence[str],
         again: Collection[str],
         ended: Callable[[Deployment], object],
+        decided: Callable[[], object] = lambda: None,
     ) -> Deployment:
         self._sequence = max(self._sequence + 1, round(self._wall_time() * 1e6))
         deployment = Deployment(
@@ -216,6 +221,7 @@ class SplitterNode:
             scheduler=self.scheduler,
             middleware=self.middleware,
             ended=ended,
+            decided=decided,
             only=only,
             again=again,
             **self._options,
@@ -246,9 +252,8 @@ class SplitterNode:
 
     def _keep(self, diagram: tuple[str, Definitions], supplied: Collection[str]) -> None:
         self._cease()
-        self._kept = diagram, supplied
         self._deployed = diagram[0]
-        self._team.publish(messages.create(STRING, self._deployed_text(diagram[1].source.decode(errors="replace"))))
+        self._tell(diagram, supplied)
         send = partial(self._send, diagram[1])
         around: dict[str, Any] = {"scheduler": self.scheduler, "middleware": self.middleware}
         around["library"] = self._options["library"]
@@ -256,12 +261,13 @@ class SplitterNode:
             diagram[1], send, key=self._options["key"], supplied=supplied, log=self._report, **around
         )
 
-    def _deployed_text(self, model: str) -> str:
-        """The diagram that the team has, for other splitters."""
-        key = self._options["key"]
-        if key is None:
-            return model
-        return Diagram.of(model, purpose="deployed", now=self._wall_time(), key=key).to_json()
+    def _tell(self, diagram: tuple[str, Definitions], supplied: Collection[str] = ()) -> None:
+        """Keep in mind what the team has, or will have, and tell the other splitters, which go on if this one dies."""
+        self._kept = diagram, supplied
+        model, key = diagram[1].source.decode(errors="replace"), self._options["key"]
+        if key is not None:
+            model = Diagram.of(model, purpose="deployed", now=self._wall_time(), key=key).to_json()
+        self._team.publish(messages.create(STRING, model))
 
     def _cease(self, but: Deployment | None = None) -> None:
         """Stop deploying to late joiners, and abort the current deployment."""
