@@ -7,33 +7,29 @@ draws: ``appearance`` of a robot, ``ground`` of the ground.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fame.config.values import Point
+from fame.fast_json import json_bytes
 from sim2d import style
-from sim2d.ground import ChargerConfig, Circle, Polygon, Shape, Thing, Weed, WeedConfig, disc
+from sim2d.ground import ChargerConfig, Circle, Polygon, Shape, Weed, disc
 from sim2d.record import Record, Things, Track
 from sim2d.robot import Appearance, Cone, Pose, SimulatedRobot, Workpiece
-from sim2d.warehouse import DoorConfig, ParcelConfig, StationConfig
+from sim2d.warehouse import StationConfig
 
 if TYPE_CHECKING:
     from sim2d.config import WorldConfig
     from sim2d.world import World
 
-Put = Callable[..., object]
-"""Takes a topic, a time (ns), the function that makes the message (JSON), always the same one for a topic, and its
-arguments, which are plain data: it may be called in another process."""
+Put = Callable[[str, int, Mapping[str, Any]], object]
+"""Takes a topic, a time (ns) and a message."""
 
 _RATE = 10.0
 _FRAME = "world"
 _LINE_LOOP = 1
-_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
-_string: Callable[[str], str] = json.encoder.encode_basestring
 
 
 class SceneRecorder:
@@ -45,9 +41,8 @@ class SceneRecorder:
     def __init__(self, world: World, put: Put, wanted: Callable[[], bool] = lambda: True) -> None:
         self._put, self._wanted = put, wanted
         self._every = max(1, math.floor(1 / (_RATE * world.step) + 0.5))
-        robots = [Shown.of(robot, number) for number, robot in enumerate(world.robots.values())]
-        self._scene, self._ground = SceneText(robots).scene, GroundText.of(world).scene
-        self._last: list[_Look] = []
+        self._robots = [_constant_part(robot, number) for number, robot in enumerate(world.robots.values())]
+        self._looks: list[dict[str, Any]] = []
         self._state: _GroundState | None = None
         world.watchers.append(self._watch)
 
@@ -57,42 +52,39 @@ class SceneRecorder:
         state = _ground_state(world)
         if state != self._state:
             self._state = state
-            self._put("/fame/ground", world.scheduler.now, self._ground, world.now, state)
-        if not self._wanted():
-            self._last = []
-            return
-        looks = [_plain(robot.appearance) for robot in world.robots.values()]
-        if looks != self._last:
-            self._last = looks
-            self._put("/fame/world", world.scheduler.now, self._scene, world.now, looks)
+            self._put("/fame/ground", world.scheduler.now, _ground_scene(world.config, world.now, state))
+        looks = [_look_data(robot.appearance) for robot in world.robots.values()] if self._wanted() else []
+        if looks != self._looks:
+            self._looks = looks
+            if looks:
+                self._put("/fame/world", world.scheduler.now, self._scene(world.now))
+
+    def _scene(self, now: float) -> dict[str, Any]:
+        """All robots at a time (s): outlines, names above them, and appearances."""
+        entities = []
+        for (name, constant, line, text), look in zip(self._robots, self._looks, strict=True):
+            half = look["heading"] / 2
+            pose = {
+                "position": {"x": look["x"], "y": look["y"], "z": look.get("altitude", 0.0)},
+                "orientation": {"x": 0, "y": 0, "z": round(math.sin(half), 5), "w": round(math.cos(half), 5)},
+            }
+            appearance = json_bytes({**constant, **look}).decode()
+            entities.append(
+                {
+                    **_empty_entity(name, now),
+                    "metadata": [{"key": "appearance", "value": appearance}],
+                    "lines": [{**line, "pose": pose}],
+                    "texts": [{**text, "pose": pose}],
+                }
+            )
+        return {"deletions": [], "entities": entities}
 
 
-_Look = tuple[Any, ...]
-"""The fields of an `Appearance` as plain tuples and lists."""
 _GroundState = tuple[
     Sequence[tuple[float | None, str | None]], Sequence[float], Sequence[tuple[tuple[float, float], str]]
 ]
 """The changeable part of the ground: the time of the cut (s) and the robot that cut it, or None and None, of each weed;
 the opening of each door, 0 to 1; the position (m) of each parcel, and the robot that carries it, or ""."""
-
-
-def _plain(look: Appearance) -> _Look:
-    pose, altitude, led, cone, *others, limb, jaws, workpieces, note = look
-    return (
-        (*pose,),
-        altitude,
-        led,
-        cone and ((*cone.pose,), *cone[1:]),
-        *others,
-        limb and _plain_points(limb),
-        jaws,
-        workpieces and [(kind, _plain_points(corners), closed) for kind, corners, closed in workpieces],
-        note,
-    )
-
-
-def _plain_points(points: Iterable[Point]) -> list[Point]:
-    return [(x, y) for x, y in points]
 
 
 def _ground_state(world: World) -> _GroundState:
@@ -101,53 +93,8 @@ def _ground_state(world: World) -> _GroundState:
     return weeds, doors, [((*parcel.at,), parcel.carrier) for parcel in world.parcels.all]
 
 
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """The constant part of a robot's drawing as JSON: its name, outline and label; `look` are members of each look."""
-
-    name: str
-    look: str
-    line: str
-    label: str
-
-    @classmethod
-    def of(cls, robot: SimulatedRobot, number: int) -> Shown:
-        """The drawing of a robot, the `number`-th of its world."""
-        look = {"type": robot.type, "outline": _rounded(robot.outline)}
-        return cls(_string(robot.name), _encode(look)[1:-1], *_outline(robot, number))
-
-
-class SceneText:
-    """Makes the messages of robots, as they looked at one time."""
-
-    def __init__(self, robots: Sequence[Shown]) -> None:
-        self._robots = robots
-
-    def scene(self, now: float, looks: Sequence[_Look]) -> str:
-        """The message of a time (s)."""
-        time, pairs = _time(now), zip(self._robots, looks, strict=True)
-        entities = ",".join([self._entity(robot, look, time) for robot, look in pairs])
-        return f'{{"deletions":[],"entities":[{entities}]}}'
-
-    def _entity(self, robot: Shown, look: _Look, now: str) -> str:
-        """One robot: its outline, its name above it, and its appearance."""
-        (x, y, heading), altitude = look[:2]
-        half = heading / 2
-        pose = (
-            f'{{"position":{{"x":{x:.4f},"y":{y:.4f},"z":{altitude:.3f}}},'
-            f'"orientation":{{"x":0,"y":0,"z":{math.sin(half):.5f},"w":{math.cos(half):.5f}}}}}'
-        )
-        text = _string(f"{{{robot.look},{_encode(_data(look))[1:]}")
-        return (
-            f'{{"timestamp":{now},"frame_id":"{_FRAME}","id":{robot.name},"lifetime":{{"sec":0,"nsec":0}},'
-            f'"frame_locked":false,"metadata":[{{"key":"appearance","value":{text}}}],'
-            f'"arrows":[],"cubes":[],"spheres":[],"cylinders":[],"lines":[{robot.line % pose}],"triangles":[],'
-            f'"texts":[{robot.label % pose}],"models":[]}}'
-        )
-
-
-def _data(look: _Look) -> dict[str, Any]:
-    """A look as plain data (m, rad), without default values."""
+def _look_data(look: Appearance) -> dict[str, Any]:
+    """An appearance as plain data (m, rad), without default values."""
     (x, y, heading), altitude, led, cone, footprint, blade, cargo, charge, limb, jaws, workpieces, note = look
     data: dict[str, Any] = {"x": round(x, 4), "y": round(y, 4), "heading": round(heading, 4)}
     if altitude:
@@ -251,85 +198,63 @@ def _points(points: Iterable[Sequence[float]]) -> list[Point]:
     return [(x, y) for x, y in points]
 
 
-@dataclass(frozen=True, slots=True)
-class GroundText:
-    """Makes the messages of the ground. It has what does not change of it."""
+def _ground_scene(config: WorldConfig, now: float, state: _GroundState) -> dict[str, Any]:
+    """The ground at a time (s), as a SceneUpdate with one entity."""
+    weeds, doors, parcels = state
+    low_x, low_y, high_x, high_y = config.bounds
+    solid = [(thing.shape, style.OBSTACLE, 0.3) for thing in config.obstacles]
+    solid += [(thing.shape, style.TARGET, 0.3) for thing in config.targets]
+    solid += [
+        (Circle(weed.at, weed.radius), style.WEED if cut_at is None else style.STUBBLE, 0.01)
+        for weed, (cut_at, _) in zip(config.weeds, weeds, strict=True)
+    ]
+    solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in (*config.chargers, *config.stations)]
+    solid += [
+        (Polygon(tuple(style.parcel(at))), style.PARCEL, style.PARCEL_SIZE) for at, carrier in parcels if not carrier
+    ]
+    edge = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
+    leaves = [
+        leaf
+        for door, opening in zip(config.doors, doors, strict=True)
+        for leaf in style.door_leaves(door.start, door.end, opening)
+    ]
+    entity = {
+        **_empty_entity("ground", now),
+        "metadata": [{"key": "ground", "value": json_bytes(_ground_data(config, state)).decode()}],
+        "lines": [_line(edge, style.LINES, 0.02), *(_line(leaf, style.DOOR, 0.1) for leaf in leaves)],
+        "triangles": [_prism(shape, colour, height) for shape, colour, height in solid],
+    }
+    return {"deletions": [], "entities": [entity]}
 
-    bounds: tuple[float, float, float, float]
-    walls: bool
-    obstacles: Sequence[Thing]
-    targets: Sequence[Thing]
-    chargers: Sequence[ChargerConfig]
-    stations: Sequence[StationConfig]
-    weeds: Sequence[WeedConfig]
-    doors: Sequence[DoorConfig]
-    parcels: Sequence[ParcelConfig]
 
-    @classmethod
-    def of(cls, world: World) -> GroundText:
-        """Of a world."""
-        config = world.config
-        return cls(**{each.name: getattr(config, each.name) for each in dataclasses.fields(cls)})
-
-    def scene(self, now: float, state: _GroundState) -> str:
-        """The ground at a time (s), as a SceneUpdate with one entity."""
-        weeds, doors, parcels = state
-        low_x, low_y, high_x, high_y = self.bounds
-        solid = [(thing.shape, style.OBSTACLE, 0.3) for thing in self.obstacles]
-        solid += [(thing.shape, style.TARGET, 0.3) for thing in self.targets]
-        solid += [
-            (Circle(weed.at, weed.radius), style.WEED if cut_at is None else style.STUBBLE, 0.01)
-            for weed, (cut_at, _) in zip(self.weeds, weeds, strict=True)
+def _ground_data(config: WorldConfig, state: _GroundState) -> dict[str, Any]:
+    """The objects on the ground, as plain data: m."""
+    weeds, doors, parcels = state
+    warehouse: dict[str, Any] = {}
+    if config.stations:
+        warehouse["stations"] = [_flat(one) for one in config.stations]
+    if config.doors:
+        warehouse["doors"] = [
+            {"name": one.name, "from": list(one.start), "to": list(one.end), "opening": opening}
+            for one, opening in zip(config.doors, doors, strict=True)
         ]
-        solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in self.chargers]
-        solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in self.stations]
-        solid += [
-            (Polygon(tuple(style.parcel(at))), style.PARCEL, style.PARCEL_SIZE)
-            for at, carrier in parcels
-            if not carrier
+    if config.parcels:
+        warehouse["parcels"] = [
+            {"name": parcel.name, "at": _rounded([at])[0], "carrier": carrier}
+            for parcel, (at, carrier) in zip(config.parcels, parcels, strict=True)
         ]
-        edge = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
-        leaves = [
-            leaf
-            for door, opening in zip(self.doors, doors, strict=True)
-            for leaf in style.door_leaves(door.start, door.end, opening)
-        ]
-        entity = {
-            **_empty_entity("ground", now),
-            "metadata": [{"key": "ground", "value": _encode(self._data(state))}],
-            "lines": [_line(edge, style.LINES, 0.02), *(_line(leaf, style.DOOR, 0.1) for leaf in leaves)],
-            "triangles": [_prism(shape, colour, height) for shape, colour, height in solid],
-        }
-        return _encode({"deletions": [], "entities": [entity]})
-
-    def _data(self, state: _GroundState) -> dict[str, Any]:
-        """The objects on the ground, as plain data: m."""
-        weeds, doors, parcels = state
-        warehouse: dict[str, Any] = {}
-        if self.stations:
-            warehouse["stations"] = [_flat(one) for one in self.stations]
-        if self.doors:
-            warehouse["doors"] = [
-                {"name": one.name, "from": list(one.start), "to": list(one.end), "opening": opening}
-                for one, opening in zip(self.doors, doors, strict=True)
-            ]
-        if self.parcels:
-            warehouse["parcels"] = [
-                {"name": parcel.name, "at": _rounded([at])[0], "carrier": carrier}
-                for parcel, (at, carrier) in zip(self.parcels, parcels, strict=True)
-            ]
-        return {
-            "bounds": list(self.bounds),
-            "walls": self.walls,
-            "obstacles": [{"name": thing.name, **_shape(thing.shape)} for thing in self.obstacles],
-            "targets": [{"name": thing.name, **_shape(thing.shape)} for thing in self.targets],
-            "chargers": [_flat(charger) for charger in self.chargers],
-            "weeds": [
-                {"name": weed.name, "at": list(weed.at), "radius": weed.radius, "cut": cut_at, "by": by}
-                for weed, (cut_at, by) in zip(self.weeds, weeds, strict=True)
-            ],
-            **warehouse,
-        }
+    return {
+        "bounds": list(config.bounds),
+        "walls": config.walls,
+        "obstacles": [{"name": thing.name, **_shape(thing.shape)} for thing in config.obstacles],
+        "targets": [{"name": thing.name, **_shape(thing.shape)} for thing in config.targets],
+        "chargers": [_flat(charger) for charger in config.chargers],
+        "weeds": [
+            {"name": weed.name, "at": list(weed.at), "radius": weed.radius, "cut": cut_at, "by": by}
+            for weed, (cut_at, by) in zip(config.weeds, weeds, strict=True)
+        ],
+        **warehouse,
+    }
 
 
 def _flat(place: ChargerConfig | StationConfig) -> dict[str, Any]:
@@ -339,7 +264,7 @@ def _flat(place: ChargerConfig | StationConfig) -> dict[str, Any]:
 def _empty_entity(name: str, now: float) -> dict[str, Any]:
     kinds = ("metadata", "arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
     return {
-        "timestamp": json.loads(_time(now)),
+        "timestamp": {"sec": math.floor(now), "nsec": round((now - math.floor(now)) * 1e9)},
         "frame_id": _FRAME,
         "id": name,
         "lifetime": {"sec": 0, "nsec": 0},
@@ -348,21 +273,18 @@ def _empty_entity(name: str, now: float) -> dict[str, Any]:
     }
 
 
-def _outline(robot: SimulatedRobot, number: int) -> tuple[str, str]:
-    """JSON of a robot's outline and name, each with a place for its pose."""
+def _constant_part(robot: SimulatedRobot, number: int) -> tuple[str, dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """The name of a robot, and what does not change of its appearance, its outline and its label."""
     colour = style.robot_colour(number)
-    line = _line(robot.outline, colour, 0.03)
     text = {
-        "pose": "%s",
         "billboard": True,
         "font_size": 14,
         "scale_invariant": True,
         "color": _colour(colour),
         "text": robot.name,
     }
-    return tuple(
-        _encode({**part, "pose": 0}).replace("%", "%%").replace('"pose":0', '"pose":%s') for part in (line, text)
-    )  # type: ignore[return-value]
+    look = {"type": robot.type, "outline": _rounded(robot.outline)}
+    return robot.name, look, _line(robot.outline, colour, 0.03), text
 
 
 def _line(points: Iterable[Point], colour: str, thickness: float) -> dict[str, Any]:
@@ -402,9 +324,4 @@ def _shape(shape: Shape) -> dict[str, Any]:
 
 
 def _rounded(points: Iterable[Point]) -> list[list[float]]:
-    return [[round(x, 4), round(y, 4)] for x, y in points]
-
-
-def _time(seconds: float) -> str:
-    whole = math.floor(seconds)
-    return f'{{"sec":{whole},"nsec":{round((seconds - whole) * 1e9)}}}'
+    return [[round(float(x), 4), round(float(y), 4)] for x, y in points]

@@ -26,6 +26,7 @@ LAYERS = (
         "fame.gc_tuning",
         "fame.randomness",
         "fame.imports",
+        "fame.fast_json",
         "fame.text",
         "fame.worker",
     ),

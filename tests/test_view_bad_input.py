@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import json
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,8 +41,8 @@ def written(path: Path, metadata: dict[str, str], *messages: tuple[str, int, str
         file.describe(metadata)
         for name, data in models:
             file.attach(f"models/{name}", "application/bpmn+xml", data)
-        for message in messages:
-            file.put(*message)
+        for topic, time, text in messages:
+            file.put(topic, time, json.loads(text))
         file.finish()
     return path
 

@@ -168,7 +168,7 @@ def test_a_run_that_lasts_has_the_blocks_of_its_recording(tmp_path: Path) -> Non
     live = LiveRun(scenario, RunControl(speed=0))
     with logging_to(tmp_path / "run.mcap", scenario.closures()) as log:
         result = scenario.run(observer=combine_observers([log, live.observer]), pace=live)
-    live.finish(result.status)
+    live.end(result.status)
     with Replay(tmp_path / "run.mcap") as replay:
         replay.wait()
         assert [block.to_json() for block in live._packer.blocks] == [

@@ -61,7 +61,7 @@ def running(scenario: Scenario, control: RunControl) -> Iterator[tuple[LiveRun, 
 
     def work() -> None:
         results.append(scenario.run(observer=live.observer, pace=live))
-        live.finish(results[0].status)
+        live.end(results[0].status)
 
     thread = threading.Thread(target=work)
 
@@ -175,7 +175,7 @@ def test_what_cannot_be_done_is_refused_and_the_run_goes_on(porter: Scenario, co
 
 def test_a_run_that_is_over_takes_no_commands(porter: Scenario) -> None:
     live = LiveRun(porter, RunControl())
-    live.finish("completed")
+    live.end("completed")
     with pytest.raises(FameError, match="the run is over"):
         live.control({"do": "pause"})
 
@@ -393,7 +393,7 @@ def test_the_page_of_a_branch_shows_its_progress_its_error_and_no_controls(porte
         until(page, "document.querySelector('progress')?.max === 2e9")
         assert page.get_by_text("Repeating the run: 0.0 of 2.0 s").is_visible()
         assert page.get_by_role("button", name="Pause run").count() == 0
-        live.finish("failed", "the run again is not the recorded one: at 1 s")
+        live.end("failed", "the run again is not the recorded one: at 1 s")
         until(page, "document.querySelector('[role=alert].failure')?.textContent.includes('not the recorded one')")
         assert beyond(page) == []
 

@@ -8,7 +8,7 @@ import json
 import socket
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from view_page import opened, until
@@ -24,9 +24,9 @@ NAMES = [f"R_{number + 1:02}" for number in range(ROBOTS)]
 GROUND = {"bounds": [0, 0, 10, 10], "walls": True, "obstacles": [], "targets": [], "chargers": [], "weeds": []}
 
 
-def scene(topic: str, entity: str, key: str, value: object) -> tuple[str, str]:
+def scene(entity: str, key: str, value: object) -> dict[str, Any]:
     """A message of the world, with a value of FAME's own."""
-    return topic, json.dumps({"entities": [{"id": entity, "metadata": [{"key": key, "value": json.dumps(value)}]}]})
+    return {"entities": [{"id": entity, "metadata": [{"key": key, "value": json.dumps(value)}]}]}
 
 
 def x_at(time: int, begins: int) -> float:
@@ -43,21 +43,20 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         file.describe({})
         for name in NAMES:
             started = {"instance": 1, "scope": 1, "marks": [["P", "start"]]}
-            file.put("/fame/events", 0, json.dumps({"robot": name, "events": [started]}))
-        file.put(scene("/fame/ground", "ground", "ground", GROUND)[0], 0, scene("", "ground", "ground", GROUND)[1])
+            file.put("/fame/events", 0, {"robot": name, "events": [started]})
+        file.put("/fame/ground", 0, scene("ground", "ground", GROUND))
         robots = {
             name: {"process": "P", "instances": [], "tokens": [], "variables": [], "counts": {}} for name in NAMES
         }
         for step in range(80):
             time = step * SECOND // 10
             if step % 10 == 0:
-                file.put("/fame/key", time, json.dumps({"robots": robots}))
+                file.put("/fame/key", time, {"robots": robots})
             pose = {"type": "car", "x": x_at(time, 5 * SECOND), "y": 1.0, "heading": 0.0}
-            topic, text = scene("/fame/world", NAMES[0], "appearance", pose)
-            file.put(topic, time + 1, text)
+            file.put("/fame/world", time + 1, scene(NAMES[0], "appearance", pose))
             for number, name in enumerate(NAMES):
                 change = {"instance": 1, "scope": 1, "path": [], "set": {"step": step * 100 + number}}
-                file.put("/fame/variables", time + 1 + number // 2, json.dumps({"robot": name, "changes": [change]}))
+                file.put("/fame/variables", time + 1 + number // 2, {"robot": name, "changes": [change]})
         file.finish()
     return path
 

@@ -405,9 +405,7 @@ def test_a_recording_with_lost_batches_goes_on_from_the_next_key(field: Field, t
     with (tmp_path / "gap.mcap").open("wb") as stream:
         file = RecordingFile(stream)
         node = field.middleware.node("watcher")
-        with LiveTeam(
-            node, field.middleware, field.scheduler, lambda at, topic, text: file.put(topic, at, text)
-        ) as team:
+        with LiveTeam(node, field.middleware, field.scheduler, file.put) as team:
             field.engine("REX")
             field.run(1)
             field.deploy("REX", COUNTING)

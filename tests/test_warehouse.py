@@ -9,6 +9,7 @@ import pytest
 from grounds import ground
 
 from fame.errors import ConfigError
+from fame.fast_json import json_bytes
 from fame.robot import Event
 from fame.scenario import Result, Scenario
 from sim2d.record import Things
@@ -168,13 +169,13 @@ def test_the_same_seed_gives_the_same_events(run: tuple[Result, list[Event]]) ->
 
 def test_a_recording_has_doors_parcels_and_what_robots_carry() -> None:
     hall = Hall()
-    put: list[tuple[str, str]] = []
-    SceneRecorder(hall.world, lambda topic, time, make, *data: put.append((topic, make(*data))))
+    put: list[tuple[str, bytes]] = []
+    SceneRecorder(hall.world, lambda topic, time, data: put.append((topic, json_bytes(data))))
     hall.run(0.5)
     hall.ask("/door/open")
     hall.answer("load")
     hall.run(2)
-    scenes = {topic: [text.encode() for other, text in put if other == topic] for topic, _ in put}
+    scenes = {topic: [text for other, text in put if other == topic] for topic, _ in put}
     grounds = [(0.1 * number, text) for number, text in enumerate(scenes["/fame/ground"])]
     samples = [(0.1 * number, text) for number, text in enumerate(scenes["/fame/world"])]
     record = read_record(hall.world.config, [samples[0], (9.0, samples[-1][1])], grounds, {})

@@ -155,7 +155,7 @@ def run(arguments: Namespace) -> int:
             pace=page,
         )
         if page is not None:
-            page.finish(result.status)
+            page.end(result.status)
         _draw(arguments, result, line)
         if page is not None:
             code = _print_result(arguments, result)
@@ -253,10 +253,7 @@ def _logs(arguments: Namespace, scenario: Scenario) -> Iterator[list[Observer]]:
 
     files, about, topics = scenario.closures(), _about(arguments, scenario), arguments.log_topics
     with ExitStack() as stack:
-        yield [
-            stack.enter_context(logging_to(path, files, about, topics=topics, own_process=True))
-            for path in arguments.log
-        ]
+        yield [stack.enter_context(logging_to(path, files, about, topics=topics)) for path in arguments.log]
 
 
 def _about(arguments: Namespace, scenario: Scenario) -> About:

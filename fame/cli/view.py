@@ -221,11 +221,11 @@ def _branch(arguments: Namespace) -> int:
             try:
                 result = scenario.run(observer=live.observer, strict=again.strict, on_interrupt=None, pace=same)
             except FameError as error:  # the page says so, too
-                live.finish("failed", str(error))
+                live.end("failed", str(error))
                 print(f"fame: error: {error}", file=sys.stderr, flush=True)
                 wait_for_interrupt()
                 return error.exit_code
-            live.finish(result.status)
+            live.end(result.status)
             if result.status != "interrupted":
                 wait_for_interrupt()
     return 0

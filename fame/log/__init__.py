@@ -17,9 +17,9 @@ equal bytes. Events are written as they occur. The file is complete when the ``w
     reading        visited elements, and the outcomes of their executions
     channels       topics and schemas of a recording
     recorder       collects what the recording of a run in one process has
-    recording_file writes it: the file, its channels; recorder_process: in a second process
+    recording_file writes it: the file, its channels
     recording      reads recordings (mcap_index finds their chunks)
-    team_state     the state of a team at one time
+    team_state     the state of a team at one time, and the keys of a recording
     live_team      follows a team on the network
     team_recorder  records it; engine_log: the log that an engine keeps itself
     wait_reasons   why a token waits
@@ -37,8 +37,9 @@ if TYPE_CHECKING:
     from fame.log.reading import outcomes as outcomes, visits as visits
     from fame.log.recorder import About as About
     from fame.log.recording import Recording as Recording
-    from fame.log.team_state import RobotState as RobotState, TeamState as TeamState
+    from fame.log.team_state import TeamState as TeamState
     from fame.log.writing import logging_to as logging_to
+    from fame.robot.robot_state import RobotState as RobotState
 else:
     __getattr__, __dir__, __all__ = attach(
         __name__,

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fame.robot.robot_state import EVENTS as EVENTS, VARIABLES as VARIABLES, WAITING as WAITING
+
 FORMAT = 1
 """The version of the format: a reader reads this one and older ones."""
 
-EVENTS, VARIABLES, WAITING, KEY, WORLD, GROUND = (
-    "/fame/events", "/fame/variables", "/fame/waiting", "/fame/key", "/fame/world", "/fame/ground",
-)  # fmt: skip
+KEY, WORLD, GROUND = "/fame/key", "/fame/world", "/fame/ground"
 
 _ROBOT = {"type": "string", "description": "name of the robot"}
 _OBJECTS = {"type": "array", "items": {"type": "object"}}

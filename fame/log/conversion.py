@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import heapq
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
 
 from fame.bpmn.model import Definitions
-from fame.clock import EPOCH, SECOND, date_text
+from fame.clock import EPOCH, date_text
 from fame.errors import ConfigError, ModelError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.ocel import Level, write_ocel
 from fame.log.recording import Message, ModelRun, Recording
 from fame.log.recording_file import RecordingFile
-from fame.log.team_state import TeamState, shift_times
+from fame.log.team_state import KeyWriter, TeamState, shift_times
 from fame.log.writing import RECORDING, logging_to, new_file
 from fame.robot.events import Event
 
@@ -135,8 +135,6 @@ class _Merging:
         self._recordings = recordings
         self._shifts = [nanoseconds_between(self.epoch, each) for each in epochs]
         self._spans = [self._spans_of(one, shift) for one, shift in zip(recordings, self._shifts, strict=True)]
-        self._state = TeamState()
-        self._last, self._key_due = -1, 0
         self._channels: dict[tuple[str, str], int] = {}
         self.attachments: dict[str, bytes] = {}
         self._names = [self._attach(one) for one in recordings]
@@ -178,15 +176,24 @@ class _Merging:
 
     def write(self, file: RecordingFile, on_progress: OnProgress) -> None:
         """Write all messages, by time."""
+        writer = KeyWriter(file.put)
         sources = [self._source(number) for number in range(len(self._recordings))]
         total = sum(topic.count for one in self._recordings for topic in one.topics.values()) or 1
         for done, (time, number, message) in enumerate(heapq.merge(*sources, key=lambda item: item[0])):
             if done % 1000 == 0:
                 on_progress(done / total)
             if message.topic == KEY:
-                self._take_key(file, time, number, message)
+                self._take_key(writer, time, number, message)
             elif self._counts(number, _subject(message), time):
-                self._take(file, max(time, self._last), number, message)
+                time = max(time, writer.last)
+                if message.topic in (EVENTS, VARIABLES, WAITING):
+                    data = shift_times(message.topic, message.json(), self._shifts[number])
+                    writer.change(time, message.topic, data)
+                elif message.topic.startswith("/fame/"):
+                    file.put(message.topic, time, message.json())
+                else:
+                    self._write(file, time, message)
+                writer.last = time
 
     def _source(self, number: int) -> Iterator[tuple[int, int, Message]]:
         for message in self._recordings[number].messages():
@@ -202,37 +209,24 @@ class _Merging:
                 return False
         return True
 
-    def _take_key(self, file: RecordingFile, time: int, number: int, message: Message) -> None:
+    def _take_key(self, writer: KeyWriter, time: int, number: int, message: Message) -> None:
         """Add the state of robots that this recording contains from now on, also after a gap."""
         data = shift_times(KEY, message.json(), self._shifts[number])
-        state = TeamState.from_key(time, data)
+        state, known = TeamState.from_key(time, data), writer.state.robots
         fresh = [
             robot
             for robot, its in state.robots.items()
-            if self._state.robots.get(robot) != its and self._counts(number, robot, time)
+            if known.get(robot) != its and self._counts(number, robot, time)
         ]
         if fresh:
-            self._state.robots.update((robot, state.robots[robot]) for robot in fresh)
-            lost, time = data.get("gaps", {}), max(time, self._last + 1)
+            known.update((robot, state.robots[robot]) for robot in fresh)
+            lost, time = data.get("gaps", {}), max(time, writer.last + 1)
             recording = self._recordings[number]
             if "robot" in recording.metadata:  # an engine's own log has the models that it ran, and nothing else
                 for robot in fresh:
                     models = self._renamed(number, recording.models)
                     self._note_run(robot, ModelRun(time - 1, state.robots[robot].process, models))
-            self._put_key(file, time, {robot: lost.get(robot, 0) for robot in fresh})
-
-    def _take(self, file: RecordingFile, time: int, number: int, message: Message) -> None:
-        if message.topic in (EVENTS, VARIABLES, WAITING):
-            if time > self._last and time >= self._key_due:
-                self._put_key(file, time)
-            data = shift_times(message.topic, message.json(), self._shifts[number])
-            self._state.apply(time, message.topic, data)
-            file.put(message.topic, time, json.dumps(data, ensure_ascii=False, separators=(",", ":")))
-        elif message.topic.startswith("/fame/"):
-            file.put(message.topic, time, message.data.decode())
-        else:
-            self._write(file, time, message)
-        self._last = time
+            writer.key(time, {robot: lost.get(robot, 0) for robot in fresh})
 
     def _write(self, file: RecordingFile, time: int, message: Message) -> None:
         channel = self._channels.get((message.topic, message.node))
@@ -242,10 +236,6 @@ class _Merging:
                 message.topic, type, message.node
             )
         file.write(channel, time, message.data)
-
-    def _put_key(self, file: RecordingFile, time: int, gaps: Mapping[str, int] | None = None) -> None:
-        file.put(KEY, time, self._state.key_text(gaps))
-        self._last, self._key_due = time, time + SECOND
 
 
 def _subject(message: Message) -> str:

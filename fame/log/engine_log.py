@@ -52,16 +52,16 @@ class EngineLog(Closing):
         self._broken = False
         self._flushing: Entry = scheduler.after(_FLUSH, self._flush)
 
-    def on_batch(self, text: str) -> None:
+    def on_batch(self, batch: Mapping[str, Any]) -> None:
         """Take a batch of changes (`fame.robot.live`)."""
-        self._team.feed(self._robot, text)
+        self._team.feed(self._robot, batch)
 
     def on_model(self, model: Mapping[str, Any]) -> None:
         """Begin a new file for the process that the robot runs from now on."""
         self._model = model
         self._finish()
 
-    def _put(self, time: int, topic: str, text: str) -> None:
+    def _put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
         if self._broken:
             return
         try:
@@ -70,7 +70,7 @@ class EngineLog(Closing):
             if self._file is None and topic == KEY:
                 self._file = self._begin()
             if self._file is not None:
-                self._file.put(topic, time, text)
+                self._file.put(topic, time, data)
         except (ConfigError, OSError) as error:
             self._give_up(error)
 

@@ -1,14 +1,13 @@
 """Follow a team on the network: batches of ``/<robot>/bpmn_events`` become the messages of a recording.
 
 Batches of several robots come in any order. They wait for a while (half a second unless a page wants them earlier), so
-that what `on_message` gets is in the order of time. A robot that is new, or of which a batch was lost, gives everything
+that what `put` gets is in the order of time. A robot that is new, or of which a batch was lost, gives everything
 with a later batch: then a message of ``/fame/key`` comes, with the state of the whole team and with ``gaps``, and what
 was lost is counted and reported.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -22,12 +21,10 @@ from fame.clock import SECOND, Entry, Scheduler
 from fame.closing import Closing
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
-from fame.log.team_state import RobotState, TeamState, shift_times
+from fame.log.team_state import KeyWriter, Put, TeamState, shift_times
 from fame.middleware.interface import LATCHED, MAX_MESSAGE_SIZE, Message, Middleware, Node
+from fame.robot.robot_state import RobotState
 from fame.text import read_json
-
-OnMessage = Callable[[int, str, str], object]
-"""Takes a time (ns since `LiveTeam.epoch`), the topic of a channel of recordings, and JSON."""
 
 EVENTS_TOPIC, MODEL_TOPIC, STRING = "bpmn_events", "bpmn_model", "std_msgs/msg/String"
 
@@ -54,9 +51,9 @@ class _Source:
 
 
 class LiveTeam(Closing):
-    """Follows the robots of a team, or those named in `robots`.
+    """Follows the robots of a team, or those named in `robots`. `put` gets messages, with times (ns) since `epoch`.
 
-    state     of the team, up to the last call of `on_message`
+    state     of the team, up to the last call of `put`
     epoch     date of time 0: that of the first robot's clock; None before the first batch
     models    what each robot runs, as its ``bpmn_model`` says
     gaps      how many batches of each robot were lost
@@ -71,15 +68,15 @@ class LiveTeam(Closing):
         node: Node | None,
         middleware: Middleware | None,
         scheduler: Scheduler,
-        on_message: OnMessage,
+        put: Put,
         *,
         on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
         robots: frozenset[str] = frozenset(),
         delay: int = DELAY,
     ) -> None:
-        self._node, self._middleware, self._scheduler, self._on_message = node, middleware, scheduler, on_message
+        self._node, self._middleware, self._scheduler = node, middleware, scheduler
         self._on_model, self._wanted, self._delay = on_model, robots, delay
-        self.state: TeamState = TeamState()
+        self._writer = KeyWriter(put)
         self.epoch: datetime | None = None
         self.models: dict[str, Mapping[str, Any]] = {}
         self.gaps: dict[str, int] = {}
@@ -88,11 +85,14 @@ class LiveTeam(Closing):
         self._waiting: list[tuple[int, int, Callable[[int], object]]] = []  # time, number, what to do then
         self._numbers = count()
         self._arrived: dict[int, int] = {}  # number of what waits -> when it came
-        self._last = -1
         self._ahead = 0  # what is added to all times (ns), since simulated time began again
-        self._key_due = 0
         self._discovery: Entry = scheduler.soon(self._discover if node is not None else lambda: None)
         self._release: Entry | None = None
+
+    @property
+    def state(self) -> TeamState:
+        """The state of the team."""
+        return self._writer.state
 
     @property
     def robots(self) -> list[str]:
@@ -107,10 +107,10 @@ class LiveTeam(Closing):
         """The end of a robot's last batch (ns since `epoch`); 0 without one."""
         return self._sources[robot].until if robot in self._sources else 0
 
-    def feed(self, robot: str, text: str) -> None:
+    def feed(self, robot: str, batch: Mapping[str, Any]) -> None:
         """Take a batch of a robot."""
         with suppress(*_STRANGE):
-            self._take(robot, self._sources.setdefault(robot, _Source()), read_json(text, MAX_MESSAGE_SIZE))
+            self._take(robot, self._sources.setdefault(robot, _Source()), batch)
 
     def _discover(self) -> None:
         """Subscribe to the robots that are new."""
@@ -139,7 +139,7 @@ class LiveTeam(Closing):
 
     def _on_batch(self, robot: str, message: Message) -> None:
         with suppress(*_STRANGE):
-            self._take(robot, self._sources[robot], read_json(message.data, MAX_MESSAGE_SIZE))
+            self.feed(robot, read_json(message.data, MAX_MESSAGE_SIZE))
 
     def _take(self, robot: str, source: _Source, batch: Mapping[str, Any]) -> None:
         if not (_is_time(batch["time"]) and type(batch["batch"]) is int):
@@ -150,7 +150,7 @@ class LiveTeam(Closing):
         shift = nanoseconds_between(self.epoch, date)
         if batch["session"] != source.session:
             source.session, source.synchronised = batch["session"], False
-            back = self._last - (batch["time"] + shift + self._ahead)
+            back = self._writer.last - (batch["time"] + shift + self._ahead)
             if batch["time"] + shift < source.until and back > SECOND:  # its simulated time begins again
                 self._ahead += back
         elif batch["batch"] != source.batch + 1:
@@ -201,35 +201,26 @@ class LiveTeam(Closing):
             time, number, action = heappop(self._waiting)
             del self._arrived[number]
             with suppress(*_STRANGE):
-                action(max(time, self._last, 0))
+                action(max(time, self._writer.last, 0))
 
     def _begin(self, robot: str, process: str, time: int) -> None:
         """Note that a robot starts a process, perhaps after another: its batches are complete from now on."""
         gaps = {robot: 0} if robot in self.state.robots else None
         self.state.robots[robot] = RobotState(process=process)
-        self._put_key(max(time, self._last + 1), gaps)
+        self._writer.key(max(time, self._writer.last + 1), gaps)
 
     def _synchronise(self, robot: str, key: Mapping[str, Any], lost: int, time: int) -> None:
         """Replace the state of a robot, of which so many batches were lost."""
         self.state.robots[robot] = RobotState.from_key(key)
-        time = max(time, self._last + 1)  # changes of the last instant are included already
-        self._put_key(time, {robot: lost})
+        time = max(time, self._writer.last + 1)  # changes of the last instant are included already
+        self._writer.key(time, {robot: lost})
         if lost:
             text = f"{lost} batch{'es' * (lost > 1)} of events lost: what happened before is not recorded"
             report = {"instance": 0, "scope": 0, "marks": [["", "report", text]]}
             self._change(EVENTS, {"robot": robot, "events": [report]}, time)
 
     def _change(self, topic: str, content: Mapping[str, Any], time: int) -> None:
-        if time > self._last and time >= self._key_due:
-            self._put_key(time)
-        self.state.apply(time, topic, content)
-        self._on_message(time, topic, json.dumps(content, ensure_ascii=False, separators=(",", ":")))
-        self._last = time
-
-    def _put_key(self, time: int, gaps: Mapping[str, int] | None = None) -> None:
-        self.state.time = time
-        self._on_message(time, KEY, self.state.key_text(gaps))
-        self._last, self._key_due = time, time + SECOND
+        self._writer.change(time, topic, content)
 
     def close(self) -> None:
         """Pass on all remaining messages, and close all subscriptions."""

@@ -1,8 +1,7 @@
 """Records a run in this process: an observer that collects what a recording has (docs/recordings.md).
 
 Of each instant it takes what changed in each robot, in this order: events, variables, waiting tokens. A key message
-comes before the first change after each second: everything as it was until then. The observer makes no JSON: that does
-a `RunWriter`, which may be in another process.
+comes before the first change of each second: everything as it was until then.
 """
 
 from __future__ import annotations
@@ -15,12 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from fame.bpmn.model import Definitions
-from fame.clock import SECOND, Kind, Scheduler
+from fame.clock import SECOND, Kind, Scheduler, WallScheduler
 from fame.engine.state import Trail
-from fame.log.recording_file import RunWriter
+from fame.log.recording_file import Sink
+from fame.log.team_state import KeyWriter, Put
 from fame.middleware.interface import ENGINE
 from fame.robot.changes import ChangeTracker
 from fame.robot.events import Event
+from fame.robot.robot_state import RobotState
 
 if TYPE_CHECKING:
     from fame.robot import RobotNode
@@ -34,6 +35,8 @@ class About:
     attachments: Sequence[tuple[str, str, bytes]] = ()
 
 
+_FLUSH = 2 * SECOND
+"""Longest time of the wall clock for which changes are not written to the file, unless nothing follows (ns)."""
 LogTopics = Literal["signals", "all"]
 """Messages to record: those of the topics that models name, without sensors and motors; or all."""
 
@@ -41,7 +44,7 @@ LogTopics = Literal["signals", "all"]
 class TopicRecorder:
     """Records messages as they are published. `begin` gives the file."""
 
-    def __init__(self, begin: Callable[[], RunWriter], *, every: bool) -> None:
+    def __init__(self, begin: Callable[[], Sink], *, every: bool) -> None:
         self._begin, self._every = begin, every
         self._middleware: Any = None
         self._robots: set[str] = set()
@@ -55,19 +58,16 @@ class TopicRecorder:
 
     def _tap(self, publisher: Any) -> Callable[[Any], object] | None:
         """The recorder of a publisher's messages, chosen at the first message, when all endpoints exist."""
-        chosen: list[tuple[RunWriter, int] | None] = []
+        chosen: list[tuple[Sink, int] | None] = []
         if "/msg/" not in publisher.type:  # feedback of an action: rosbags cannot write the definition of its type
             return None
 
         def on_message(message: Any) -> None:
             if not chosen:
                 wanted = self._every or self._is_signal(publisher.topic)
-                if wanted:
-                    file = self._begin()
-                    channel = file.message_channel(publisher.topic, publisher.type, publisher.node.full_name)
-                    chosen.append((file, channel))
-                else:
-                    chosen.append(None)
+                file = self._begin() if wanted else None
+                node = publisher.node.full_name
+                chosen.append((file, file.message_channel(publisher.topic, publisher.type, node)) if file else None)
             if chosen[0] is not None:
                 file, channel = chosen[0]
                 file.message(channel, self._middleware.scheduler.now, message)
@@ -82,57 +82,44 @@ class TopicRecorder:
         return all(name.endswith(f"/{ENGINE}") for name in (*info.publishers, *info.subscribers))
 
 
-PutScene = Callable[..., object]
-"""Takes a topic, a time (ns), the function that makes the message (JSON) and can be pickled, and its arguments, which
-are plain data."""
-
-
 class Recorder:
     """An observer that writes a recording. `start` is called before the first message, and gives the file.
 
     `topics`: the messages of which topics are recorded (`LogTopics`).
     """
 
-    def __init__(self, start: Callable[[], RunWriter], topics: LogTopics = "signals") -> None:
+    def __init__(self, start: Callable[[], Sink], topics: LogTopics = "signals") -> None:
         self._start = start
         self._topics = TopicRecorder(self.begin, every=topics == "all")
-        self._file: RunWriter | None = None
+        self._file: Sink | None = None
+        self._writer = KeyWriter(lambda topic, time, data: self.begin().put(topic, time, data))
         self._trackers: dict[str, ChangeTracker] = {}
-        self._processes: dict[str, str] = {}
         self._changed: dict[str, ChangeTracker] = {}
         self._scheduler: Scheduler | None = None
-        self._next_key = self._last = -1
+        self._flush_due = _FLUSH
 
     @property
     def begun(self) -> bool:
-        """Whether the file is being written."""
+        """Whether something was recorded."""
         return self._file is not None
 
-    def begin(self) -> RunWriter:
+    def begin(self) -> Sink:
         """Start writing, and return the file."""
         if self._file is None:
             self._file = self._start()
-            for name, process in self._processes.items():
-                self._file.robot(name, process)
         return self._file
 
     def watch(self, node: RobotNode) -> Callable[[], object]:
         """Record this robot."""
-        name = node.name
-        tracker = ChangeTracker(node, lambda time, changes: (self._file or self.begin()).changes(name, time, changes))
-        self._trackers[name], self._scheduler = tracker, node.scheduler
-        self._processes[name] = node.mission.process.id
-        if self._file is not None:
-            self._file.robot(name, self._processes[name])
+        tracker = self._trackers[node.name] = ChangeTracker(node, self._writer.change)
+        self._writer.state.robots[node.name] = RobotState(process=node.mission.process.id)
+        self._scheduler = node.scheduler
         self._topics.add(node)
         return partial(self._mark, tracker)
 
-    def watch_world(self, record: Callable[[PutScene], object]) -> None:
+    def watch_world(self, record: Callable[[Put], object]) -> None:
         """Record a simulated world: `record` is called with a function that takes its messages."""
-        record(self._put_scene)
-
-    def _put_scene(self, *scene: Any) -> None:
-        (self._file or self.begin()).scene(*scene)
+        record(lambda topic, time, data: self.begin().put(topic, time, data))
 
     def __call__(self, event: Event) -> None:
         tracker = self._trackers.get(event.robot)
@@ -158,14 +145,13 @@ class Recorder:
         if not self._changed:
             return
         assert self._scheduler is not None
-        time = self._scheduler.now
-        if time >= self._next_key and time > self._last:
-            self.begin().key(time)
-            self._next_key = time + SECOND
-        self._last = time
+        now = self._scheduler.now
         changed, self._changed = self._changed, {}
         for tracker in changed.values():
-            tracker.flush(time)
+            tracker.flush(now)
+        if isinstance(self._scheduler, WallScheduler) and now >= self._flush_due:
+            self._flush_due = now + _FLUSH
+            self.begin().flush()
 
     def finish(self) -> None:
         """Write what has not been written, and the index."""
@@ -175,11 +161,11 @@ class Recorder:
 
 @contextmanager
 def recording_to(
-    start: Callable[[], RunWriter], files: Iterable[Definitions], about: About, topics: LogTopics
+    start: Callable[[], Sink], files: Iterable[Definitions], about: About, topics: LogTopics
 ) -> Iterator[Recorder]:
     """An observer that writes a recording. `start` is called before the first message."""
 
-    def begin() -> RunWriter:
+    def begin() -> Sink:
         writer = start()
         writer.describe(about.metadata)
         for name, media_type, data in (*model_attachments(files), *about.attachments):

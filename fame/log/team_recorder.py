@@ -15,8 +15,7 @@ from fame.log.channels import GROUND, KEY, WORLD
 from fame.log.live_team import DELAY, STRING, LiveTeam, now_since
 from fame.log.recorder import LogTopics
 from fame.log.recording import ModelRun
-from fame.log.recording_file import RecordingFile
-from fame.middleware import codec
+from fame.log.recording_file import Sink
 from fame.middleware.interface import ENGINE, LATCHED, MAX_MESSAGE_SIZE, Message, Middleware, QoS, TopicInfo
 from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE, nanoseconds
 from fame.text import read_json
@@ -44,7 +43,7 @@ class TeamRecorder(Closing):
         self,
         middleware: Middleware,
         scheduler: Scheduler,
-        open_file: Callable[[], RecordingFile],
+        open_file: Callable[[], Sink],
         *,
         topics: LogTopics = "signals",
         robots: frozenset[str] = frozenset(),
@@ -58,7 +57,7 @@ class TeamRecorder(Closing):
         self._middleware, self._scheduler, self._open_file = middleware, scheduler, open_file
         self._every, self._metadata, self._note = topics == "all", dict(metadata or {}), note
         self._models = models
-        self._file: RecordingFile | None = None
+        self._file: Sink | None = None
         self._attached: dict[tuple[str, str], str] = {}  # name and XML of a model -> its name in the recording
         self._runs: dict[str, list[ModelRun]] = {}
         self._seeds: dict[str, Any] = {}  # of the random numbers of each robot
@@ -86,7 +85,7 @@ class TeamRecorder(Closing):
         """The time of the mission (ns since the team's epoch)."""
         return self._clock if self._clock is not None else now_since(self.team.epoch)
 
-    def _begin(self) -> RecordingFile:
+    def _begin(self) -> Sink:
         if self._file is None:
             self._file = self._open_file()
             self._file.describe({**self._metadata, **self._dated()})
@@ -98,13 +97,11 @@ class TeamRecorder(Closing):
         """The date of time 0, as far as it is known."""
         return {"epoch": date_text(self.team.epoch)} if self.team.epoch is not None else {}
 
-    def _put(self, time: int, topic: str, text: str) -> None:
+    def _put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
         file = self._begin()
-        if self._next:
-            data = json.loads(text)
-            for robot in self._next.keys() & (data.get("gaps", {}).keys() if topic == KEY else {data.get("robot")}):
-                self._attach(robot, self._next.pop(robot), time - 1)
-        file.put(topic, time, text)
+        for robot in self._next.keys() & (data.get("gaps", {}).keys() if topic == KEY else {data.get("robot")}):
+            self._attach(robot, self._next.pop(robot), time - 1)
+        file.put(topic, time, data)
 
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         self._note(f"records {robot}: {model.get('process', '')}")
@@ -143,9 +140,10 @@ class TeamRecorder(Closing):
 
     def _on_scene(self, topic: str, message: Message) -> None:
         with suppress(ValueError, TypeError, KeyError, IndexError):  # from a stranger
-            stamp = read_json(message.data, MAX_MESSAGE_SIZE)["entities"][0]["timestamp"]
+            scene = read_json(message.data, MAX_MESSAGE_SIZE)
+            stamp = scene["entities"][0]["timestamp"]
             time = int(stamp["sec"]) * SECOND + int(stamp["nsec"])
-            self.team.enter(time, lambda due: self._begin().put(topic, due, message.data))
+            self.team.enter(time, lambda due: self._begin().put(topic, due, scene))
 
     def _discover(self) -> None:
         """Subscribe to topics that are new."""
@@ -174,15 +172,14 @@ class TeamRecorder(Closing):
     def _on_message(self, info: TopicInfo, message: Message) -> None:
         if self.team.epoch is None and self._clock is None:
             return  # the time is not known yet
-        data = codec.serialize(message)
-        self.team.enter(self.now, lambda due: self._write(info, due, data))
+        self.team.enter(self.now, lambda due: self._write(info, due, message))
 
-    def _write(self, info: TopicInfo, time: int, data: bytes) -> None:
+    def _write(self, info: TopicInfo, time: int, message: Message) -> None:
         file, channel = self._begin(), self._topics[info.name]
         if channel is None:
             node = info.publishers[0] if len(set(info.publishers)) == 1 else ""
             channel = self._topics[info.name] = file.message_channel(info.name, info.types[0], node)
-        file.write(channel, time, data)
+        file.message(channel, time, message)
 
     # ---- the end -----------------------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""The state of a team at one time of its recording: tokens, variables, instances, and visits of elements.
+"""The state of a team at one time of its recording, and the messages that give it.
 
 A state is read from a key message, and changed by every later message of ``/fame/events``, ``/fame/variables`` and
 ``/fame/waiting``, in order. Seeking and playing give the same state.
@@ -6,104 +6,16 @@ A state is read from a key message, and changed by every later message of ``/fam
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
-from fame.robot.change_text import COUNTED, forget_ended
+from fame.clock import SECOND
+from fame.log.channels import KEY, WAITING
+from fame.robot.robot_state import RobotState
 
-_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
-
-
-@dataclass(slots=True)
-class ScopeState:
-    """The variables of one scope: its instance, the activities that it is inside (ids, outermost first), and values."""
-
-    instance: int
-    path: tuple[str, ...]
-    values: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass(slots=True)
-class RobotState:
-    """The state of one robot.
-
-    process    the id of its process
-    instances  number of an instance -> id of its process, and its status
-    tokens     key of a token that waits -> what it waits for, as in ``/fame/waiting``
-    scopes     number of a scope -> its own variables
-    counts     id of an element -> how often a token entered, left ... it
-    """
-
-    process: str = ""
-    instances: dict[int, tuple[str, str]] = field(default_factory=dict)
-    tokens: dict[str, dict[str, Any]] = field(default_factory=dict)
-    scopes: dict[int, ScopeState] = field(default_factory=dict)
-    counts: dict[str, dict[str, int]] = field(default_factory=dict)
-
-    @classmethod
-    def from_key(cls, data: Mapping[str, Any]) -> RobotState:
-        """The state that a key message has for one robot."""
-        state = cls(process=data["process"], counts={id: dict(each) for id, each in data["counts"].items()})
-        state.instances = {each["instance"]: (each["process"], each["status"]) for each in data["instances"]}
-        state.tokens = {token["key"]: token for token in data["tokens"]}
-        for change in data["variables"]:
-            state._change_scope(change)
-        return state
-
-    def to_key(self) -> dict[str, Any]:
-        """The same as `from_key` takes."""
-        return {
-            "process": self.process,
-            "instances": [
-                {"instance": key, "process": process, "status": status}
-                for key, (process, status) in self.instances.items()
-            ],
-            "tokens": list(self.tokens.values()),
-            "variables": [
-                {"instance": scope.instance, "scope": key, "path": list(scope.path), "set": scope.values}
-                for key, scope in self.scopes.items()
-            ],
-            "counts": self.counts,
-        }
-
-    def apply(self, topic: str, data: Mapping[str, Any]) -> None:
-        """Change it by a message of one of the three topics; messages of others are ignored."""
-        if topic == EVENTS:
-            for group in data["events"]:
-                for mark in group["marks"]:
-                    self._apply_mark(group["instance"], mark)
-        elif topic == VARIABLES:
-            for change in data["changes"]:
-                self._change_scope(change)
-        elif topic == WAITING:
-            self.tokens.update((token["key"], token) for token in data["tokens"])
-            for key in data["gone"]:
-                self.tokens.pop(key, None)
-
-    def _apply_mark(self, instance: int, mark: list[Any]) -> None:
-        element, what = mark[:2]
-        if what in COUNTED:
-            counts = self.counts.setdefault(element, {})
-            counts[what] = counts.get(what, 0) + 1
-        elif what == "start":
-            self.instances[instance] = element, "running"
-        elif what == "end":
-            self.instances[instance] = element, str(mark[2])
-            forget_ended(self.instances)
-
-    def _change_scope(self, change: Mapping[str, Any]) -> None:
-        if change.get("gone"):
-            self.scopes.pop(change["scope"], None)
-            return
-        scope = self.scopes.get(change["scope"])
-        if scope is None:
-            scope = self.scopes[change["scope"]] = ScopeState(change["instance"], tuple(change["path"]))
-        scope.values.update(change.get("set", {}))
-        for name in change.get("unset", ()):
-            scope.values.pop(name, None)
+Put = Callable[[str, int, Mapping[str, Any]], object]
+"""Takes the topic of a channel, a time (ns) and the content of a message."""
 
 
 @dataclass(slots=True)
@@ -118,19 +30,43 @@ class TeamState:
         """The state that a key message holds."""
         return cls(time, {name: RobotState.from_key(robot) for name, robot in data["robots"].items()})
 
-    def key_text(self, gaps: Mapping[str, int] | None = None) -> str:
-        """The key message, as JSON. `gaps`: the robots that a replay continues from here, and how much was lost.
-
-        They come first, where a reader sees them at once.
-        """
-        robots = {name: robot.to_key() for name, robot in self.robots.items()}
-        return _encode({"robots": robots} if gaps is None else {"gaps": gaps, "robots": robots})
-
     def apply(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
         """Change it by the next message."""
         self.time = time
         if "robot" in data:
             self.robots.setdefault(data["robot"], RobotState()).apply(topic, data)
+
+
+class KeyWriter:
+    """Passes changes of a team on to `put`, and before the first one of each second the state until then: a key.
+
+    state  of the team, up to the last change
+    last   the time of the last message (ns); -1 before the first
+    """
+
+    def __init__(self, put: Put) -> None:
+        self._put = put
+        self.state: TeamState = TeamState()
+        self.last: int = -1
+        self._key_due = 0
+
+    def change(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
+        """Pass on a message of a time (ns)."""
+        if time > self.last and time >= self._key_due:
+            self.key(time)
+        self.state.apply(time, topic, data)
+        self._put(topic, time, data)
+        self.last = time
+
+    def key(self, time: int, gaps: Mapping[str, int] | None = None) -> None:
+        """Pass on a key. `gaps`: the robots that a replay continues from here, and how much was lost.
+
+        They come first, where a reader sees them at once.
+        """
+        self.state.time = time
+        robots = {name: robot.to_key() for name, robot in self.state.robots.items()}
+        self._put(KEY, time, {"robots": robots} if gaps is None else {"gaps": gaps, "robots": robots})
+        self.last, self._key_due = time, time + SECOND
 
 
 def shift_times(topic: str, data: Mapping[str, Any], by: int) -> Mapping[str, Any]:

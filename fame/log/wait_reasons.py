@@ -8,7 +8,7 @@ from typing import Any
 
 from fame.clock import SECOND
 from fame.errors import DeploymentError, display_name
-from fame.log.team_state import RobotState
+from fame.robot.robot_state import RobotState
 from fame.robot.waiting_tokens import silence_text
 from fame.text import printable, suggestion
 

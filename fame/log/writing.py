@@ -14,12 +14,10 @@ from typing import Any, BinaryIO, TypeAlias
 from fame.bpmn.model import Definitions
 from fame.engine.state import Trail
 from fame.errors import ConfigError
-from fame.log import recording_file
 from fame.log.elements import ElementInfo, element_info
 from fame.log.lines import jsonl, table
 from fame.log.recorder import About, LogTopics, Recorder, recording_to
-from fame.log.recorder_process import RecorderProcess, emptied, is_useful
-from fame.log.recording_file import FileWriter, RecordingFile, RunWriter
+from fame.log.recording_file import RecordingFile
 from fame.robot.events import Event, Observer, trail_handler
 
 _BUFFER = 1 << 16
@@ -51,12 +49,10 @@ def logging_to(
     about: About | None = None,
     *,
     topics: LogTopics = "signals",
-    own_process: bool = False,
 ) -> Iterator[Observer]:
     """An observer that writes events to the log `path`. `files` are the models of the run.
 
-    A recording (``.mcap``) also gets what it says `about` itself, and the messages of `topics`. With `own_process` a
-    second process writes it, where there is a processor for that: the run is slowed down less.
+    A recording (``.mcap``) also gets what it says `about` itself, and the messages of `topics`.
 
     An existing file is overwritten by the first event, or when the block ends without an error. A run that is refused
     leaves it unchanged. Raises ConfigError for an unknown suffix, for a file that another log is being written to, and
@@ -73,8 +69,12 @@ def logging_to(
         file = stack.enter_context(_opened(path))
         log: _Log | Recorder
         if form is None:
-            start = _start(stack.enter_context(ExitStack()), file, own_process=own_process and is_useful())
-            log = stack.enter_context(recording_to(start, files, about or About(), topics))
+            opened = stack.enter_context(ExitStack())  # closed after the recording is finished
+            log = stack.enter_context(
+                recording_to(
+                    lambda: RecordingFile(opened.enter_context(_emptied(file))), files, about or About(), topics
+                )
+            )
         else:
             chosen = form
             log = _Log(lambda: stack.enter_context(_written(file, chosen, files)))
@@ -85,14 +85,6 @@ def logging_to(
                 path.unlink(missing_ok=True)
             raise
         log.begin()
-
-
-def _start(stack: ExitStack, file: _File, *, own_process: bool) -> Callable[[], RunWriter]:
-    """Starts a recording. The second process is started at once, because it takes a moment."""
-    if not own_process:
-        return lambda: FileWriter(RecordingFile(stack.enter_context(_emptied(file))))
-    process = stack.enter_context(RecorderProcess(file, str(file.name), recording_file.CHUNK))
-    return lambda: process
 
 
 @contextmanager
@@ -155,7 +147,9 @@ def _written(file: _File, form: _Form, files: Iterable[Definitions]) -> Iterator
 
 def _emptied(file: _File) -> BufferedWriter:
     """A stream that overwrites a file."""
-    emptied(file)
+    if S_ISREG(os.fstat(file.fileno()).st_mode):  # no device
+        file.truncate(0)
+        file.seek(0)  # what has an index counts from here
     return BufferedWriter(file, _BUFFER)
 
 

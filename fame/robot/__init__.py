@@ -11,9 +11,9 @@ timers          ISO 8601 timers on the scheduler
 waiting_tokens  what its tokens wait for
 events          events of a run, and observers of them
 changes         what changes from instant to instant: events, variables, waiting tokens
-change_text     JSON of these changes
+robot_state     the state that these changes lead to
 live            publishes these changes for views and recorders
-plain_values    variables as plain data and JSON, for these changes
+plain_values    variables as plain data, for these changes
 
 durable         durable execution: records, effects, resumption
 journal         the file of these records

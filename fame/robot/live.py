@@ -8,7 +8,6 @@ docs/recordings.md describes the JSON.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Protocol
@@ -16,11 +15,12 @@ from weakref import WeakSet
 
 from fame.clock import EPOCH, SECOND, Entry, Kind, Scheduler, date_text
 from fame.engine.state import Trail
+from fame.fast_json import json_bytes
 from fame.middleware import messages
 from fame.middleware.interface import Node, Publisher
-from fame.robot.change_text import COUNTED, Changes, ChangeText, name_text
 from fame.robot.changes import ChangeTracker
 from fame.robot.events import Event
+from fame.robot.robot_state import COUNTED, RobotState
 
 if TYPE_CHECKING:
     from fame.robot.node import RobotNode
@@ -37,7 +37,7 @@ _POLL = SECOND // 4
 class FeedLog(Protocol):
     """A log that receives everything, with and without subscribers (`fame.log.engine_log`)."""
 
-    def on_batch(self, text: str) -> None:
+    def on_batch(self, batch: Mapping[str, Any]) -> None:
         """Take a batch."""
 
     def on_model(self, model: Mapping[str, Any]) -> None:
@@ -71,7 +71,7 @@ class LiveFeed:
         self._current: ProcessFeed | None = None
         self._loaded: WeakSet[ProcessFeed] = WeakSet()  # until their process is gone: one may wait while another begins
         self._subscribers = self._batch = 0
-        self._changes: list[str] = []
+        self._changes: list[tuple[str, int, Mapping[str, Any]]] = []  # channel, time, content
         self._begins = False  # whether the next batch is the first one of a process, from its first step on
         self._key_due = 0  # when everything is sent again; 0: with the next batch
         self._sent = -_PERIOD
@@ -102,7 +102,7 @@ class LiveFeed:
         self._current.resume(active=self.watched)
         self._send_soon()
         model = _model_data(node, self._epoch, self._seed)
-        self._models.publish(messages.create(STRING, json.dumps(model)))
+        self._models.publish(messages.create(STRING, json_bytes(model).decode()))
         if self._log is not None:
             self._log.on_model(model)
 
@@ -110,9 +110,9 @@ class LiveFeed:
         """Whether the robot runs its process."""
         return observer is self._current
 
-    def put(self, channel: str, time: int, text: str) -> None:
+    def put(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
         """Send a change with the next batch."""
-        self._changes.append(f'["{channel}",{time},{text}]')
+        self._changes.append((topic.rpartition("/")[2], time, data))
         self._send_soon()
 
     def _count_subscribers(self) -> None:
@@ -140,22 +140,27 @@ class LiveFeed:
         self._next = None
         if self._current is None or self._current.node is None or not self.watched:
             return
-        self._sent, node, key = self._scheduler.now, self._current.node, ""
+        self._sent, node = self._scheduler.now, self._current.node
+        more: dict[str, Any] = {}
         if self._begins:
-            key, self._begins = f',"begins":{json.dumps(node.mission.process.id)}', False
+            more, self._begins = {"begins": node.mission.process.id}, False
         elif not self._key_due:  # everything as of the last flush has all changes in it
-            key, self._key_due = f',"key":{self._current.key()}', self._sent + _KEY_PERIOD
+            more, self._key_due = {"key": self._current.state.to_key()}, self._sent + _KEY_PERIOD
         self._batch += 1
-        text = (
-            f'{{"robot":{name_text(node.name)},"session":{self._session},"batch":{self._batch},'
-            f'"epoch":"{self._epoch}","time":{node.scheduler.now}{key},'
-            f'"changes":[{",".join(self._changes)}]}}'
-        )
-        self._changes.clear()
+        changes, self._changes = self._changes, []
+        batch = {
+            "robot": node.name,
+            "session": self._session,
+            "batch": self._batch,
+            "epoch": self._epoch,
+            "time": node.scheduler.now,
+            **more,
+            "changes": changes,
+        }
         if self._subscribers:
-            self._publisher.publish(messages.create(STRING, text))
+            self._publisher.publish(messages.create(STRING, json_bytes(batch).decode()))
         if self._log is not None:
-            self._log.on_batch(text)
+            self._log.on_batch(batch)
 
     def close(self) -> None:
         """Publish the remaining changes, and stop."""
@@ -168,7 +173,7 @@ class LiveFeed:
 
 
 class ProcessFeed:
-    """The observer of one process of the robot. Before it begins, and without subscribers, it only counts."""
+    """The observer of one process of the robot, and its `state`: without subscribers, of events alone."""
 
     node: RobotNode | None
 
@@ -176,13 +181,13 @@ class ProcessFeed:
         self._feed = feed
         self.node = None
         self._tracker: ChangeTracker | None = None
-        self._text = ChangeText("", "")
+        self.state: RobotState = RobotState()
         self._dirty = False
 
     def watch(self, node: RobotNode) -> Callable[[], object]:
         """Follow this process from its first step on."""
         self.node, self._tracker = node, ChangeTracker(node, self._take)
-        self._text = ChangeText(node.name, node.mission.process.id)
+        self.state = RobotState(process=node.mission.process.id)
         self._tracker.active = False
         return self._mark
 
@@ -201,21 +206,16 @@ class ProcessFeed:
         """Start or stop looking for changes."""
         assert self._tracker is not None
         if active and not self._tracker.active:
-            self._tracker.give_groups(0)
+            self._tracker.give_events(0)
             self._tracker.active = True
             self._mark()
         self._tracker.active = active
 
-    def _take(self, time: int, changes: Changes) -> None:
+    def _take(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
         assert self._tracker is not None
+        self.state.apply(topic, data)
         if self._tracker.active:
-            self._text.write(time, changes, self._feed.put)
-        else:
-            self._text.count(changes)
-
-    def key(self) -> str:
-        """The complete state, as JSON."""
-        return self._text.key()
+            self._feed.put(time, topic, data)
 
     @property
     def awaits_server(self) -> bool:

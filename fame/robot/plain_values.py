@@ -1,4 +1,4 @@
-"""Variables as JSON: any value of a mission, cut where it is large.
+"""Variables as plain data, fit for JSON: any value of a mission, cut where it is large.
 
 Numbers, texts, truth values, null, lists and mappings are themselves, messages and objects are mappings of their
 fields. What is cut says so: ``{"$cut": "list of 10000", "first": [...]}``, ``{"$cut": "text of 5000", ...}``,
@@ -9,25 +9,27 @@ texts, too.
 
 from __future__ import annotations
 
+import marshal
 import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from copy import copy
 from functools import cache
 from itertools import islice
 from operator import attrgetter
 from types import ModuleType
 from typing import Any
 
+from fame.fast_json import json_bytes
 from fame.middleware import typesystem
 from fame.middleware.messages import Message
-from fame.robot.change_text import TEXT, complex_text, float_text, name_text, string
 
 try:
     import orjson
 except ImportError:  # a workspace of ROS that was built by colcon alone: messages are encoded field by field
     orjson = None  # type: ignore[assignment]
 
+TEXT = 1000
+"""Most characters of a text."""
 ITEMS = 16
 """Most items of a list, array or mapping that is kept whole."""
 LONG = 64
@@ -37,37 +39,34 @@ SIZE = 4000
 _DEPTH = 8
 _FIRST = 4
 
-Encode = Callable[[Any, int], str]
-"""Gives the JSON of a value; how many levels of lists and mappings it may have."""
+Encode = Callable[[Any, int], Any]
+"""Gives the data of a value; how many levels of lists and mappings it may have."""
 
 
-def json_text(value: Any) -> str:
-    """A value as JSON, on one line."""
-    text = _encode(value, _DEPTH)
-    return text if len(text) <= SIZE else _cut(f"{type(value).__name__} of {len(text)} characters")
+def plain(value: Any) -> Any:
+    """The plain data of a value, which do not change with it."""
+    return plain_and_text(value)[0]
+
+
+def plain_and_text(value: Any) -> tuple[Any, object]:
+    """The plain data of a value, and what equals that of other data only if their JSON is the same."""
+    text = _message_json(value) if isinstance(value, Message) else None
+    if text is not None and len(text) <= SIZE:
+        return orjson.loads(text), text
+    found = _encode(value, _DEPTH)
+    kind = found.__class__
+    if kind is not dict and kind is not list:
+        return found, (kind, found)
+    text = json_bytes(found)
+    if len(text) > SIZE and (characters := len(text.decode())) > SIZE:
+        found = _cut(f"{type(value).__name__} of {characters} characters")
+        text = json_bytes(found)
+    return found, text
 
 
 def is_data(name: str, value: Any) -> bool:
     """Whether a variable is data: functions, classes, modules and names with two leading underscores are not."""
     return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
-
-
-def plain(value: Any) -> Any:
-    """The plain form of a value in changes: plain data that `marshal` takes and that does not change.
-
-    That is a number or short text itself, JSON (bytes), or ``...`` for code, which is no data.
-    """
-    kind = value.__class__
-    if kind in PLAIN or (kind is str and len(value) <= TEXT):
-        return value
-    number = next((base for base in (int, float, complex) if isinstance(value, base)), None)
-    if number is not None:
-        return number(value)
-    return json_text(value).encode("utf-8", "surrogatepass") if is_data("", value) else ...
-
-
-PLAIN: frozenset[type] = frozenset((float, int, bool, type(None), complex))
-"""The classes of values that stand for themselves."""
 
 
 def is_changeable(value: Any) -> bool:
@@ -82,45 +81,21 @@ def is_changeable(value: Any) -> bool:
     return known
 
 
-def snapshot_of(value: Any, depth: int = _DEPTH) -> Any:
-    """A value to compare with later: a copy of what can be changed in place, else the value itself.
-
-    What is below `depth` is not copied: its JSON is cut there, and a list may contain itself.
-    """
-    kind = value.__class__
-    if depth == 0:
-        return value
-    if kind is list:
-        return [snapshot_of(item, depth - 1) if item.__class__ in _CHANGEABLE else item for item in value]
-    if kind is dict:
-        return {key: snapshot_of(item, depth - 1) for key, item in value.items()}
-    if kind in _CHANGEABLE:
-        return copy(value)
-    has_bytes = hasattr(kind, "tobytes") and not getattr(getattr(value, "dtype", None), "hasobject", True)  # numpy
-    return value.copy() if has_bytes else value
-
-
-def differs(value: Any, snapshot: Any) -> bool:
-    """Whether a value has changed since its snapshot was taken; True where nobody can tell."""
-    kind = value.__class__
-    if kind is not snapshot.__class__ or value is snapshot:  # there is no copy of an object
-        return True
-    try:
-        if kind in _CHANGEABLE:
-            return bool(value != snapshot)
-        return value.tobytes() != snapshot.tobytes() or (value.dtype, value.shape) != (snapshot.dtype, snapshot.shape)
-    except Exception:  # of what a list has in it
-        return True
-
-
-_CHANGEABLE = frozenset((list, dict, set, bytearray))
 _CHANGED_IN_PLACE: dict[type, bool] = {}
+
+
+def content_of(value: Any) -> bytes | None:
+    """The content of a value, to see whether it is changed in place; None where nobody can tell, as of objects."""
+    try:
+        return marshal.dumps(value, 2)
+    except ValueError:
+        return None
 
 
 # ---- values ----------------------------------------------------------------------------------------------------------
 
 
-def _encode(value: Any, depth: int) -> str:
+def _encode(value: Any, depth: int) -> Any:
     encoder = _ENCODERS.get(value.__class__)
     if encoder is None:
         encoder = _ENCODERS[value.__class__] = _encoder(value.__class__)
@@ -143,48 +118,44 @@ def _encoder(kind: type) -> Encode:
     return _object
 
 
-def _float(value: float, depth: int) -> str:
-    return float_text(value)
+def _itself(value: Any, depth: int) -> Any:
+    return value
 
 
-def _text(value: str, depth: int) -> str:
-    return string(value) if len(value) <= TEXT else _cut(f"text of {len(value)}", string(value[:80]))
+def _float(value: float, depth: int) -> float | str:
+    if value - value == 0.0:
+        return value
+    return "NaN" if value != value else "Infinity" if value > 0 else "-Infinity"
 
 
-def _listing(value: Any, depth: int) -> str:
+def _text(value: str, depth: int) -> Any:
+    return value if len(value) <= TEXT else _cut(f"text of {len(value)}", value[:80])
+
+
+def _listing(value: Any, depth: int) -> Any:
     if depth == 0:
         return _cut(reprlib.repr(value))
     if len(value) <= ITEMS:
-        return f"[{','.join([_encode(item, depth - 1) for item in value])}]"
-    first = ",".join([_encode(item, depth - 1) for item in islice(value, _FIRST)])
-    return _cut(f"{value.__class__.__name__} of {len(value)}", f"[{first}]")
+        return [_encode(item, depth - 1) for item in value]
+    first = [_encode(item, depth - 1) for item in islice(value, _FIRST)]
+    return _cut(f"{value.__class__.__name__} of {len(value)}", first)
 
 
-def _array(value: Any, depth: int) -> str:
+def _array(value: Any, depth: int) -> Any:
     size = getattr(value, "size", None)
     if not getattr(value, "ndim", 0) or not isinstance(size, int):  # a number; an array of Python itself
         return _encode(value.tolist(), depth)
-    return _listing(value.tolist(), depth) if size <= ITEMS else _long_array(size)
+    return _listing(value.tolist(), depth) if size <= ITEMS else _cut(f"array of {size}")
 
 
-@cache
-def _long_array(size: int) -> str:
-    return _cut(f"array of {size}")
-
-
-def _mapping(items: Iterable[tuple[Any, Any]], kind: str, size: int, depth: int) -> str:
+def _mapping(items: Iterable[tuple[Any, Any]], kind: str, size: int, depth: int) -> dict[str, Any]:
     if depth == 0:
         return _cut(f"{kind} of {size}")
-    members = [
-        f"{name_text(str(key))}:{_encode(item, depth - 1)}"
-        for key, item in islice(items, ITEMS * 4)
-        if is_data("", item)
-    ]
-    text = f"{{{','.join(members)}}}"
-    return text if size <= ITEMS * 4 else _cut(f"{kind} of {size}", text)
+    found = {str(key): _encode(item, depth - 1) for key, item in islice(items, ITEMS * 4) if is_data("", item)}
+    return found if size <= ITEMS * 4 else _cut(f"{kind} of {size}", found)
 
 
-def _object(value: Any, depth: int) -> str:
+def _object(value: Any, depth: int) -> dict[str, Any]:
     fields = getattr(value, "__dict__", None)
     if fields is None or depth == 0:
         return _cut(reprlib.repr(value))
@@ -192,27 +163,34 @@ def _object(value: Any, depth: int) -> str:
     return _mapping(named.items(), type(value).__name__, len(named), depth)
 
 
-def _message(value: Any, depth: int) -> str:
-    """A message; field by field if it has long lists or texts, or numbers that JSON does not have."""
+def _message(value: Any, depth: int) -> dict[str, Any]:
+    text = _message_json(value)
+    if text is not None:
+        found: dict[str, Any] = orjson.loads(text)
+        return found
+    fields = _message_fields(value.__msgtype__)
+    if depth == 0:
+        return _cut(f"{value.__class__.__name__} of {len(fields)}")
+    return {name: _field(getattr(value, name), depth - 1) for name in fields}
+
+
+def _message_json(value: Any) -> bytes | None:
+    """The JSON of a message; None if it has long lists or texts, or numbers that JSON does not have."""
     type = value.__msgtype__
     if orjson is not None and _is_simple(type):
         with suppress(TypeError):  # what was put into its fields does not fit
-            text: str = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+            text = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY)
             long = len(text) > TEXT and any(len(attrgetter(path)(value)) > TEXT for path in _texts(type))
-            if "null" not in text and not long:
+            if b"null" not in text and not long:
                 return text
-    fields = _message_fields(type)
-    if depth == 0:
-        return _cut(f"{value.__class__.__name__} of {len(fields)}")
-    members = [f"{name_text(name)}:{_field(getattr(value, name), depth - 1)}" for name in fields]
-    return f"{{{','.join(members)}}}"
+    return None
 
 
-def _field(value: Any, depth: int) -> str:
+def _field(value: Any, depth: int) -> Any:
     """What is in a message: its arrays are kept whole where other ones are cut."""
     size = getattr(value, "size", 0)
     if isinstance(size, int) and ITEMS < size <= LONG and getattr(value, "ndim", 0) == 1:
-        return f"[{','.join([_encode(item, depth) for item in value.tolist()])}]"
+        return [_encode(item, depth) for item in value.tolist()]
     return _encode(value, depth)
 
 
@@ -242,17 +220,17 @@ def _message_fields(type: str) -> list[str]:
     return [field.attribute for field in typesystem.definition(type).fields]
 
 
-def _cut(text: str, first: str = "") -> str:
-    return f'{{"$cut":{string(text)}' + (f',"first":{first}' if first else "") + "}"
+def _cut(text: str, first: Any = None) -> dict[str, Any]:
+    return {"$cut": text} if first is None else {"$cut": text, "first": first}
 
 
 _ENCODERS: dict[type, Encode] = {
     float: _float,
     str: _text,
-    int: lambda value, depth: repr(value),
-    bool: lambda value, depth: "true" if value else "false",
-    type(None): lambda value, depth: "null",
-    complex: lambda value, depth: complex_text(value),
+    int: _itself,
+    bool: _itself,
+    type(None): _itself,
+    complex: lambda value, depth: f"{value.real:.6g}{value.imag:+.6g}j",
     bytes: lambda value, depth: _cut(f"{len(value)} bytes"),
     bytearray: lambda value, depth: _cut(f"{len(value)} bytes"),
     list: _listing,

@@ -11,10 +11,11 @@ in the next. A run is then repeatable, independent of the speed of the machine.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
+from fame.fast_json import json_bytes
 from fame.log.channels import GROUND
 from fame.log.team_recorder import WORLD_GROUND, WORLD_SCENE
 from fame.middleware import messages
@@ -110,8 +111,8 @@ class WorldNode:
         scene = self._node.publisher(WORLD_SCENE, _STRING)
         ground = self._node.publisher(WORLD_GROUND, _STRING, LATCHED)
 
-        def put(topic: str, time: int, make: Callable[..., str], *data: Any) -> None:
-            (ground if topic == GROUND else scene).publish(messages.create(_STRING, make(*data)))
+        def put(topic: str, time: int, data: Mapping[str, Any]) -> None:
+            (ground if topic == GROUND else scene).publish(messages.create(_STRING, json_bytes(data).decode()))
 
         SceneRecorder(self._world, put, wanted=lambda: scene.subscriber_count() > 0)
 

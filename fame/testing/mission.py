@@ -23,7 +23,8 @@ from fame.engine.state import Trail, scopes_of
 from fame.engine.waiting import check_conditions
 from fame.errors import ConfigError, FameError
 from fame.gc_tuning import rarely_collected
-from fame.log.recorder import About, PutScene, Recorder, recording_to
+from fame.log.recorder import About, Recorder, recording_to
+from fame.log.team_state import Put
 from fame.middleware import messages
 from fame.middleware.interface import resolve
 from fame.middleware.local import LocalNode, LocalPublisher
@@ -36,7 +37,7 @@ from fame.testing.elements import Elements
 from fame.testing.expectations import Expectation
 from fame.testing.failure import failure, save_diagrams
 from fame.testing.fakes import Fakes
-from fame.testing.late_recording import LateWriter
+from fame.testing.late_recording import LateFile
 from fame.testing.stubs import Stub, StubLibrary
 from fame.testing.trace import Trace
 from fame.text import suggestion
@@ -82,7 +83,7 @@ class MissionUnderTest:
         self._published: dict[str, list[Published]] = {}
         self._run: Run | None = None
         self._resources = ExitStack()
-        self._recording = LateWriter()
+        self._recording = LateFile()
         self._saved: list[str] | None = None
         self.fakes: Fakes = Fakes(self)
         self.is_played: bool = (
@@ -505,7 +506,7 @@ class _UntilSaved:
         step = self._recorder.watch(node)
         return lambda: step() if self._is_open() else None
 
-    def watch_world(self, record: Callable[[PutScene], object]) -> None:
+    def watch_world(self, record: Callable[[Put], object]) -> None:
         """Record a simulated world."""
         self._recorder.watch_world(lambda put: record(lambda *scene: put(*scene) if self._is_open() else None))
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from fame.bpmn.model import CallActivity, SubProcess
 from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
-from fame.robot.plain_values import json_text
+from fame.robot.plain_values import plain
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.state import END, START, WHATS, ScopeInfo, State, TokenKey, scope_row
 
@@ -106,6 +106,10 @@ class Packer:
     def end(self) -> int:
         """The time of the last entry; 0 without one."""
         return self.blocks[-1].end if self.blocks else 0
+
+    def index(self, first: int = 0, until: int | None = None) -> list[list[int]]:
+        """Number, start, end and number of events of the blocks from one on."""
+        return [[block.number, block.start, block.end, block.events] for block in self.blocks[first:until]]
 
     def robot(self, name: str) -> int:
         """The number of a robot."""
@@ -296,7 +300,7 @@ class Packer:
 
     def message(self, time: int, topic: str, sender: str, content: Any) -> None:
         """Add a published message. Large values are shortened."""
-        self._block(time).lists["messages"].append([time, topic, sender, json.loads(json_text(content))])
+        self._block(time).lists["messages"].append([time, topic, sender, plain(content)])
 
     def pose(self, time: int, robot: str, pose: Mapping[str, Any]) -> None:
         """Set the ``appearance`` of a simulated robot (docs/recordings.md)."""

@@ -106,10 +106,12 @@ class Catalogue:
         return found
 
     def plane_json(self, plane: int) -> dict[str, Any]:
-        """One drawing: its SVG, and where its shapes and flows are, by number of the element."""
+        """One drawing: its SVG, and where its shapes and flows are, by number of the element. Raises LookupError."""
+        if not 0 <= plane < len(self.drawings):
+            raise LookupError(plane)
         file, drawing = self._planes[plane][0], self.drawings[plane]
-        shapes = {self.number(file, id): list(box) for id, box in drawing.boxes.items()}
-        edges = {self.number(file, id): [list(point) for point in line] for id, line in drawing.lines.items()}
+        shapes = {str(self.number(file, id)): list(box) for id, box in drawing.boxes.items()}
+        edges = {str(self.number(file, id)): [list(point) for point in line] for id, line in drawing.lines.items()}
         return {
             "svg": drawing.svg,
             "width": drawing.width,

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-import threading
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from fame.clock import SECOND
 from fame.errors import ConfigError, FameError
 from fame.log import Recording
 from fame.log.channels import EVENTS, VARIABLES
 from fame.log.recorder import Recorder
-from fame.log.recording_file import FileWriter
 from fame.scenario import Scenario
 from fame.scenario.run import Run
-from fame.view.blocks import Mark, Packer
 from fame.view.catalogue import Catalogue
 from fame.view.control import COMMANDS, RunControl, faults_of
 from fame.view.mission import Chip, mission_json
@@ -29,37 +26,19 @@ _COMPARED = (EVENTS, VARIABLES)
 """What a run that is repeated has in common with the recorded one."""
 
 
-class Known(NamedTuple):
-    """What a page has: the last block (-1: none) and the part of it, elements, and the status of the run.
-
-    `mission` is another one when what the page got first has changed.
-    """
-
-    block: int
-    mark: Mark | None
-    elements: int
-    status: str
-    mission: Hashable
-
-
-class LiveRun:
+class LiveRun(PageSink):
     """The source of a page that shows a run. `observer` and `control` are for `Scenario.run`."""
 
-    catalogue: Catalogue
-    observer: Recorder
-
     def __init__(self, scenario: Scenario, control: RunControl, *, title: str = "") -> None:
+        super().__init__(Catalogue(scenario.closures(), scenario.library.find), list(scenario.cast))
         self.control_of_run = control
         self._title = title or Path(scenario.file).stem
         self._scenario = scenario
-        self.catalogue = Catalogue(scenario.closures(), scenario.library.find)
-        self._packer = Packer(self.catalogue, scenario.cast)
-        self._lock = threading.Lock()
         self._ended = self._failure = ""
         self._repeats = control.pause_at
         self._missions = 0
         self._time = 0
-        self.observer = Recorder(lambda: FileWriter(PageSink(self.put, self.message)))
+        self.observer: Recorder = Recorder(lambda: self)
         self._run: Run | None = None
         self.listen: Callable[[int, str, Mapping[str, Any]], object] | None = None
 
@@ -72,19 +51,12 @@ class LiveRun:
         self._time = run.scheduler.now
 
     def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
-        """A message of one of the channels of a recording."""
-        with self._lock:
-            self._packer.put(topic, time, data)
+        super().put(topic, time, data)
         self._time = max(self._time, time)
         if self.listen is not None:
             self.listen(time, topic, data)
         if topic == EVENTS:
             self._on_events(data)
-
-    def message(self, time: int, topic: str, publisher: str, content: Any) -> None:
-        """A message of the mission."""
-        with self._lock:
-            self._packer.message(time, topic, publisher.strip("/").partition("/")[0], content)
 
     def _on_events(self, data: Mapping[str, Any]) -> None:
         marks = [mark for group in data["events"] for mark in group["marks"]]
@@ -96,7 +68,7 @@ class LiveRun:
         self._repeats = None
         self._missions += 1
 
-    def finish(self, status: str, failure: str = "") -> None:
+    def end(self, status: str, failure: str = "") -> None:
         """End the run, with a status; `failure` says why it could not be run."""
         self._failure = failure
         if self.observer.begun and not failure:  # which may have come in the middle of a record
@@ -115,7 +87,7 @@ class LiveRun:
                 self.catalogue,
                 self._packer.robots,
                 chips=self._chips(),
-                blocks=index_of(self._packer),
+                blocks=self._packer.index(),
                 end=max(self._packer.end, self._time),
                 control=[] if self._ended or self._repeats is not None else list(COMMANDS),
                 faults=faults_of(self._run) if self._run is not None else [],
@@ -128,20 +100,9 @@ class LiveRun:
         )
         return [state, (f"seed {self._scenario.seed}", "", "seed of all noise")]
 
-    def plane(self, number: int) -> Mapping[str, Any]:
-        if not 0 <= number < len(self.catalogue.drawings):
-            raise LookupError(number)
-        return self.catalogue.plane_json(number)
-
-    def block(self, number: int) -> Mapping[str, Any]:
-        with self._lock:
-            if not 0 <= number < len(self._packer.blocks):
-                raise LookupError(number)
-            return self._packer.blocks[number].to_json()
-
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         with self._lock:
-            return growth(self._packer, known, self._status(), self._missions)
+            return self.growth(known, self._status(), self._missions)
 
     def _status(self) -> dict[str, Any]:
         control = self.control_of_run
@@ -161,36 +122,6 @@ class LiveRun:
         if self._ended:
             raise FameError(self._failure or "the run is over")
         return {"said": self.control_of_run.ask(command)}
-
-
-def growth(
-    packer: Packer, known: Known | None, status: Mapping[str, Any], mission: Hashable
-) -> tuple[Known, list[Mapping[str, Any]]]:
-    """What is new in the blocks of a run for a page that has `known`, and what it has afterwards."""
-    blocks, elements = packer.blocks, len(packer.catalogue.elements)
-    text = json.dumps(status)
-    now = Known(len(blocks) - 1, blocks[-1].mark() if blocks else None, elements, text, mission)
-    if known == now:
-        return now, []
-    news: list[Mapping[str, Any]] = []
-    if known is None or known.mission != now.mission:
-        news.append({"type": "reload"})
-    if known is None or known.elements != elements or known.block != now.block:
-        first, start = (known.elements, max(0, known.block)) if known is not None else (0, 0)
-        index = {"type": "index", "blocks": index_of(packer, start), "end": packer.end, "reading": 1}
-        news.append(index | {"from": first, "elements": packer.catalogue.elements_json(first)})
-    for block in blocks[max(0, known.block if known is not None else now.block) :]:
-        mark = known.mark if known is not None and block.number == known.block else None
-        if mark != block.mark():
-            news.append({"type": "data", "block": block.to_json(mark)})
-    if known is None or known.status != text:
-        news.append(status)
-    return now, news
-
-
-def index_of(packer: Packer, first: int = 0) -> list[list[int]]:
-    """Number, start, end and number of events of the blocks from one on."""
-    return [[block.number, block.start, block.end, block.events] for block in packer.blocks[first:]]
 
 
 class SameRun:

@@ -18,6 +18,7 @@ from fame.bpmn.reader import read
 from fame.clock import SECOND
 from fame.closing import Closing
 from fame.errors import ConfigError, FameError, ModelError
+from fame.fast_json import json_value
 from fame.log import Recording
 from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
 from fame.log.recording import Message
@@ -25,11 +26,6 @@ from fame.log.team_state import shift_times
 from fame.view.blocks import Packer
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import Chip, mission_json, place_of
-
-try:
-    import orjson
-except ImportError:  # a workspace of ROS that was built by colcon alone
-    orjson = None  # type: ignore[assignment]
 
 _OWN = (EVENTS, VARIABLES, WAITING, WORLD, GROUND)
 
@@ -150,7 +146,7 @@ class Replay(Closing):
             sys.setswitchinterval(former)
 
     def _read_all(self) -> None:
-        recording, packer, first = self._recording, self._packer, self._offset
+        recording, packer = self._recording, self._packer
         length, pending = max(recording.end - recording.start, 1), self._runs.copy()
         try:
             for number, message in enumerate(recording.messages()):
@@ -162,11 +158,9 @@ class Replay(Closing):
                     self._switch(packer, pending, message.time)
                 if message.topic == KEY:  # the first has what was before the recording; most others repeat the rest
                     if not packer.begun or message.data.startswith(_GAPS):
-                        packer.put(KEY, message.time - first, shift_times(KEY, _content(message), -first))
+                        self._put(packer, message)
                 elif message.topic in _OWN:
-                    packer.put(
-                        message.topic, message.time - first, shift_times(message.topic, _content(message), -first)
-                    )
+                    self._put(packer, message)
                 else:
                     self._message(message)
                 if number % 256 == 0:
@@ -178,6 +172,11 @@ class Replay(Closing):
             self.notices.append(f"the rest of the recording cannot be shown: {error}")
         with self._lock:
             self._done, self._reading = len(packer.blocks), 1.0
+
+    def _put(self, packer: Packer, message: Message) -> None:
+        """A message of FAME's own channels."""
+        content = shift_times(message.topic, json_value(message.data), -self._offset)
+        packer.put(message.topic, message.time - self._offset, content)
 
     def _message(self, message: Message) -> None:
         """A message of the mission."""
@@ -201,7 +200,7 @@ class Replay(Closing):
             self._packer.robots,
             chips=self._chips(),
             notices=self.notices,
-            blocks=self._index(done),
+            blocks=self._packer.index(0, done),
             end=recording.end - self._offset,
             reading=reading,
             control=["branch"] if self._can_branch else [],
@@ -223,12 +222,7 @@ class Replay(Closing):
             chips.append((f"seed {about['seed']}", "", "seed of all noise"))
         return chips
 
-    def _index(self, done: int) -> list[list[int]]:
-        return [[block.number, block.start, block.end, block.events] for block in self._packer.blocks[:done]]
-
     def plane(self, number: int) -> Mapping[str, Any]:
-        if not 0 <= number < len(self.catalogue.drawings):
-            raise LookupError(number)
         return self.catalogue.plane_json(number)
 
     def block(self, number: int) -> Mapping[str, Any]:
@@ -255,7 +249,7 @@ class Replay(Closing):
                 packer.world(begin, "ground", ground)
             for robot, pose in recording.world(key.time).items():
                 packer.pose(begin, robot, pose)
-            packer.key(begin, shift_times(KEY, _content(key), -first))
+            self._put(packer, key)
             until, past, last = time + SECOND, 0, key.time
             for message in recording.messages(_OWN, key.time, moment + SECOND):
                 past += message.time > moment
@@ -264,7 +258,7 @@ class Replay(Closing):
                     break
                 last = message.time
                 self._switch(packer, pending, message.time)
-                packer.put(message.topic, message.time - first, shift_times(message.topic, _content(message), -first))
+                self._put(packer, message)
         block = [block for block in packer.blocks if block.start <= time or block is packer.blocks[0]][-1]
         return {**block.to_json(), "number": NOWHERE, "until": until if block is packer.blocks[-1] else block.end}
 
@@ -291,7 +285,7 @@ class Replay(Closing):
         first = known[0] if known is not None else 0
         news: dict[str, Any] = {
             "type": "index",
-            "blocks": self._index(done)[first:],
+            "blocks": self._packer.index(first, done),
             "end": self._recording.end - self._offset,
             "reading": reading,
         }
@@ -308,16 +302,6 @@ class Replay(Closing):
     @property
     def _can_branch(self) -> bool:
         return self._branch is not None and "seed" in self._recording.metadata
-
-
-def _content(message: Message) -> Any:
-    """The content of a message of FAME's own channels, for the page, to which all numbers are floating point."""
-    if orjson is not None:
-        try:
-            return orjson.loads(message.data)
-        except ValueError:  # numbers and texts that JSON alone does not have
-            pass
-    return message.json()
 
 
 _GAPS = b'{"gaps"'

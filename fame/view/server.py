@@ -7,7 +7,6 @@ refused. The page may load nothing from elsewhere and run no script but its own 
 from __future__ import annotations
 
 import asyncio
-import json
 import secrets
 import socket
 import threading
@@ -20,13 +19,9 @@ from urllib.parse import urlsplit
 
 from fame.closing import Closing
 from fame.errors import ConfigError, FameError
+from fame.fast_json import json_bytes
 from fame.imports import require
 from fame.text import read_json
-
-try:
-    import orjson
-except ImportError:  # a workspace of ROS that was built by colcon alone
-    orjson = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     import uvicorn
@@ -242,7 +237,7 @@ def _routes(source: Source) -> Starlette:
                 found = await asyncio.to_thread(make, *request.path_params.values())
             except LookupError:
                 return Response("no such thing\n", 404, _HEADERS, "text/plain")
-            return Response(to_json(found), 200, _HEADERS, "application/json")
+            return Response(json_bytes(found), 200, _HEADERS, "application/json")
 
         return endpoint
 
@@ -250,17 +245,19 @@ def _routes(source: Source) -> Starlette:
         try:
             text = await _body(request)
             if text is None:
-                return Response(to_json({"error": f"longer than {LONGEST} bytes"}), 413, _HEADERS, "application/json")
+                return Response(
+                    json_bytes({"error": f"longer than {LONGEST} bytes"}), 413, _HEADERS, "application/json"
+                )
             command = read_json(text)
             if not isinstance(command, dict):
                 raise ValueError
             return Response(
-                to_json(await asyncio.to_thread(source.control, command)), 200, _HEADERS, "application/json"
+                json_bytes(await asyncio.to_thread(source.control, command)), 200, _HEADERS, "application/json"
             )
         except FameError as error:
-            return Response(to_json({"error": str(error)}), 409, _HEADERS, "application/json")
+            return Response(json_bytes({"error": str(error)}), 409, _HEADERS, "application/json")
         except Exception:  # of whatever a page sends
-            return Response(to_json({"error": "not a command"}), 400, _HEADERS, "application/json")
+            return Response(json_bytes({"error": "not a command"}), 400, _HEADERS, "application/json")
 
     async def live(socket: WebSocket) -> None:
         await socket.accept()
@@ -303,7 +300,7 @@ async def _send_news(socket: WebSocket, source: Source) -> None:
         while not gone.is_set():
             known, news = await asyncio.to_thread(source.news, known)
             for one in news:
-                await socket.send_text(to_json(one))
+                await socket.send_text(json_bytes(one).decode())
             with suppress(TimeoutError):
                 await asyncio.wait_for(gone.wait(), POLL)
 
@@ -322,23 +319,3 @@ async def _until_gone(socket: WebSocket) -> AsyncIterator[asyncio.Event]:
         yield gone
     finally:
         task.cancel()
-
-
-_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), default=str).encode
-
-
-def to_json(value: Any) -> str:
-    """JSON on one line; what JSON does not have is text."""
-    try:
-        if orjson is not None:  # many times faster: other requests wait meanwhile
-            return orjson.dumps(value, _other, orjson.OPT_NON_STR_KEYS).decode()
-    except TypeError:  # large numbers, and texts that are not Unicode
-        pass
-    try:
-        return _encode(value)
-    except ValueError:  # a value that contains itself
-        return _encode({"error": "not JSON"})
-
-
-def _other(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else str(value)

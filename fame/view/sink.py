@@ -1,53 +1,85 @@
-"""What would be a recording, given to a page at once: without a file, and without the bytes of one."""
+"""What would be a recording, given to a page at once: as blocks, without a file."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from typing import Any
+import threading
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any, NamedTuple
 
-from fame.log.recording_file import RecordingFile
-from fame.middleware import codec, messages
+from fame.log.recording_file import Sink
+from fame.middleware import messages
 from fame.middleware.messages import Message
+from fame.view.blocks import Mark, Packer
+from fame.view.catalogue import Catalogue
 
 
-class PageSink(RecordingFile):
-    """Takes the messages of a recording; the file is the page.
+class Known(NamedTuple):
+    """What a page has: the last block (-1: none) and the part of it, elements, and the status of the run.
 
-    `put` gets those of its channels: topic, time (ns) and data. `message` gets those of the mission: time (ns), topic,
-    the full name of the publisher, and the fields.
+    `mission` is another one when what the page got first has changed.
     """
 
-    def __init__(
-        self,
-        put: Callable[[str, int, Any], object],
-        message: Callable[[int, str, str, Any], object],
-    ) -> None:
-        self._put, self._message = put, message
-        self._topics: list[tuple[str, str, str]] = []
+    block: int
+    mark: Mark | None
+    elements: int
+    status: str
+    mission: Hashable
 
-    def describe(self, metadata: Mapping[str, str]) -> None:
-        pass
 
-    def attach(self, name: str, media_type: str, data: bytes) -> None:
-        pass
+class PageSink(Sink):
+    """Takes what a recording would have, in one thread, and gives its blocks to pages in others."""
 
-    def put(self, topic: str, time: int, text: str) -> None:
-        self._put(topic, time, json.loads(text))
+    def __init__(self, catalogue: Catalogue, robots: Sequence[str] = ()) -> None:
+        self.catalogue: Catalogue = catalogue
+        self._packer: Packer = Packer(catalogue, robots)
+        self._lock: threading.RLock = threading.RLock()
+        self._publishers: list[tuple[str, str]] = []  # topic and robot of each channel
 
-    def message_channel(self, topic: str, type: str, node: str, definition: str = "") -> int:
-        self._topics.append((topic, type, node))
-        return len(self._topics) - 1
+    def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
+        with self._lock:
+            self._packer.put(topic, time, data)
+
+    def message_channel(self, topic: str, type: str, node: str) -> int:
+        self._publishers.append((topic, node.strip("/").partition("/")[0]))
+        return len(self._publishers) - 1
 
     def message(self, channel: int, time: int, message: Message) -> None:
-        topic, _, publisher = self._topics[channel]
-        self._message(time, topic, publisher, messages.to_mapping(message))
+        with self._lock:
+            self._packer.message(time, *self._publishers[channel], messages.to_mapping(message))
 
-    def write(self, channel: int, time: int, data: bytes) -> None:
-        self.message(channel, time, codec.deserialize(data, self._topics[channel][1]))
+    def plane(self, number: int) -> Mapping[str, Any]:
+        """One drawing. Raises LookupError."""
+        with self._lock:
+            return self.catalogue.plane_json(number)
 
-    def flush(self) -> None:
-        pass
+    def block(self, number: int) -> Mapping[str, Any]:
+        """One block. Raises LookupError."""
+        with self._lock:
+            if not 0 <= number < len(self._packer.blocks):
+                raise LookupError(number)
+            return self._packer.blocks[number].to_json()
 
-    def finish(self) -> None:
-        pass
+    def growth(
+        self, known: Known | None, status: Mapping[str, Any], mission: Hashable
+    ) -> tuple[Known, list[Mapping[str, Any]]]:
+        """What is new for a page that has `known`, and what it has afterwards."""
+        blocks, elements = self._packer.blocks, len(self.catalogue.elements)
+        text = json.dumps(status)
+        now = Known(len(blocks) - 1, blocks[-1].mark() if blocks else None, elements, text, mission)
+        if known == now:
+            return now, []
+        news: list[Mapping[str, Any]] = []
+        if known is None or known.mission != now.mission:
+            news.append({"type": "reload"})
+        if known is None or known.elements != elements or known.block != now.block:
+            first, start = (known.elements, max(0, known.block)) if known is not None else (0, 0)
+            index = {"type": "index", "blocks": self._packer.index(start), "end": self._packer.end, "reading": 1}
+            news.append(index | {"from": first, "elements": self.catalogue.elements_json(first)})
+        for block in blocks[max(0, known.block if known is not None else now.block) :]:
+            mark = known.mark if known is not None and block.number == known.block else None
+            if mark != block.mark():
+                news.append({"type": "data", "block": block.to_json(mark)})
+        if known is None or known.status != text:
+            news.append(status)
+        return now, news

@@ -6,7 +6,6 @@ tokens, as `fame complete` and the others do; each robot decides whether it obey
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping
 from concurrent.futures import Future, InvalidStateError, TimeoutError as NoAnswer
 from contextlib import suppress
@@ -22,9 +21,7 @@ from fame.errors import FameError, ModelError
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware.interface import Middleware
 from fame.text import read_json
-from fame.view.blocks import Packer
 from fame.view.catalogue import Catalogue
-from fame.view.live import growth, index_of
 from fame.view.mission import mission_json, place_of
 from fame.view.sink import PageSink
 
@@ -35,7 +32,7 @@ _DELAY = SECOND // 20
 """How long batches wait for those of other robots (ns): engines send 20 a second."""
 
 
-class TeamView(Closing):
+class TeamView(PageSink, Closing):
     """The source of a page that shows the robots on a network, or those named in `robots`.
 
     `control` lets the page ask robots for something (`TaskRequest`), signed with `key` if there is one. All that comes
@@ -51,15 +48,14 @@ class TeamView(Closing):
         control: bool = False,
         key: Any = None,
     ) -> None:
+        super().__init__(Catalogue([]))
         self._scheduler, self._control, self._key = scheduler, control, key
-        self._lock = threading.RLock()
-        self._packer = Packer(Catalogue([]))
         self._models: dict[bytes, int] = {}  # source of a model -> number of its file
         self._missions = 0
         self._recorder = TeamRecorder(
             middleware,
             scheduler,
-            lambda: PageSink(self.put, self.message),
+            lambda: self,
             robots=robots,
             models=False,
             on_model=self._on_model,
@@ -79,16 +75,10 @@ class TeamView(Closing):
     # ---- what comes over the network ---------------------------------------------------------------------------------
 
     def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
-        """A message of one of the channels of a recording."""
         with self._lock:
             known = len(self._packer.robots)
-            self._packer.put(topic, time, data)
+            super().put(topic, time, data)
             self._missions += len(self._packer.robots) != known
-
-    def message(self, time: int, topic: str, publisher: str, content: Any) -> None:
-        """A message of the mission."""
-        with self._lock:
-            self._packer.message(time, topic, publisher.strip("/").partition("/")[0], content)
 
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         """Add the model that a robot runs."""
@@ -119,7 +109,7 @@ class TeamView(Closing):
                     *(f"{robot} has left the network: what it did last is shown" for robot in sorted(team.gone)),
                     *(f"{count} batches of {robot} were lost" for robot, count in team.gaps.items()),
                 ],
-                blocks=index_of(packer),
+                blocks=packer.index(),
                 end=packer.end,
                 control=list(_ACTS) if self._control else [],
                 messages=True,
@@ -133,23 +123,11 @@ class TeamView(Closing):
                 robot |= place_of(packer, number, str(team.models.get(robot["name"], {}).get("process", "")))
             return found
 
-    def plane(self, number: int) -> Mapping[str, Any]:
-        with self._lock:
-            if not 0 <= number < len(self._packer.catalogue.drawings):
-                raise LookupError(number)
-            return self._packer.catalogue.plane_json(number)
-
-    def block(self, number: int) -> Mapping[str, Any]:
-        with self._lock:
-            if not 0 <= number < len(self._packer.blocks):
-                raise LookupError(number)
-            return self._packer.blocks[number].to_json()
-
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         with self._lock:
             status = {"type": "run", "time": self._packer.end, "over": False, "breakpoints": []}
             team = self._recorder.team
-            return growth(self._packer, known, status, (self._missions, *team.gaps.items(), *sorted(team.gone)))
+            return self.growth(known, status, (self._missions, *team.gaps.items(), *sorted(team.gone)))
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if not self._control:

@@ -124,10 +124,7 @@ class ModelWatch(Closing):
         }
 
     def plane(self, number: int) -> Mapping[str, Any]:
-        catalogue = self._now.catalogue
-        if not 0 <= number < len(catalogue.drawings):
-            raise LookupError(number)
-        return catalogue.plane_json(number)
+        return self._now.catalogue.plane_json(number)
 
     def block(self, number: int) -> Mapping[str, Any]:
         raise LookupError(number)

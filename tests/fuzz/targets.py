@@ -221,11 +221,13 @@ def read_events(data: bytes) -> None:
     """`bpmn_events`: batches of a robot, as the view and the recorder of a team take them."""
     from fame.clock import Scheduler
     from fame.log.live_team import LiveTeam
+    from fame.text import read_json
 
     scheduler = Scheduler()
     team = LiveTeam(None, None, scheduler, lambda topic, time, text: None)
     for line in data.split(b"\n"):
-        team.feed("REX", _loose(line))
+        with suppress(ValueError):
+            team.feed("REX", read_json(_loose(line)))
     scheduler.run(until=10**10)
 
 
@@ -329,7 +331,7 @@ def read_channels(data: bytes) -> None:
         with suppress(ValueError, RecursionError):
             match json.loads(line):
                 case [str(topic), int(time), content] if topic in CHANNELS and 0 <= time < 2**63:
-                    file.put(topic, time, json.dumps(content))
+                    file.put(topic, time, content)
     file.finish()
     read_recording(stream.getvalue())
 

@@ -1,0 +1,34 @@
+"""JSON by orjson, many times faster than Python's, which is used where there is no orjson or it refuses a value."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from typing import Any
+
+try:
+    import orjson
+except ImportError:  # a workspace of ROS that was built by colcon alone
+    orjson = None  # type: ignore[assignment]
+
+_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), default=str).encode
+
+
+def json_bytes(value: Any) -> bytes:
+    """JSON on one line; what JSON does not have is text. Raises ValueError for a value that contains itself."""
+    if orjson is not None:
+        with suppress(TypeError):  # large numbers, keys that are no texts, texts that are not Unicode
+            return orjson.dumps(value, _other)
+    return _encode(value).encode("utf-8", "backslashreplace")
+
+
+def _other(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else str(value)
+
+
+def json_value(data: bytes) -> Any:
+    """The value of JSON, for readers to which all large numbers are floating point. Raises ValueError."""
+    if orjson is not None:
+        with suppress(ValueError):  # numbers and texts that Python's JSON alone has
+            return orjson.loads(data)
+    return json.loads(data)
