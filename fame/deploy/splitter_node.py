@@ -240,9 +240,11 @@ class SplitterNode:
         if self._deployment is not deployment:
             return
         self._deployment = None
-        if deployment.started:  # a robot that has died meanwhile comes late
+        refused = any(each.state in REFUSALS for each in deployment.robots.values())
+        decided = self._kept is not None and self._kept[0] is diagram  # robots may have started that cannot be heard
+        if deployment.started or (decided and not refused):  # a robot that has died meanwhile comes late
             self._keep(diagram, supplied=deployment.started)
-        elif self._diagram is diagram and any(each.state in REFUSALS for each in deployment.robots.values()):
+        elif self._diagram is diagram and refused:
             self._diagram = None  # a robot that was silent may come back, and is asked again
             if self._kept is not None:
                 self._keep(*self._kept)
