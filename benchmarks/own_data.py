@@ -1,7 +1,7 @@
-"""A detector for a new user's data, chosen by the rule of ``fame train --compare``: python benchmarks/own_data.py.
+"""A detector for a new user's data, chosen by the rule of ``--compare``: python benchmarks/own_data.py.
 
 The data are those of tests/own_data.py: 12 channels, 16 undisturbed runs. All settings but the detector are the
-defaults of `fame train`. The detector is chosen on these runs and on faults that `--compare` puts into them; the
+defaults of training. The detector is chosen on these runs and on faults that `--compare` puts into them; the
 faults of tests/own_data.py are not among these. The chosen one is then judged on other seeds, which nothing was chosen
 by: undisturbed runs, and runs with each of the four faults.
 """

@@ -7,8 +7,8 @@ from pathlib import Path
 from fame.cli import main
 
 arguments = [Path(sys.argv[0]).name, *sys.argv[1:]]
-if arguments[0] != "log":
+if arguments[0] not in ("log", "monitor"):
     arguments[1:1] = ["--middleware", "ros"]
-elif arguments[1:2] == ["record"]:  # the only part of it that talks to robots
+elif arguments[1:2] in (["record"], ["process"]):  # the only parts of them that talk to robots
     arguments[2:2] = ["--middleware", "ros"]
 sys.exit(main(arguments))

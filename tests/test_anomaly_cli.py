@@ -1,4 +1,4 @@
-"""`fame adm` on bags and files, through the handlers of the command line."""
+"""`fame monitor adm` on bags and files, through the handlers of the command line."""
 
 import json
 from pathlib import Path
@@ -24,7 +24,7 @@ Split: {{folds: 0}}
 
 
 def adm(*words: object) -> int:
-    arguments = parser().parse_args(["adm", *map(str, words)])
+    arguments = parser().parse_args(["monitor", "adm", *map(str, words)])
     code: int = arguments.command(arguments)
     return code
 

@@ -226,7 +226,7 @@ def test_a_model_with_code_is_refused(folder: Path):
 
 def test_a_model_of_another_version_is_refused(folder: Path):
     with pytest.raises(
-        ConfigError, match=r"was made with scikit-learn 0\.1\.0, here is .*fame adm learn makes it anew"
+        ConfigError, match=r"was made with scikit-learn 0\.1\.0, here is .*fame monitor adm learn makes it anew"
     ):
         load_model(stored(folder, versions={"scikit-learn": "0.1.0"}))
 

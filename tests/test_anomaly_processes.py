@@ -1,4 +1,4 @@
-"""``fame adm collect`` and ``operate`` in processes of their own over DDS, with the published arguments."""
+"""``fame monitor adm collect`` and ``operate`` in processes of their own over DDS, with the published arguments."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def arm() -> Iterator[Arm]:
 
 @contextmanager
 def adm(*words: object) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "fame", "adm", *map(str, words), "--json"]
+    command = [sys.executable, "-m", "fame", "monitor", "adm", *map(str, words), "--json"]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -131,7 +131,7 @@ def test_the_launch_file_has_the_published_arguments_and_starts_what_there_is(ca
     for mode, given in {"collect": "/joint_states", "learn": "gone.yaml", "operate": "/joint_states"}.items():
         started = modes[mode]
         words = started.get("cmd").partition(" $(var ")[0].split()
-        assert words[:5] == ["python3", "-m", "fame", "adm", mode]
+        assert words[:6] == ["python3", "-m", "fame", "monitor", "adm", mode]
         assert started.get("shell") == "true" or mode == "learn"  # else several arguments are one
         assert main([*words[3:], given]) == 2
         assert expected[mode] in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""``fame adm envelope``: training data just outside a tolerance, made from benign runs."""
+"""``fame monitor adm envelope``: training data just outside a tolerance, made from benign runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def benign(tmp_path: Path) -> str:
 @needs_data
 def test_each_run_gives_a_larger_and_a_smaller_part_by_the_tolerance(benign: str, tmp_path: Path, capsys) -> None:
     out = tmp_path / "outside.csv"
-    assert main(["adm", "envelope", benign, "--tolerance", "2", "-o", str(out), "--json"]) == 0
+    assert main(["monitor", "adm", "envelope", benign, "--tolerance", "2", "-o", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["anomalous_runs"] == 4
     found = read_csv(out)
     assert set(found.labels.tolist()) == {-1}
@@ -43,9 +43,9 @@ def test_each_run_gives_a_larger_and_a_smaller_part_by_the_tolerance(benign: str
 def test_a_task_file_says_another_part(benign: str, tmp_path: Path) -> None:
     (tmp_path / "task.yaml").write_text(TASK)
     out, same = tmp_path / "a.csv", tmp_path / "b.csv"
-    assert main(["adm", "envelope", benign, "--tolerance", "2", "-o", str(out)]) == 0
+    assert main(["monitor", "adm", "envelope", benign, "--tolerance", "2", "-o", str(out)]) == 0
     task = str(tmp_path / "task.yaml")
-    assert main(["adm", "envelope", benign, "--tolerance", "2", "--task", task, "-o", str(same)]) == 0
+    assert main(["monitor", "adm", "envelope", benign, "--tolerance", "2", "--task", task, "-o", str(same)]) == 0
     assert out.read_bytes() == same.read_bytes()
 
 
@@ -66,7 +66,7 @@ def test_bad_input_is_refused(task: str, tolerance: str, said, benign: str, tmp_
     (tmp_path / "task.yaml").write_text(task)
     out = tmp_path / "outside.csv"
     options = ["--tolerance", tolerance, "--task", str(tmp_path / "task.yaml"), "-o", str(out)]
-    assert main(["adm", "envelope", benign, *options]) == 2
+    assert main(["monitor", "adm", "envelope", benign, *options]) == 2
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert all(text in err for text in said)

@@ -42,7 +42,7 @@ WRONG = {
     "no such model": (GOOD.replace("m.bpmn", "n.bpmn"), "s.yaml:1: error: model: expected a file"),
     "a robot that stands outside": (GOOD.replace("[1, 1]", "[9, 1]"), "s.yaml:4: error: world.robots.REX.at: "),
     "not YAML": ("model: [", "s.yaml:1: error: is not valid YAML: "),
-    "another file": ("Files: {}", "s.yaml: error: is a learning file, which is for fame adm learn"),
+    "another file": ("Files: {}", "s.yaml: error: is a learning file, which is for fame monitor adm learn"),
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -27,12 +28,80 @@ def fame(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_help_lists_exactly_the_commands_there_are(capsys) -> None:
+MONITORS = ("record", "train", "process", "judge", "model", "adm")
+
+
+def test_help_is_one_screen_with_all_commands_in_groups(capsys) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["--help"])
     assert ended.value.code == 0
-    lines = capsys.readouterr().out.split("COMMAND\n")[1].split("\n\n")[0].splitlines()
-    assert tuple(line.split()[0] for line in lines if line.startswith("    ") and line[4] != " ") == COMMANDS
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 24
+    assert max(map(len, lines)) <= 100
+    listed = [line.split() for line in lines if line.startswith(" ")]
+    parted = ("monitor", "log")
+    commands = [words[:1] if words[0] in parted or words[1][0].isupper() else words for words in listed]
+    assert [name for words in commands for name in words] == [name for name in COMMANDS if name != "team"]
+    (monitor,) = (words for words in listed if words[0] == "monitor")
+    assert tuple(monitor[1::2]) == MONITORS
+
+
+@pytest.mark.parametrize("group", ["team", "monitor", "log"])
+def test_a_group_alone_lists_its_commands(group: str, capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([group])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: fame {group} ")
+
+
+def test_commands_of_a_team_have_two_faces_and_say_nothing_of_it(capsys) -> None:
+    for words in (["keys", "robot", "x"], ["team", "keys", "robot", "x"]):
+        assert main(words) == 2
+        assert capsys.readouterr().err == "fame: error: fame keys robot needs --key FILE.key, the key of the team\n"
+    assert main(["team", "sattus"]) == 2
+    assert "did you mean 'status'? (see fame team --help)\n" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", MONITORS)
+def test_the_old_name_of_a_monitor_command_works_and_says_the_new_one(name: str, capsys) -> None:
+    part = {"model": ["show"], "adm": ["learn"]}.get(name, [])
+    for words in ([name, *part], ["monitor", name, *part]):
+        main([*words, "--help-me"])
+        said = capsys.readouterr().err.splitlines()
+        assert said[-1].endswith(f"(see fame monitor {' '.join([name, *part])} --help)")
+        assert said[:-1] == ([f"fame: note: fame {name} is now fame monitor {name}"] if words[0] == name else [])
+    main([name, *part, "--json"])
+    assert "is now" not in capsys.readouterr().err
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("ru", "run"),
+        ("run --mid", "--middleware"),
+        ("run --middleware ", "local dds zenoh ros"),
+        ("run --middleware dds --sp", "--speed"),
+        ("run --log ", ""),
+        ("team stat", "status"),
+        ("monitor adm l", "learn"),
+        ("log ", "record convert merge"),
+        ("completion f", "fish"),
+    ],
+)
+def test_bash_completes_commands_options_and_choices(typed: str, offered: str, capsys) -> None:
+    assert main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    words = ["fame", *typed.split(" ")]
+    ends = f'COMP_WORDS=("$@"); COMP_CWORD={len(words) - 1}; _fame; echo "${{COMPREPLY[*]}}"'
+    done = subprocess.run(["bash", "-c", f"{script}{ends}", "_", *words], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == (f"{offered}\n", "")
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_other_shells_have_a_script_with_the_same_words(shell: str, capsys) -> None:
+    assert main(["completion", shell]) == 0
+    assert "local dds zenoh ros" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -56,10 +56,10 @@ def test_fame_train_prints_the_table_and_stores_the_best(tmp_path: Path, capsys:
         "Inputs: {A: {Topic: joints, Field: [effort], MessageType: sensor_msgs/msg/JointState}}\n"
         "Training: {Files: [runs.csv], Model: m.skops, Window: 20, Samples: 500, Hidden: [4, 2], Epochs: 2, Folds: 2}\n"
     )
-    assert main(["train", str(tmp_path / "m.yaml"), "--compare"]) == 0
+    assert main(["monitor", "train", str(tmp_path / "m.yaml"), "--compare"]) == 0
     told = capsys.readouterr().out
     assert all(name in told for name in ("detector", "false alarms", "isolation_forest", "mahalanobis"))
-    assert main(["train", str(tmp_path / "m.yaml"), "--compare", "--json"]) == 0
+    assert main(["monitor", "train", str(tmp_path / "m.yaml"), "--compare", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["detector"] == found["compared"][0]["detector"]
     assert (tmp_path / "m.card.md").is_file()

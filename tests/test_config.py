@@ -14,17 +14,17 @@ from fame.errors import ConfigError
 FILES = {
     "scenario": ({"model": "m.bpmn", "seed": 1}, "is a scenario, which is for fame run"),
     "world": ({"size": [4, 4], "robots": []}, "is a world, which is for fame world"),
-    "node": ({"Inputs": {}, "Training": {}}, "is the configuration of a node, which is for fame process, "),
-    "learning": ({"Files": {}, "Split": {}}, "is a learning file, which is for fame adm learn"),
+    "node": ({"Inputs": {}, "Training": {}}, "is the configuration of a node, which is for fame monitor process, "),
+    "learning": ({"Files": {}, "Split": {}}, "is a learning file, which is for fame monitor adm learn"),
     "project": ({"scenarios": [], "tests": []}, "is a project, which is for fame run without a file"),
 }
 COMMANDS = {
     "run": (["run"], ("scenario",)),
     "world": (["world"], ("world", "scenario")),
-    "process": (["process"], ("node",)),
-    "train": (["train"], ("node",)),
-    "record": (["record", "-o", "x.csv"], ("node",)),
-    "learn": (["adm", "learn", "-o", "x.skops"], ("learning",)),
+    "process": (["monitor", "process"], ("node",)),
+    "train": (["monitor", "train"], ("node",)),
+    "record": (["monitor", "record", "-o", "x.csv"], ("node",)),
+    "learn": (["monitor", "adm", "learn", "-o", "x.skops"], ("learning",)),
 }
 
 
@@ -35,9 +35,9 @@ def test_a_file_for_another_command_is_refused_with_its_name(command: str, kind:
     content, said = FILES[kind]
     path = tmp_path / "file.yaml"
     path.write_text(yaml.safe_dump(content))
-    (first, *rest), _ = COMMANDS[command]
-    words = [first, *rest[:1], str(path), *rest[1:]] if first == "adm" else [first, str(path), *rest]
-    assert main(words) == 2
+    words, _ = COMMANDS[command]
+    options = words.index("-o") if "-o" in words else len(words)
+    assert main([*words[:options], str(path), *words[options:]]) == 2
     err = capsys.readouterr().err
     assert err.startswith(f"fame: error: {path}: {said}")
     assert err.count("\n") == 1
@@ -46,7 +46,7 @@ def test_a_file_for_another_command_is_refused_with_its_name(command: str, kind:
 def test_a_file_with_keys_that_none_has_is_told_those_that_are_known(tmp_path: Path, capsys) -> None:
     path = tmp_path / "file.yaml"
     path.write_text("speed: 3\n")
-    assert main(["train", str(path)]) == 2
+    assert main(["monitor", "train", str(path)]) == 2
     assert "file.yaml:1: speed: unknown key; known are: Inputs, Outputs" in capsys.readouterr().err
 
 
@@ -58,12 +58,12 @@ WRONG = {
     ),
     "world": ("world", "size: [4, 4]\nstep: fast\n", ":2: step: expected a number from 0.0001 to 0.05, got 'fast'"),
     "pipeline": (
-        "process",
+        "monitor process",
         "Inputs:\n  A: {Topic: t, MessageType: std_msgs/msg/Float64, Field: data}\nFrequency: fast\n",
         ":3: Freq",
     ),
     "learning": (
-        "adm learn -o x.skops",
+        "monitor adm learn -o x.skops",
         "Files:\n  unsupervised_train: {name: a.csv, input_col: [0]}\nSplit:\n  folds: 1\n",
         ":4: Split.folds: ",
     ),

@@ -24,7 +24,7 @@ from robots.arm.task import MH5, simulated_runs
 
 
 def first_autoencoders() -> dict[str, Any]:
-    """What the first version of `fame train` stored: autoencoders only, nothing about the rate of false alarms."""
+    """What the first version of `fame monitor train` stored: autoencoders only, no rate of false alarms."""
     random = np.random.default_rng(3)
     layers = (8, 3, 8)
     shapes = list(pairwise(layers))
@@ -44,7 +44,7 @@ def benign_runs(count: int, seed: int) -> list[np.ndarray]:
 
 
 def first_paths() -> dict[str, Any]:
-    """What the first version of `fame adm learn` stored of a path detector: no orientations, parameters or noise."""
+    """What the first version of `adm learn` stored of a path detector: no orientations, parameters or noise."""
     runs = of_runs(benign_runs(4, seed=7), 1, MH5.joints)
     plain = PathDetector(MH5).fit(runs).to_plain()
     plain = {name: value for name, value in plain.items() if name not in ("parameters", "turns", "noise")}
@@ -67,13 +67,13 @@ def test_the_first_autoencoders_compute_their_losses_and_their_card_promises_not
     assert model.thresholds == (0.3, 0.4)
     text = to_markdown(card_of(load_any(old)))
     assert "promise: none: trained by an earlier version" in text
-    assert "nothing is known about its false alarms; train again with fame train" in text
+    assert "its rate of false alarms is unknown; fame monitor train makes it anew" in text
     assert "The promise holds" not in text
     assert "## Data\n\n##" not in text
 
 
 def test_the_drift_of_the_first_autoencoders_is_refused_with_the_command(old: Path):
-    with pytest.raises(ConfigError, match=r"was trained by an earlier version, .*: fame train makes it anew"):
+    with pytest.raises(ConfigError, match=r"was trained by an earlier version, .*: fame monitor train makes it anew"):
         Drift(model=str(old))
 
 
@@ -86,7 +86,7 @@ def test_the_first_path_detector_scores_as_it_did_and_says_what_it_does_not_see(
     moved = of_runs([benign_runs(1, seed=8)[0] + [0, 0.02, 0, 0, 0, 0]], -1, MH5.joints)
     assert sum(reading.anomalous for reading in detector.follow(moved)) > 100
     text = to_markdown(card_of(load_any(tmp_path / "path.skops")))
-    assert "does not see the orientation of the tool: fame adm learn makes it anew" in text
+    assert "does not see the orientation of the tool: fame monitor adm learn makes it anew" in text
 
 
 @pytest.mark.parametrize("format", ["fame-adm-0", "fame-monitor-99", None])
@@ -94,18 +94,18 @@ def test_a_model_of_another_version_is_refused_with_the_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], format: str | None
 ):
     write_artefact({"format": format}, tmp_path / "m.skops")
-    assert main(["model", "show", str(tmp_path / "m.skops")]) == 2
-    assert "fame train or fame adm learn makes it anew" in capsys.readouterr().err
-    with pytest.raises(ConfigError, match=r"expected format 'fame-monitor-2', got .*; fame train makes it anew"):
+    assert main(["monitor", "model", "show", str(tmp_path / "m.skops")]) == 2
+    assert "fame monitor train or adm learn makes it anew" in capsys.readouterr().err
+    with pytest.raises(ConfigError, match=r"'fame-monitor-2', got .*; fame monitor train makes it anew"):
         TrainedModel.load(tmp_path / "m.skops")
-    with pytest.raises(ConfigError, match=r"expected format 'fame-adm-1', got .*; fame adm learn makes it anew"):
+    with pytest.raises(ConfigError, match=r"'fame-adm-1', got .*; fame monitor adm learn makes it anew"):
         load_model(tmp_path / "m.skops")
 
 
 @needs_data
 def test_a_model_of_another_scikit_learn_is_refused_with_the_command(tmp_path: Path):
     write_artefact({**first_paths(), "versions": {"scikit-learn": "0.99.1"}}, tmp_path / "m.skops")
-    with pytest.raises(ConfigError, match=r"was made with scikit-learn 0\.99\.1, .*: fame adm learn makes it anew"):
+    with pytest.raises(ConfigError, match=r"scikit-learn 0\.99\.1, .*: fame monitor adm learn makes it anew"):
         load_model(tmp_path / "m.skops")
 
 

@@ -52,7 +52,7 @@ def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, Any]:
 
 
 def test_runs_have_verdicts_events_with_channels_and_latency(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, found = told(capsys, "judge", folder / "monitor.skops", folder / "runs.csv")
+    code, found = told(capsys, "monitor", "judge", folder / "monitor.skops", folder / "runs.csv")
     assert code == 1
     assert [run["verdict"] for run in found["runs"]] == ["benign", "anomalous", "benign", "anomalous"]
     assert [run["label"] for run in found["runs"]] == [1, -1, 1, -1]
@@ -69,7 +69,7 @@ def test_runs_have_verdicts_events_with_channels_and_latency(folder: Path, capsy
 
 def test_the_report_is_one_static_page_with_plots_of_the_runs(folder: Path, tmp_path: Path) -> None:
     page = tmp_path / "out" / "report.html"
-    assert main(["judge", str(folder / "monitor.skops"), str(folder / "runs.csv"), "-o", str(page)]) == 1
+    assert main(["monitor", "judge", str(folder / "monitor.skops"), str(folder / "runs.csv"), "-o", str(page)]) == 1
     text = page.read_text()
     assert text.count("<svg") == 4 + 4  # scores, drift, two curves, four runs
     assert "<script" not in text
@@ -85,7 +85,7 @@ def test_without_labels_alarms_are_counted_per_hour(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write(tmp_path / "stream.csv", [own_data.run(1003)], None)
-    code, found = told(capsys, "judge", folder / "monitor.skops", tmp_path / "stream.csv")
+    code, found = told(capsys, "monitor", "judge", folder / "monitor.skops", tmp_path / "stream.csv")
     assert code == 0
     assert found["figures"]["alarms per hour"] == 0.0
     assert found["runs"][0]["label"] is None
@@ -109,14 +109,14 @@ def test_runs_that_were_not_judged_are_never_benign(
 ) -> None:
     good, bad = own_data.run(1003), own_data.run(5001, "stuck")
     write(tmp_path / "mixed.csv", [good, slower(good)], None)
-    code, found = told(capsys, "judge", folder / "monitor.skops", tmp_path / "mixed.csv")
+    code, found = told(capsys, "monitor", "judge", folder / "monitor.skops", tmp_path / "mixed.csv")
     assert (code, found["status"]) == (3, "partial")
     assert [(run["verdict"], run["share judged"]) for run in found["runs"]] == [("benign", 1.0), ("not judged", 0.0)]
     assert (found["figures"]["not judged"], found["figures"]["share judged"]) == (1, pytest.approx(1 / 3, abs=0.01))
-    assert main(["judge", str(folder / "monitor.skops"), str(tmp_path / "mixed.csv")]) == 3
+    assert main(["monitor", "judge", str(folder / "monitor.skops"), str(tmp_path / "mixed.csv")]) == 3
     assert "not judged: 1" in capsys.readouterr().out
     write(tmp_path / "worse.csv", [slower(good), bad], None)
-    assert told(capsys, "judge", folder / "monitor.skops", tmp_path / "worse.csv")[0] == 1
+    assert told(capsys, "monitor", "judge", folder / "monitor.skops", tmp_path / "worse.csv")[0] == 1
 
 
 def test_empty_cells_are_told_and_what_they_leave_out_is_not_benign(
@@ -127,7 +127,7 @@ def test_empty_cells_are_told_and_what_they_leave_out_is_not_benign(
     lines[500:900] = [line.rpartition(",")[0] + "," for line in lines[500:900]]
     lines[2000:] = [line.rpartition(",")[0] + "," for line in lines[2000:]]
     (tmp_path / "gaps.csv").write_text("\n".join([head, *lines]) + "\n")
-    code, found = told(capsys, "judge", folder / "monitor.skops", tmp_path / "gaps.csv")
+    code, found = told(capsys, "monitor", "judge", folder / "monitor.skops", tmp_path / "gaps.csv")
     assert code == 3
     assert [run["verdict"] for run in found["runs"]] == ["not judged", "not judged"]
     assert 0.7 < found["runs"][0]["share judged"] < 0.85
@@ -147,7 +147,8 @@ def test_decimal_commas_separators_and_dates_are_understood(
         rows.append([f"2026-01-31T12:00:{seconds:09.6f}", *(cell.replace(".", ",") for cell in rest)])
     (tmp_path / "local.csv").write_text("\n".join(separator.join(row) for row in rows) + "\n")
     plain, local = (
-        told(capsys, "judge", folder / "monitor.skops", tmp_path / f"{name}.csv") for name in ("plain", "local")
+        told(capsys, "monitor", "judge", folder / "monitor.skops", tmp_path / f"{name}.csv")
+        for name in ("plain", "local")
     )
     assert plain[0] == local[0] == 0
     assert local[1]["runs"][0]["score"] == pytest.approx(plain[1]["runs"][0]["score"], rel=1e-3)
@@ -175,13 +176,13 @@ def test_cells_that_are_no_numbers_are_named_with_their_column(row: str, text: s
         (("nowhere.skops", "runs.csv"), "nowhere.skops: there is no such file"),
         (("monitor.skops", "nowhere.csv"), "nowhere.csv: cannot be read: No such file"),
         (("monitor.skops", "bag.mcap"), "a bag needs --config CONFIG.yaml"),
-        (("runs.csv", "runs.csv"), "is corrupt, or no model of fame train or fame adm learn"),
+        (("runs.csv", "runs.csv"), "is corrupt, or no model of fame monitor train or adm learn"),
     ],
 )
 def test_what_cannot_be_judged_is_one_line(
     folder: Path, words: tuple[str, str], text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["judge", *(str(folder / word) for word in words)]) == 2
+    assert main(["monitor", "judge", *(str(folder / word) for word in words)]) == 2
     error = capsys.readouterr().err
     assert text in error
     assert error.count("\n") == 1
@@ -224,9 +225,9 @@ def test_a_card_says_what_was_learned_promised_and_measured(model: TrainedModel)
 
 
 def test_the_card_is_printed_from_the_model_alone(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["model", "show", str(folder / "monitor.skops")]) == 0
+    assert main(["monitor", "model", "show", str(folder / "monitor.skops")]) == 0
     assert "no promise" in capsys.readouterr().out
-    code, found = told(capsys, "model", "show", folder / "monitor.skops")
+    code, found = told(capsys, "monitor", "model", "show", folder / "monitor.skops")
     assert (code, found["Model"]["detector"]) == (0, "mahalanobis")
 
 

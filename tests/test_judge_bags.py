@@ -1,4 +1,4 @@
-"""``fame judge`` of bags: rosbag2 in both storages, by models of ``fame train`` and of ``fame adm learn``."""
+"""``fame monitor judge`` of bags: rosbag2 in both forms, by models of ``monitor train`` and ``monitor adm learn``."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, Any]:
     return code, json.loads(capsys.readouterr().out)
 
 
-# ---- a model of fame train -------------------------------------------------------------------------------------------
+# ---- a model of fame monitor train -----------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_a_trained_model_judges_a_bag(
 ) -> None:
     run = own_data.run(5001, "stuck")
     bag = write_bag(tmp_path / "bag", storage, own_data.NAMES, run.stamps, field="effort", values=run.values)
-    words = ("judge", trained / "monitor.skops", bag, "--config", trained / "low_pass.yaml")
+    words = ("monitor", "judge", trained / "monitor.skops", bag, "--config", trained / "low_pass.yaml")
     code, found = told(capsys, *words, "-o", tmp_path / "report.html")
     assert code == 1
     (judged,) = found["runs"]
@@ -95,12 +95,12 @@ def test_a_single_mcap_file_is_judged_as_its_folder(
     )
     (file,) = folder.glob("*.mcap")
     words = ("--config", trained / "low_pass.yaml")
-    found = [told(capsys, "judge", trained / "monitor.skops", data, *words) for data in (folder, file)]
+    found = [told(capsys, "monitor", "judge", trained / "monitor.skops", data, *words) for data in (folder, file)]
     assert [code for code, _ in found] == [0, 0]
     assert found[0][1]["runs"][0]["score"] == found[1][1]["runs"][0]["score"]
 
 
-# ---- a model of fame adm learn ---------------------------------------------------------------------------------------
+# ---- a model of fame monitor adm learn -------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,10 @@ def learned(tmp_path_factory: pytest.TempPathFactory) -> Path:
         f"Classifiers:\n  - {{name: path, class: PathDetector, parameters: {{chain: {FILE}}}, threshold: 0.003}}\n"
         "Split: {folds: 0}\n"
     )
-    assert main(["adm", "learn", str(folder / "learn.yaml"), "-o", str(folder / "path.skops"), "--jobs", "1"]) == 0
+    assert (
+        main(["monitor", "adm", "learn", str(folder / "learn.yaml"), "-o", str(folder / "path.skops"), "--jobs", "1"])
+        == 0
+    )
     return folder
 
 
@@ -131,7 +134,7 @@ def test_a_learned_model_judges_the_runs_of_a_bag(
     stamps = 0.025 * np.arange(len(values))
     bag = write_bag(tmp_path / "bag", storage, MH5.joints, stamps, field="position", values=values)
     capsys.readouterr()
-    code, found = told(capsys, "judge", learned / "path.skops", bag, "-o", tmp_path / "report.html")
+    code, found = told(capsys, "monitor", "judge", learned / "path.skops", bag, "-o", tmp_path / "report.html")
     assert code == 1
     assert [run["verdict"] for run in found["runs"]] == ["benign", "anomalous", "benign"]
     assert found["runs"][1]["events"][0]["kind"] == "path"
@@ -145,7 +148,7 @@ def test_a_bag_without_the_topic_is_one_line(learned: Path, tmp_path: Path, caps
         tmp_path / "bag", StoragePlugin.SQLITE3, ["a"], np.zeros(1), field="position", values=np.ones((1, 1))
     )
     capsys.readouterr()
-    assert main(["judge", str(learned / "path.skops"), str(bag), "--topic", "/Arm/joint_states"]) == 2
+    assert main(["monitor", "judge", str(learned / "path.skops"), str(bag), "--topic", "/Arm/joint_states"]) == 2
     assert capsys.readouterr().err.endswith("has no topic /Arm/joint_states; it has /joint_states\n")
-    assert main(["judge", str(learned / "path.skops"), str(bag)]) == 2
+    assert main(["monitor", "judge", str(learned / "path.skops"), str(bag)]) == 2
     assert "it has 1 joints (a), without joint_s" in capsys.readouterr().err

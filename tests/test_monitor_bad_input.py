@@ -89,7 +89,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     runs = [run(seed) for seed in range(6)]
     fit(runs, QUICK).save(folder / "train.skops")
     write(folder / "runs.csv", runs, lambda number, row: 1)
-    assert main(["adm", "learn", str(learning(folder)), "-o", str(folder / "adm.skops")]) == 0
+    assert main(["monitor", "adm", "learn", str(learning(folder)), "-o", str(folder / "adm.skops")]) == 0
     return {"train": folder / "train.skops", "adm": folder / "adm.skops"}
 
 
@@ -98,9 +98,11 @@ def test_the_same_points_with_two_labels_cannot_be_judged(
     models: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
 ):
     data = write(tmp_path / "runs.csv", [run(11), run(12), run(11)], lambda number, row: -1 if number == 2 else 1)
-    assert "runs 0 and 2 are the same points, but their labels differ" in refusal(capsys, "judge", models[kind], data)
+    assert "runs 0 and 2 are the same points, but their labels differ" in refusal(
+        capsys, "monitor", "judge", models[kind], data
+    )
     data = write(tmp_path / "runs.csv", [run(11), run(12), run(11)], lambda number, row: 1)
-    assert main(["judge", str(models[kind]), str(data)]) == 0
+    assert main(["monitor", "judge", str(models[kind]), str(data)]) == 0
 
 
 @pytest.mark.parametrize("kind", ["train", "adm"])
@@ -108,7 +110,7 @@ def test_runs_without_labels_are_no_benign_ones(
     models: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
 ):
     capsys.readouterr()
-    assert main(["judge", str(models[kind]), str(write(tmp_path / "runs.csv", [run(11)])), "--json"]) == 0
+    assert main(["monitor", "judge", str(models[kind]), str(write(tmp_path / "runs.csv", [run(11)])), "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)["figures"]
     assert "alarms per hour" in figures
     assert "false alarms" not in figures
@@ -120,7 +122,7 @@ def test_runs_of_a_few_rows_get_a_verdict_or_are_named(
 ):
     capsys.readouterr()
     data = write(tmp_path / "runs.csv", [run(1), run(2, 2)])
-    assert main(["judge", str(models[kind]), str(data), "--json"]) == 3
+    assert main(["monitor", "judge", str(models[kind]), str(data), "--json"]) == 3
     whole, short = json.loads(capsys.readouterr().out)["runs"]
     assert (whole["verdict"], short["verdict"]) == ("benign", "not judged")
     assert short["share judged"] < 0.1
@@ -134,7 +136,7 @@ def test_an_anomalous_run_wins_over_one_that_is_not_judged(
 ):
     strange = run(3)
     data = write(tmp_path / "runs.csv", [run(1), run(2, 2), strange.replace(strange.values + 3.0)])
-    assert main(["judge", str(models[kind]), str(data), "--json"]) == 1
+    assert main(["monitor", "judge", str(models[kind]), str(data), "--json"]) == 1
     assert [each["verdict"] for each in json.loads(capsys.readouterr().out)["runs"]] == [
         "benign", "not judged", "anomalous"
     ]  # fmt: skip
@@ -143,7 +145,7 @@ def test_an_anomalous_run_wins_over_one_that_is_not_judged(
 def test_learning_refuses_one_run_standing_still_and_labels_that_contradict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    command = ("adm", "learn", learning(tmp_path), "-o", tmp_path / "m.skops")
+    command = ("monitor", "adm", "learn", learning(tmp_path), "-o", tmp_path / "m.skops")
     write(tmp_path / "runs.csv", [run(0)], lambda number, row: 1)
     assert "has 1 run of one class; at least 3 are needed for Split.folds 3" in refusal(capsys, *command)
     still = [item.replace(np.full_like(item.values, 0.3)) for item in map(run, range(4))]
@@ -159,8 +161,8 @@ def test_learning_refuses_one_run_standing_still_and_labels_that_contradict(
 def test_a_model_of_one_kind_is_refused_where_the_other_is_expected(
     models: dict[str, Path], capsys: pytest.CaptureFixture[str]
 ):
-    text = refusal(capsys, "adm", "operate", "--model", models["train"], "--bag", "none")
+    text = refusal(capsys, "monitor", "adm", "operate", "--model", models["train"], "--bag", "none")
     assert "expected format 'fame-adm-1', got 'fame-monitor-2'" in text
-    for kind, maker in (("train", "fame train"), ("adm", "fame adm learn")):
-        assert main(["model", "show", str(models[kind])]) == 0
+    for kind, maker in (("train", "fame monitor train"), ("adm", "fame monitor adm learn")):
+        assert main(["monitor", "model", "show", str(models[kind])]) == 0
         assert f"made by: {maker}" in capsys.readouterr().out

@@ -112,7 +112,7 @@ def monitor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     section = yaml.safe_load(file.read_text())
     section["Training"] |= {"Samples": 1500, "Folds": 3}  # a quick training
     file.write_text(yaml.safe_dump(section, sort_keys=False))
-    assert main(["train", str(file)]) == 0
+    assert main(["monitor", "train", str(file)]) == 0
     return folder
 
 

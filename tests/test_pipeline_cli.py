@@ -1,4 +1,4 @@
-"""``fame process``, ``record``, ``train``, ``param``, ``topic`` as a user types them; over DDS between processes."""
+"""``fame monitor process``, ``record``, ``train``; ``fame param``, ``topic``; over DDS between processes."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_training_prints_a_table_stores_the_model_and_knows_it_again(
     (tmp_path / "a.csv").write_text("\n".join(["stamp,run,Efforts.elbow,Efforts.wrist", *rows]) + "\n")
     training = {"Files": ["*.csv"], "Window": 10, "Hidden": [3], "Epochs": 2, "Model": "out/m.skops"}
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"Training": training}))  # a CSV is enough
-    command = ["train", str(tmp_path / "c.yaml")]
+    command = ["monitor", "train", str(tmp_path / "c.yaml")]
     assert main([*command, "--onnx", str(tmp_path / "m.onnx")]) == 0
     out = capsys.readouterr().out
     assert "Efforts.wrist" in out
@@ -70,19 +70,22 @@ def test_training_prints_a_table_stores_the_model_and_knows_it_again(
     stage = {"Class": "Autoencoder", "Parameters": {"model": "out/m.skops"}}
     sections = {"Inputs": {"Efforts": EFFORTS}, "Outputs": loss, "Training": training, "Processor": stage}
     (tmp_path / "c.yaml").write_text(yaml.safe_dump(sections))
-    assert main(["process", str(tmp_path / "c.yaml")]) == 2
+    assert main(["monitor", "process", str(tmp_path / "c.yaml")]) == 2
     assert "is stale: trained on data" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["process", "none.yaml"], "none.yaml: cannot be read: No such file or directory"),
-        (["process", "{low_pass}", "--processor", "Lowpass"], "--processor[0]: expected a processor (LowPass"),
-        (["process", "{low_pass}", "--set", "cutoff"], "expected NAME=VALUE, as in cutoff=5, got 'cutoff'"),
-        (["process", "{low_pass}", "--frequency", "0"], "expected a number above 0, got '0'"),
-        (["record", "{low_pass}", "-o", "x.csv", "--bag", "none.bag"], "none.bag: is not a readable bag"),
-        (["train", "{low_pass}"], "has no section Training"),
+        (["monitor", "process", "none.yaml"], "none.yaml: cannot be read: No such file or directory"),
+        (
+            ["monitor", "process", "{low_pass}", "--processor", "Lowpass"],
+            "--processor[0]: expected a processor (LowPass",
+        ),
+        (["monitor", "process", "{low_pass}", "--set", "cutoff"], "expected NAME=VALUE, as in cutoff=5, got 'cutoff'"),
+        (["monitor", "process", "{low_pass}", "--frequency", "0"], "expected a number above 0, got '0'"),
+        (["monitor", "record", "{low_pass}", "-o", "x.csv", "--bag", "none.bag"], "none.bag: is not a readable bag"),
+        (["monitor", "train", "{low_pass}"], "has no section Training"),
         (["topic", "plot", "/a", "-o", "x.png"], "expected /topic:field"),
         (["topic", "plot", "/a:b", "-o", "x.svg"], "expected a file with the ending .png, got '.svg'"),
     ],
@@ -99,7 +102,7 @@ def test_a_wrong_request_is_one_line_and_exit_code_2(
 
 def test_the_graph_of_a_pipeline_shows_nodes_and_topics_in_order(tmp_path: Path) -> None:
     files = [str(MONITOR / f"{name}.yaml") for name in ("low_pass", "autoencoders", "loss_low_pass", "threshold")]
-    assert main(["process", *files, "--graph", str(tmp_path / "g.svg")]) == 0
+    assert main(["monitor", "process", *files, "--graph", str(tmp_path / "g.svg")]) == 0
     drawn = ElementTree.parse(tmp_path / "g.svg").getroot()
     boxes = [each for each in drawn if each.tag.endswith("rect")]
     texts = [each.text for each in drawn if each.tag.endswith("text") and each.get("class") is None]
@@ -171,7 +174,7 @@ def arm() -> Iterator[Arm]:
 @pytest.mark.processes
 @pytest.mark.dds
 def test_a_node_in_another_process_filters_and_its_parameters_change_from_a_third(arm: Arm, low_pass: Path) -> None:
-    node = fame("process", str(low_pass), "--set", "cutoff=7")
+    node = fame("monitor", "process", str(low_pass), "--set", "cutoff=7")
     try:
         end = arm.scheduler.now + PATIENCE
         while len(arm.filtered) < 20:
@@ -203,7 +206,7 @@ def test_topics_of_another_process_are_listed_recorded_and_drawn(arm: Arm, low_p
         ("topic", "list", "--json"),
         ("topic", "echo", "/joint_states", "--count", "2", "--field", "effort.wrist"),
         ("topic", "hz", "/joint_states", "--count", "20"),
-        ("record", str(low_pass), "-o", str(csv), "--duration", "0.5"),
+        ("monitor", "record", str(low_pass), "-o", str(csv), "--duration", "0.5"),
         ("topic", "plot", "/joint_states:effort", "--duration", "0.5", "-o", str(png)),
     )
     topics = {each["name"]: each for each in json.loads(listed[1])["topics"]}
@@ -221,12 +224,12 @@ def test_topics_of_another_process_are_listed_recorded_and_drawn(arm: Arm, low_p
     [
         (["param", "set", "/low_pass", "cutoff", "["], "is not valid YAML"),
         (["param", "set", "/low_pass", "cutoff", "2026-13-45"], "month must be in 1..12"),
-        (["process", "x.yaml", "--set", "cutoff=["], "is not valid YAML"),
-        (["process", "x.yaml", "--set", "cutoff=2026-13-45"], "is not valid YAML"),
-        (["process", "x.yaml", "--frequency", "1e12"], "--frequency: expected a number from"),
-        (["process", "x.yaml", "--frequency", "1e-300"], "--frequency: expected a number from"),
+        (["monitor", "process", "x.yaml", "--set", "cutoff=["], "is not valid YAML"),
+        (["monitor", "process", "x.yaml", "--set", "cutoff=2026-13-45"], "is not valid YAML"),
+        (["monitor", "process", "x.yaml", "--frequency", "1e12"], "--frequency: expected a number from"),
+        (["monitor", "process", "x.yaml", "--frequency", "1e-300"], "--frequency: expected a number from"),
         (["topic", "list", "--duration", "1e300"], "--duration: expected a number above 0, got '1e300'"),
-        (["record", "x.yaml", "-o", "http://localhost:abc/robots"], "expected http://host:8086/database"),
+        (["monitor", "record", "x.yaml", "-o", "http://localhost:abc/robots"], "expected http://host:8086/database"),
     ],
 )
 def test_numbers_and_words_that_cannot_be_meant_are_a_wrong_request(

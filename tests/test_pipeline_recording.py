@@ -214,7 +214,7 @@ def test_a_bag_without_the_topic_or_with_another_type_is_refused_before_a_file_i
 def test_the_command_records_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ros1_bag(tmp_path / "old.bag")
     configuration(tmp_path)
-    command = ["record", str(tmp_path / "joints.yaml"), "--bag", str(tmp_path / "old.bag"), "-o"]
+    command = ["monitor", "record", str(tmp_path / "joints.yaml"), "--bag", str(tmp_path / "old.bag"), "-o"]
     assert main([*command, str(tmp_path / "a.csv")]) == 0
     assert capsys.readouterr().out == f"{tmp_path}/a.csv: 3 rows, 1 run\n"
     assert main([*command, str(tmp_path / "a.csv")]) == 2
@@ -416,7 +416,7 @@ def test_a_real_server_stores_every_row_though_it_goes_away_in_between(tmp_path:
 def test_a_file_of_somebody_else_is_refused_untouched_even_without_a_line_end(tmp_path: Path) -> None:
     for text in ("my notes, one line", "a,b\n1,2\n3"):
         (tmp_path / "notes.csv").write_text(text)
-        with pytest.raises(ConfigError, match="was not recorded by fame record"):
+        with pytest.raises(ConfigError, match="was not recorded by fame monitor record"):
             Bench().record(configuration(tmp_path), tmp_path / "notes.csv", append=True)
         assert (tmp_path / "notes.csv").read_text() == text
     (tmp_path / "notes.csv").write_text("stamp,r")  # killed within its header

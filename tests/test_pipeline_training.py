@@ -147,9 +147,9 @@ def test_foreign_and_damaged_files_are_refused_with_the_reason(model: TrainedMod
     from sklearn.decomposition import PCA
 
     (tmp_path / "pickle.skops").write_bytes(pickle.dumps({"format": "fame-autoencoder-1"}))
-    assert "is corrupt, or no model of fame train" in refusal(tmp_path / "pickle.skops")
+    assert "is corrupt, or no model of fame monitor train" in refusal(tmp_path / "pickle.skops")
     skops.io.dump(PCA(), tmp_path / "pca.skops")
-    assert "is not a model of fame train: expected format" in refusal(tmp_path / "pca.skops")
+    assert "is not a model of fame monitor train: expected format" in refusal(tmp_path / "pca.skops")
     skops.io.dump({"format": "fame-autoencoder-1", "run": print}, tmp_path / "code.skops")
     assert "contains code or unknown classes" in refusal(tmp_path / "code.skops")
     assert "there is no such file" in refusal(tmp_path / "none.skops")
@@ -273,7 +273,7 @@ def test_a_stored_model_whose_figures_cannot_be_is_damaged(
     from fame.monitor.storage import read_artefact, write_artefact
 
     model.save(tmp_path / "model.skops")
-    content = read_artefact(tmp_path / "model.skops", "fame train")
+    content = read_artefact(tmp_path / "model.skops", "fame monitor train")
     write_artefact(content | change, tmp_path / "model.skops")
     with pytest.raises(ConfigError, match="is damaged"):
         TrainedModel.load(tmp_path / "model.skops")
@@ -369,17 +369,17 @@ def test_a_run_that_is_unlike_the_others_is_refused_unless_kept(
     (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
     section = {"Files": ["runs.csv"], "Detector": "pca", "Window": 20}
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"Training": section}))
-    assert main(["train", str(tmp_path / "c.yaml")]) == 2
+    assert main(["monitor", "train", str(tmp_path / "c.yaml")]) == 2
     error = capsys.readouterr().err
     assert "run 2: its left-out loss of" in error
     assert error.count("\n") == 1
     assert not (tmp_path / "model.skops").exists()
-    assert main(["train", str(tmp_path / "c.yaml"), "--keep"]) == 0
+    assert main(["monitor", "train", str(tmp_path / "c.yaml"), "--keep"]) == 0
     assert "warning: run 2: its left-out loss" in capsys.readouterr().err
 
 
 def trained(tmp_path: Path, runs: list[tuple[float, float]]) -> str:
-    """What ``fame train`` says of runs, each of a noise and a length (s)."""
+    """What ``fame monitor train`` says of runs, each of a noise and a length (s)."""
     import contextlib
     import io
 
@@ -397,7 +397,7 @@ def trained(tmp_path: Path, runs: list[tuple[float, float]]) -> str:
     section = {"Files": ["runs.csv"], "Detector": "pca", "Window": 20}
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"Training": section}))
     with contextlib.redirect_stderr(io.StringIO()) as said:
-        assert main(["train", str(tmp_path / "c.yaml")]) == 0
+        assert main(["monitor", "train", str(tmp_path / "c.yaml")]) == 0
     return said.getvalue()
 
 

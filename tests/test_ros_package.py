@@ -32,10 +32,13 @@ ARGUMENTS = {
     "move": ["REX", "A", "B"],
     "world": ["w.yaml"],
     "log": ["-o", "run.mcap"],
+    "monitor": ["low_pass.yaml"],
     "process": ["low_pass.yaml"],
     "record": ["low_pass.yaml", "-o", "a.csv"],
 }
 """What a command cannot do without."""
+PARTS = {"log": ["log", "record"], **{old: ["monitor", old] for old in ("process", "record")}}
+PARTS["monitor"] = PARTS["process"]
 
 
 def words(pattern: str) -> list[str]:
@@ -63,10 +66,10 @@ def test_what_cmake_looks_for_is_declared() -> None:
 def test_the_packages_of_the_wheel_are_installed_and_the_models_inside_fame() -> None:
     wheel = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
     packages = words(r"foreach\(package ([\w ]+)\)")
-    assert [*packages, "models"] == wheel["only-include"]
+    assert [*packages, "models", "examples"] == wheel["only-include"]
     assert all((ROOT / package / "__init__.py").exists() for package in packages)
-    assert words(r"install\(DIRECTORY models DESTINATION \$\{PYTHON_INSTALL_DIR\}/(\w+)\)") == ["fame"]
-    assert wheel["sources"] == {"models": "fame/models"}
+    assert words(r"install\(DIRECTORY models examples DESTINATION \$\{PYTHON_INSTALL_DIR\}/(\w+)\)") == ["fame"]
+    assert wheel["sources"] == {"models": "fame/models", "examples": "fame/examples"}
 
 
 def test_each_installed_command_is_one_that_takes_a_middleware() -> None:
@@ -75,7 +78,7 @@ def test_each_installed_command_is_one_that_takes_a_middleware() -> None:
     assert {"retry", "set", "move", "view", "log"} < {*commands}
     for command in commands:
         needed = ARGUMENTS.get(command, [])
-        said = ["log", "record"] if command == "log" else [command]
+        said = PARTS.get(command, [command])
         assert parser().parse_args([*said, "--middleware", "ros", *needed]).middleware == "ros"
 
 
@@ -86,6 +89,8 @@ def test_each_installed_command_is_one_that_takes_a_middleware() -> None:
         ("log record -o run.mcap", "log record --middleware ros -o run.mcap"),
         ("log convert run.mcap -o run.xes", "log convert run.mcap -o run.xes"),
         ("log", "log"),
+        ("monitor process x.yaml", "monitor process --middleware ros x.yaml"),
+        ("monitor train x.yaml", "monitor train x.yaml"),
     ],
 )
 def test_what_talks_to_robots_does_so_over_ros(monkeypatch: pytest.MonkeyPatch, said: str, run: str) -> None:

@@ -49,7 +49,7 @@ def configuration(tmp_path: Path) -> Configuration:
 def processing(here: WallWorld, configuration: Configuration, *arguments: str) -> ProcessingNode:
     """A node with a processor, in a process that was started with these arguments for ROS."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["fame", "process", "scaled.yaml", "--ros-args", *arguments])
+        patch.setattr(sys, "argv", ["fame", "monitor", "process", "scaled.yaml", "--ros-args", *arguments])
         here.node("first")
         return ProcessingNode(here.middlewares[0], here.scheduler, configuration, processors=[Scaled()])
 

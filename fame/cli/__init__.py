@@ -19,58 +19,77 @@ from io import TextIOWrapper
 from types import FrameType
 
 from fame.cli import output, project
-from fame.cli.arguments import Parser, Version, register_types
+from fame.cli.arguments import Commands, Parser, Version, group as add_group, register_types
 from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, note, print_json
 from fame.errors import NOT_KNOWN, FameError
 
-_DECLARATIONS: Mapping[str, str] = {
-    "new": "new.add_new",
-    "demo": "new.add_demo",
-    "run": "run.add",
-    "split": "models.add_split",
-    "check": "check.add",
-    "convert": "models.add_convert",
-    "draw": "models.add_draw",
-    "library": "models.add_library_command",
-    "templates": "models.add_templates",
-    "view": "view.add",
-    "engine": "engine.add",
-    "deploy": "deployment.add_deploy",
-    "splitter": "deployment.add_splitter",
-    "router": "network.add_router",
-    "status": "robots.add_status",
-    "log": "logs.add",
-    **dict.fromkeys(("complete", "activate", "abort", "retry", "set", "move"), "robots.add_requests"),
-    "world": "worlds.add_world",
-    **dict.fromkeys(("pause", "resume"), "worlds.add_time"),
-    "keys": "deployment.add_keys",
-    "process": "pipelines.add_process",
-    "record": "pipelines.add_record",
-    "train": "pipelines.add_train",
-    "judge": "monitors.add_judge",
-    "model": "monitors.add_model",
-    "param": "ros.add_param",
-    "topic": "ros.add_topic",
-    "adm": "adm.add",
-    "test": "testing.add",
-    "campaign": "campaign.add",
+_GROUPS: Mapping[str, Mapping[str, str]] = {
+    "mission": {
+        "new": "new.add_new",
+        "demo": "new.add_demo",
+        "run": "run.add",
+        "test": "testing.add",
+        "check": "check.add",
+        "campaign": "campaign.add",
+        "draw": "models.add_draw",
+        "view": "view.add",
+    },
+    "team": {
+        "engine": "engine.add",
+        "deploy": "deployment.add_deploy",
+        "splitter": "deployment.add_splitter",
+        "router": "network.add_router",
+        "status": "robots.add_status",
+        **dict.fromkeys(("complete", "activate", "abort", "retry", "set", "move"), "robots.add_requests"),
+        "world": "worlds.add_world",
+        **dict.fromkeys(("pause", "resume"), "worlds.add_time"),
+        "keys": "deployment.add_keys",
+    },
+    "monitor": {
+        "record": "pipelines.add_record",
+        "train": "pipelines.add_train",
+        "process": "pipelines.add_process",
+        "judge": "monitors.add_judge",
+        "model": "monitors.add_model",
+        "adm": "adm.add",
+    },
+    "log": {"log": "logs.add"},
+    "tools": {
+        "split": "models.add_split",
+        "convert": "models.add_convert",
+        "library": "models.add_library_command",
+        "templates": "models.add_templates",
+        "topic": "ros.add_topic",
+        "param": "ros.add_param",
+        "completion": "completion.add",
+    },
 }
-"""The function that declares each command. A module is imported when one of its commands is asked for: an engine starts
-without what the other commands need."""
-COMMANDS = tuple(_DECLARATIONS)
+"""The function that declares each command, by group. A module is imported when one of its commands is asked for: an
+engine starts without what the other commands need. Commands of a team are also parts of ``fame team``; those of
+monitors are only parts of ``fame monitor``, and their names alone are old."""
+_PARTS = {
+    "team": ("what there is for a running team; each part is also a command of its own", "fame team status"),
+    "monitor": ("learned models on the data of robots: record, train, process, judge", "fame monitor train own.yaml"),
+}
+"""The groups whose commands are parts of a command: help and example."""
+COMMANDS = tuple(
+    name for group, names in _GROUPS.items() for name in ((group,) if group in _PARTS else ()) + tuple(names)
+    if group != "monitor" or name == group
+)  # fmt: skip
 _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line (that of the process by default) and return the exit code."""
     output.named.clear()
-    given = without_ros_arguments(sys.argv[1:] if argv is None else argv)
+    given = _with_new_name(without_ros_arguments(sys.argv[1:] if argv is None else argv))
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to fail
     with _noting_interrupts() as interrupts:
         try:
-            arguments = parser(*given[:1]).parse_args(given or ["--help"])
+            alone = len(given) == 1 and given[0] in (*_PARTS, "log")
+            arguments = parser(*given[:2]).parse_args([*given, "--help"] if alone else given or ["--help"])
             arguments.command_line = shlex.join(["fame", *given])
             project.apply(arguments)
             register_types(arguments)
@@ -116,21 +135,57 @@ def _noting_interrupts() -> Iterator[list[int]]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def parser(name: str = "") -> Parser:
-    """The parser of the command that is `asked` for, else of all commands."""
-    top = Parser(
-        prog="fame",
-        description="Run the missions of a team of robots from BPMN 2.0 collaboration diagrams.",
-        epilog="fame COMMAND --help describes the options of a command.\n"
-        "Exit codes: 0 success, 1 the mission or a check failed, 2 the request was wrong, 3 not known (a search\n"
-        "that was not exhaustive has found no error), 130 after Ctrl-C.",
-    )
+def _with_new_name(given: list[str]) -> list[str]:
+    """A command line with the new name of its command, which is said if the name is old."""
+    if not given or given[0] not in _GROUPS["monitor"]:
+        return given
+    if "--json" not in given:
+        note(f"fame: note: fame {given[0]} is now fame monitor {given[0]}")
+    return ["monitor", *given]
+
+
+def parser(name: str = "", part: str = "") -> Parser:
+    """The parser of the command that is asked for by its words, else of all commands."""
+    top = _Top(prog="fame")
     top.add_argument("--version", action=Version, help="show the version and exit")
-    commands = top.add_subparsers(metavar="COMMAND", required=True)
-    for place in dict.fromkeys([_DECLARATIONS[name]] if name in COMMANDS else _DECLARATIONS.values()):
+    commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
+    for group, declarations in _GROUPS.items():
+        if group in _PARTS and (name == group or name not in COMMANDS):
+            about, example = _PARTS[group]
+            made = add_group(commands, group, help=about, examples=(example,))
+            _declare(made.add_subparsers(metavar="SUBCOMMAND", required=True), declarations, part)
+        if group != "monitor" and (name in declarations or name not in COMMANDS):
+            _declare(commands, declarations, name)
+    return top
+
+
+def _declare(commands: Commands, declarations: Mapping[str, str], name: str) -> None:
+    """Declare the command of a name, else all."""
+    for place in dict.fromkeys([declarations[name]] if name in declarations else declarations.values()):
         module, add = place.split(".")
         getattr(import_module(f"fame.cli.{module}"), add)(commands)
-    return top
+
+
+class _Top(Parser):
+    """The parser of all commands, whose help is one screen."""
+
+    def format_help(self) -> str:
+        (commands,) = (action.choices for action in self.arguments if isinstance(action.choices, dict))
+        missions = [f" {name:10}{commands[name].description}" for name in _GROUPS["mission"]]
+        return "\n".join(
+            [
+                "usage: fame [-h] [--version] COMMAND ...",
+                "Run the missions of a team of robots from BPMN 2.0 collaboration diagrams.\n",
+                *("a mission:", *missions),
+                *("a running team, also as fame team COMMAND:", f" {' '.join(_GROUPS['team'])}"),
+                *("learned models on the data of robots:", f" monitor {' | '.join(_GROUPS['monitor'])}"),
+                *("recordings:", " log record | merge | convert"),
+                *("tools:", f" {' '.join(_GROUPS['tools'])}\n"),
+                "fame COMMAND --help describes a command; fame team, fame monitor and fame log list theirs.",
+                "Exit codes: 0 success, 1 the mission or a check failed, 2 the request was wrong, 3 not known,",
+                "130 after Ctrl-C.\n",
+            ]
+        )
 
 
 def _report(error: FameError, cause: BaseException, given: Sequence[str], code: int) -> int:

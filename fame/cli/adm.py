@@ -1,4 +1,4 @@
-"""``fame adm``: the anomaly detection module. It collects runs, learns from them, and scores runs as they happen."""
+"""``fame monitor adm``: the anomaly detection module: collect runs, learn from them, score runs as they happen."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 
 _EXAMPLES = (
-    "fame adm collect --label 1 --runs 30 -o benign.csv",
-    "fame adm learn examples/adm_learn.yaml -o best.skops",
-    "fame adm envelope benign.csv --tolerance 1 -o outside.csv",
-    "fame adm operate --model best.skops --threshold 0.01",
+    "fame monitor adm collect --label 1 --runs 30 -o benign.csv",
+    "fame monitor adm learn examples/adm_learn.yaml -o best.skops",
+    "fame monitor adm envelope benign.csv --tolerance 1 -o outside.csv",
+    "fame monitor adm operate --model best.skops --threshold 0.01",
 )
 
 
@@ -52,8 +52,8 @@ def add(commands: Commands) -> None:
 
 
 _COLLECT_EXAMPLES = (
-    "fame adm collect --label 1 --runs 30 -o benign.csv",
-    "fame adm collect --bag recorded --label -1 -o anomalous.csv",
+    "fame monitor adm collect --label 1 --runs 30 -o benign.csv",
+    "fame monitor adm collect --bag recorded --label -1 -o anomalous.csv",
 )
 
 
@@ -104,7 +104,8 @@ def run_collect(arguments: Namespace) -> int:
 def _add_learn(parts: Commands) -> None:
     """Declare the part."""
     parser = command(
-        parts, "learn", run_learn, examples=("fame adm learn examples/adm_learn.yaml -o best.skops --plots out/adm",),
+        parts, "learn", run_learn,
+        examples=("fame monitor adm learn examples/adm_learn.yaml -o best.skops --plots out/adm",),
         help="train and compare classifiers, and store the best as a model",
     )  # fmt: skip
     parser.add_argument("config", type=Path, metavar="CONFIG.yaml")
@@ -196,8 +197,8 @@ def _show(progress: Progress) -> None:
 
 
 _OPERATE_EXAMPLES = (
-    "fame adm operate --model best.skops --threshold 0.01",
-    "fame adm operate --model best.skops --bag recorded --json",
+    "fame monitor adm operate --model best.skops --threshold 0.01",
+    "fame monitor adm operate --model best.skops --bag recorded --json",
 )
 
 

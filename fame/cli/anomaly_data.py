@@ -1,4 +1,4 @@
-"""The runs that ``fame adm`` works on: labelled files, and the topics or bags that runs come from."""
+"""The runs that ``fame monitor adm`` works on: labelled files, and the topics or bags that runs come from."""
 
 from __future__ import annotations
 
@@ -120,12 +120,12 @@ def _play(arguments: Namespace, make: Make) -> Any:
 def add_labelled_files(parts: Commands) -> None:
     """Declare the parts."""
     merging = command(
-        parts, "merge", merge, examples=("fame adm merge benign.csv outside.csv -o training.csv",),
+        parts, "merge", merge, examples=("fame monitor adm merge benign.csv outside.csv -o training.csv",),
         help="join labelled CSV files into one",
     )  # fmt: skip
     merging.add_argument("files", type=Path, nargs="+", metavar="CSV")
     enveloping = command(
-        parts, "envelope", envelope, examples=("fame adm envelope benign.csv --tolerance 1 -o outside.csv",),
+        parts, "envelope", envelope, examples=("fame monitor adm envelope benign.csv --tolerance 1 -o outside.csv",),
         help="compute runs just outside a tolerance, as labelled training data",
     )  # fmt: skip
     enveloping.add_argument("benign", type=Path, metavar="BENIGN.csv", help="recorded runs of the task")

@@ -27,7 +27,7 @@ def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "campaign", run, examples=_EXAMPLES,
-        help="run a scenario many times with varied seeds and values: probability of success, failures by cause",
+        help="run a scenario many times with other seeds and values: success rate, causes of failures",
     )  # fmt: skip
     parser.add_argument(
         "scenario", nargs="?", type=Path, metavar="SCENARIO.yaml|MODEL.bpmn",

@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "check", run, examples=_EXAMPLES,
-        help="report errors and likely mistakes in models and scenarios; exit code 1 if there is an error",
+        help="report errors and likely mistakes in models and scenarios before anything moves",
     )  # fmt: skip
     parser.add_argument(
         "models", type=Path, nargs="*", metavar="FILE",

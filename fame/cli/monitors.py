@@ -1,4 +1,4 @@
-"""Commands of monitors on recorded data: ``fame judge`` and ``fame model``."""
+"""Commands of monitors on recorded data: ``fame monitor judge`` and ``fame monitor model``."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from fame.monitor.pipeline.trained_model import TrainedModel
 
 _JUDGE_EXAMPLES = (
-    "fame judge joint_monitor.skops runs.csv -o report.html",
-    "fame judge joint_monitor.skops run_bag --config low_pass.yaml --json",
-    "fame judge best.skops original_30.csv",
-    "fame judge best.skops recorded_bag --topic /Arm/joint_states -o report.html",
+    "fame monitor judge joint_monitor.skops runs.csv -o report.html",
+    "fame monitor judge joint_monitor.skops run_bag --config low_pass.yaml --json",
+    "fame monitor judge best.skops original_30.csv",
+    "fame monitor judge best.skops recorded_bag --topic /Arm/joint_states -o report.html",
 )
 
 
@@ -30,15 +30,15 @@ def add_judge(commands: Commands) -> None:
         commands, "judge", run_judge, examples=_JUDGE_EXAMPLES,
         help="judge recorded runs by a model, with the same code as live: verdicts, events, rates, and a report",
     )  # fmt: skip
-    parser.add_argument("model", type=Path, metavar="MODEL.skops", help="model written by fame train or fame adm learn")
+    parser.add_argument("model", type=Path, metavar="MODEL.skops", help="what fame monitor train or adm learn wrote")
     parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help="CSV files, bags and MCAP files")
     parser.add_argument(
         "--config", type=Path, metavar="CONFIG.yaml",
-        help="configuration whose Inputs are read from bags, for a model of fame train",
+        help="configuration whose Inputs are read from bags, for a model of fame monitor train",
     )  # fmt: skip
     parser.add_argument(
         "--topic", default="/joint_states",
-        help="topic that is read from bags, for a model of fame adm learn (default: %(default)s)",
+        help="topic that is read from bags, for a model of fame monitor adm learn (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("-o", "--output", type=Path, metavar="REPORT.html", help="write a page with plots")
     add_json(parser)
@@ -129,10 +129,11 @@ def _event(events: Sequence[Event]) -> str:
 
 def add_model(commands: Commands) -> None:
     """Declare the command and its parts."""
-    parser = group(commands, "model", examples=("fame model show joint_monitor.skops",), help="inspect learned models")
+    examples = "fame monitor model show joint_monitor.skops", "fame monitor model show best.skops --json"
+    parser = group(commands, "model", examples=examples[:1], help="inspect learned models")
     parts = parser.add_subparsers(metavar="SUBCOMMAND", required=True)
     show = command(
-        parts, "show", run_show, examples=("fame model show joint_monitor.skops", "fame model show best.skops --json"),
+        parts, "show", run_show, examples=examples,
         help="show the card of a model: data, thresholds, promised and measured rates, limits",
     )  # fmt: skip
     show.add_argument("model", type=Path, metavar="MODEL.skops")

@@ -40,7 +40,7 @@ def add_demo(commands: Commands) -> None:
     """Declare the command."""
     command(
         commands, "demo", run_demo, examples=("fame demo",),
-        help=f"write the ground vehicles to the folder {DEMO}, and run them: picture, film, recording",
+        help="write a project of two cars that seek a target, and run it: picture, film, recording",
     )  # fmt: skip
 
 

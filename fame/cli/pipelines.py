@@ -1,6 +1,6 @@
 """Commands of monitoring: processing nodes, recording nodes and the training of detectors.
 
-``fame process``, ``fame record`` and ``fame train``.
+``fame monitor process``, ``fame monitor record`` and ``fame monitor train``.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 
 _PROCESS_EXAMPLES = (
-    "fame process models/monitoring/joint_monitor/low_pass.yaml",
-    "fame process encoder_0.yaml --processor my_model.py:Encoder --frequency 20",
-    "fame process low_pass.yaml encoders.yaml threshold.yaml --set cutoff=5",
+    "fame monitor process models/monitoring/joint_monitor/low_pass.yaml",
+    "fame monitor process encoder_0.yaml --processor my_model.py:Encoder --frequency 20",
+    "fame monitor process low_pass.yaml encoders.yaml threshold.yaml --set cutoff=5",
 )
 
 
@@ -144,10 +144,10 @@ def _configured(path: Path, arguments: Namespace) -> Configuration:
 
 
 _RECORD_EXAMPLES = (
-    "fame record joints.yaml -o runs.csv",
-    "fame record joints.yaml -o runs.csv --append --run-topic /task_start",
-    "fame record joints.yaml --bag runs_bag -o runs.csv",
-    "fame record joints.yaml -o runs.mcap -o http://localhost:8086/robots",
+    "fame monitor record joints.yaml -o runs.csv",
+    "fame monitor record joints.yaml -o runs.csv --append --run-topic /task_start",
+    "fame monitor record joints.yaml --bag runs_bag -o runs.csv",
+    "fame monitor record joints.yaml -o runs.mcap -o http://localhost:8086/robots",
 )
 
 
@@ -220,7 +220,7 @@ def add_train(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "train", run_train,
-        examples=("fame train monitor.yaml --plots out", "fame train monitor.yaml --compare"),
+        examples=("fame monitor train monitor.yaml --plots out", "fame monitor train monitor.yaml --compare"),
         help="train a detector on recorded runs, with thresholds that promise a rate of false alarms",
     )  # fmt: skip
     parser.add_argument(

@@ -137,7 +137,7 @@ def apply(arguments: Namespace) -> None:
 
 
 def _argument(leaf: Parser, action: Action) -> str:
-    return f"{leaf.prog.split(maxsplit=1)[-1]} {action.dest}"
+    return f"{leaf.prog.split()[-1]} {action.dest}"
 
 
 def _take(arguments: Namespace, name: str, action: Action) -> Iterator[tuple[Action, list[str]]]:

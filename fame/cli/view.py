@@ -40,7 +40,7 @@ def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "view", run, examples=_EXAMPLES,
-        help="show a mission in the browser: a recording, a model with its findings at each save, or a running team",
+        help="show a mission in the browser: a recording, a model while you draw it, a running team",
     )  # fmt: skip
     parser.add_argument(
         "subject", type=Path, nargs="?", metavar="RUN.mcap|MODEL.bpmn|SCENARIO.yaml",

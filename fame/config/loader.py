@@ -22,8 +22,8 @@ Kind = Literal["scenario", "world", "node", "learning", "project"]
 _KINDS: dict[Kind, tuple[set[str], str, str]] = {
     "scenario": ({"model"}, "a scenario", "fame run"),
     "world": ({"robots", "size", "bounds"}, "a world", "fame world"),
-    "node": ({"Inputs", "Outputs"}, "the configuration of a node", "fame process, fame record or fame train"),
-    "learning": ({"Files"}, "a learning file", "fame adm learn"),
+    "node": ({"Inputs", "Outputs"}, "the configuration of a node", "fame monitor process, record or train"),
+    "learning": ({"Files"}, "a learning file", "fame monitor adm learn"),
     "project": ({"scenarios", "tests"}, "a project", "fame run without a file, in its folder"),
 }
 """Kind -> the keys that only such a file has, its name, and its commands."""
@@ -94,7 +94,7 @@ def meant_for(content: object, kind: Kind) -> str:
     """A hint at the right command if a file has keys of another kind than `kind` and none of that kind; else empty.
 
     >>> meant_for({"Files": {}}, "node")
-    'is a learning file, which is for fame adm learn'
+    'is a learning file, which is for fame monitor adm learn'
     >>> meant_for({"Inputs": {}, "Files": {}}, "node"), meant_for({"speed": 1}, "world"), meant_for(None, "world")
     ('', '', '')
     """

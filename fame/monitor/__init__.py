@@ -4,7 +4,7 @@ pipeline    processors, the nodes that run them, recording, training
 anomaly     learn what a repetitive task of an arm looks like; raise an alarm when a run differs
 services    the services of both, for service tasks of a mission
 calibration thresholds that promise a rate of false alarms
-judge       `fame judge`, with `judge_report`; drift: slow changes over runs
+judge       `fame monitor judge`, with `judge_report`; drift: slow changes over runs
 model_card  the card of a model
 data_files  CSV tables and bags; `storage`: models on disk
 plots       plots of losses, thresholds and alarms

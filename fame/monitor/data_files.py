@@ -1,4 +1,4 @@
-"""Files of recorded data: CSV tables, the runs that `fame record` wrote, and bags of ROS 1 and 2.
+"""Files of recorded data: CSV tables, the runs that `fame monitor record` wrote, and bags of ROS 1 and 2.
 
 Runs need a column ``stamp`` (s). A column ``run`` divides a file into runs, and every file begins a new one. In a
 recorded table a cell may be empty: a row holds the message of one topic. Cells are separated by a semicolon, tab, comma
@@ -149,8 +149,8 @@ def rate_of(runs: Sequence[Samples]) -> float:
 def read_table(path: Path, *, recorded: bool = False) -> Table:
     """Read the numbers of a CSV file.
 
-    A `recorded` table is one of `fame record`: it has a header, empty cells are NaN, and a partial last line, which a
-    killed writer leaves, is dropped. Raises ConfigError with the line.
+    A `recorded` table is one of `fame monitor record`: it has a header, empty cells are NaN, and a partial last line,
+    which a killed writer leaves, is dropped. Raises ConfigError with the line.
     """
     text = _text(path)
     lines = text.splitlines()

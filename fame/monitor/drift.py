@@ -100,7 +100,7 @@ class Drift(Processor):
             raise ConfigError("needs the file of a trained model", element="model")
         trained = model if isinstance(model, TrainedModel) else TrainedModel.load(model)
         if trained.calibration is None:
-            text = "was trained by an earlier version, which stored no calibration: fame train makes it anew"
+            text = "was trained by an earlier version, which stored no calibration: fame monitor train makes it anew"
             raise ConfigError(text, file=str(model), element="model")
         self.model = "" if isinstance(model, TrainedModel) else str(model)
         self.monitor: DriftMonitor = DriftMonitor.of(trained.columns, trained.calibration)

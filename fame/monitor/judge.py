@@ -222,11 +222,11 @@ def _refuse_contradictions(runs: Sequence[tuple[Floats, Whole, str]]) -> None:
             raise ConfigError(text, file=file)
 
 
-# ---- models of fame train --------------------------------------------------------------------------------------------
+# ---- models of fame monitor train ------------------------------------------------------------------------------------
 
 
 def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str, *, labelled: bool) -> Judgement:
-    """Judge runs by a model of ``fame train``. `labelled`: the data say which runs are anomalous.
+    """Judge runs by a model of ``fame monitor train``. `labelled`: the data say which runs are anomalous.
 
     Raises ConfigError for labels that contradict each other.
     """
@@ -316,11 +316,11 @@ def _labelled(run: JudgedRun, labels: Whole, stamps: Floats) -> JudgedRun:
     return replace(run, label=-1, onset=float(stamps[wrong[0]]))
 
 
-# ---- models of fame adm learn ----------------------------------------------------------------------------------------
+# ---- models of fame monitor adm learn --------------------------------------------------------------------------------
 
 
 def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str = "/joint_states") -> Judgement:
-    """Judge recordings of joint states by a model of ``fame adm learn``: CSV files, and bags with such a topic.
+    """Judge recordings of joint states by a model of ``fame monitor adm learn``: CSV files, and bags with such a topic.
 
     Raises ConfigError for other joints, and for labels that contradict each other.
     """

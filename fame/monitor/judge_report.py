@@ -1,4 +1,4 @@
-"""The report of `fame judge`: one static page with tables and plots, and no script."""
+"""The report of `fame monitor judge`: one static page with tables and plots, and no script."""
 
 from __future__ import annotations
 

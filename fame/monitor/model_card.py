@@ -1,7 +1,7 @@
 """Model cards: the data, promises and limits of a model, as Markdown and as JSON.
 
 A card stands beside its model: ``joint_monitor.skops`` has ``joint_monitor.card.md`` and ``joint_monitor.card.json``.
-All that it says is stored in the model, so that ``fame model show`` needs the model alone.
+All that it says is stored in the model, so that ``fame monitor model show`` needs the model alone.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _EXCHANGEABLE = ("The promise holds for runs like those of the training: same ta
 
 
 def load_any(path: str | Path) -> TrainedModel | Model:
-    """Read a model of ``fame train`` or of ``fame adm learn``. Raises ConfigError for any other file."""
+    """Read a model of ``fame monitor train`` or ``adm learn``. Raises ConfigError for any other file."""
     from fame.monitor.anomaly import model as anomaly
     from fame.monitor.pipeline.trained_model import FIRST_FORMAT, FORMAT, TrainedModel, trained_from_plain
     from fame.monitor.storage import read_model
 
     if Path(path).suffix == ".onnx":
         return TrainedModel.load(path)
-    content = read_model(Path(path), "fame train or fame adm learn", (FORMAT, anomaly.FORMAT), (FIRST_FORMAT,))
+    content = read_model(Path(path), "fame monitor train or adm learn", (FORMAT, anomaly.FORMAT), (FIRST_FORMAT,))
     if content["format"] == anomaly.FORMAT:
         return anomaly.model_from_plain(content, str(path))
     return trained_from_plain(content, str(path))
@@ -55,7 +55,7 @@ def _trained_card(model: TrainedModel) -> Card:
     largest = model.metrics["training_max"]
     return {
         "Model": {
-            "made by": "fame train", "detector": detector_name(model.detector), "channels": len(model.columns),
+            "made by": "fame monitor train", "detector": detector_name(model.detector), "channels": len(model.columns),
             "window": f"{model.window} samples, {model.window / model.rate:.3g} s", "rate": f"{model.rate:.4g} Hz",
         },
         "Data": {
@@ -119,7 +119,7 @@ def _anomaly_card(model: Model) -> Card:
     )
     return {
         "Model": {
-            "made by": "fame adm learn", "detector": f"{model.name} ({detector})",
+            "made by": "fame monitor adm learn", "detector": f"{model.name} ({detector})",
             "joints": ", ".join(model.joints), "usual run": f"{model.nominal} points",
         },
         "Data": {"sha256": model.data},

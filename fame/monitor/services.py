@@ -7,9 +7,9 @@ the mission's model.
                  its processors by name (a mapping or its text), `namespace` that topics are relative to (default: the
                  robot's)
 ``record``       a recording node: `configuration`, `namespace`, `output`, one place or several
-``train``        ``fame train``: `configuration`; sets `model` and `thresholds`
+``train``        ``fame monitor train``: `configuration`; sets `model` and `thresholds`
 ``adm_collect``  record labelled runs of an arm: `output`, `label`, `runs`, `points`, `rule`, `topic`, `field`
-``adm_learn``    ``fame adm learn``: `config`, `model`; sets `classifier`, the name of the best one
+``adm_learn``    ``fame monitor adm learn``: `config`, `model`; sets `classifier`, the name of the best one
 ``adm_operate``  watch an arm and raise the signal `anomaly`: `model`, `threshold`, `points`, `rule`, `topic`, `field`
 
 Modules with heavy dependencies are imported when a service is started.
@@ -85,7 +85,7 @@ def _train(context: ServiceContext, variables: Mapping[str, Any]) -> RunningServ
     def results(output: Mapping[str, Any]) -> Mapping[str, Any]:
         return {"model": str(Path(output["model"]).resolve()), "thresholds": output["thresholds"]}
 
-    return CommandService(context, ["train", str(_configuration_file(context, variables))], results)
+    return CommandService(context, ["monitor", "train", str(_configuration_file(context, variables))], results)
 
 
 def _configuration_file(context: ServiceContext, variables: Mapping[str, Any]) -> Path:
@@ -206,7 +206,7 @@ def _adm_learn(context: ServiceContext, variables: Mapping[str, Any]) -> Running
     def results(output: Mapping[str, Any]) -> Mapping[str, Any]:
         return {"classifier": next(item["name"] for item in output["classifiers"] if item["best"])}
 
-    return CommandService(context, ["adm", "learn", str(config), "-o", str(model)], results)
+    return CommandService(context, ["monitor", "adm", "learn", str(config), "-o", str(model)], results)
 
 
 def _rule(variables: Mapping[str, Any]) -> Rule:

@@ -235,7 +235,7 @@ def _plain(model: Model) -> dict[str, Any]:
 
 def load_model(path: str | Path) -> Model:
     """Read a stored model. Raises ConfigError, for each of the reasons above."""
-    return model_from_plain(read_model(Path(path), "fame adm learn", (FORMAT,)), str(path))
+    return model_from_plain(read_model(Path(path), "fame monitor adm learn", (FORMAT,)), str(path))
 
 
 def model_from_plain(content: dict[str, Any], file: str) -> Model:
@@ -244,7 +244,7 @@ def model_from_plain(content: dict[str, Any], file: str) -> Model:
     made = stated.get("scikit-learn", "unknown") if isinstance(stated, dict) else "unknown"
     ours = version("scikit-learn")
     if made.split(".")[:2] != ours.split(".")[:2]:
-        text = f"was made with scikit-learn {made}, here is {ours}: fame adm learn makes it anew"
+        text = f"was made with scikit-learn {made}, here is {ours}: fame monitor adm learn makes it anew"
         text += f", or install scikit-learn {made}"
         raise ConfigError(text, file=file)
     try:
@@ -289,9 +289,9 @@ class DataPersist:
     def retrieve(self, name: str, data: str) -> Any:
         """Give what was stored. Raises ConfigError if it does not exist, or was made from other data."""
         path = self.folder / f"{name}.skops"
-        stored = read_artefact(path, "fame adm")
+        stored = read_artefact(path, "fame monitor adm")
         if not isinstance(stored, dict) or stored.get("format") != FORMAT:
-            raise ConfigError("was not stored by fame adm", file=str(path))
+            raise ConfigError("was not stored by fame monitor adm", file=str(path))
         if stored["data"] != data:
             text = f"is stale: made from data {stored['data'][:12]}, expected {data[:12]}; learn again"
             raise ConfigError(text, file=str(path))

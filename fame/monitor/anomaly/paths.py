@@ -160,7 +160,7 @@ class PathDetector:
         """What the detector does not see, in a sentence."""
         if self.paths is None or not len(self.paths.turns):
             text = "It was learned by an earlier version and does not see the orientation of the tool"
-            return f"{text}: fame adm learn makes it anew."
+            return f"{text}: fame monitor adm learn makes it anew."
         p = self.parameters
         return (
             f"Tolerated and reported: a speed within {100 * p.speed:g} %, pauses of {p.pause:g} samples in all, "

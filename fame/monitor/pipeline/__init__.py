@@ -13,7 +13,7 @@ Models::
 
     trained_model  TrainedModel: autoencoders with thresholds, stored and loaded, also as ONNX
     detectors      kinds of detectors: autoencoders, PCA, nearest neighbours ...
-    train          `fame train`; compare: `fame train --compare`
+    train          `fame monitor train`; compare: `fame monitor train --compare`
 
 Nodes::
 

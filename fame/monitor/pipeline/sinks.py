@@ -184,7 +184,7 @@ def _recover(path: Path) -> tuple[str, int]:
     """The header and the number of the next run of a file to go on with; a torn last line is cut off."""
     data, begins = path.read_bytes(), f"{STAMP},{RUN},".encode()
     if data[: len(begins)] != begins[: len(data)]:
-        raise ConfigError("was not recorded by fame record", file=str(path), line=1)
+        raise ConfigError("was not recorded by fame monitor record", file=str(path), line=1)
     whole = data.rfind(b"\n") + 1
     if whole != len(data):
         os.truncate(path, whole)

@@ -1,4 +1,4 @@
-"""`fame train`: a detector from recorded runs, with thresholds that promise a rate of false alarms.
+"""`fame monitor train`: a detector from recorded runs, with thresholds that promise a rate of false alarms.
 
 Runs are never divided. Each channel is shifted and scaled by what the training runs hold. Of more windows than
 `samples` a random choice is used. For the thresholds, runs are put into folds; each fold is scored by a detector that
@@ -181,7 +181,7 @@ def warnings_of(model: TrainedModel) -> list[str]:
     """Give what a user has to know about the thresholds of a model, a line each."""
     if model.calibration is None:
         return [
-            "was trained by an earlier version: nothing is known about its false alarms; train again with fame train"
+            "was trained by an earlier version, its rate of false alarms is unknown; fame monitor train makes it anew"
         ]
     notes = [] if model.calibration.promised is not None else [model.calibration.text]
     above = [

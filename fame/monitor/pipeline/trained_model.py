@@ -101,7 +101,7 @@ class TrainedModel:
         if str(path).endswith(".onnx"):
             content = read_onnx(path)
         else:
-            content = read_model(Path(path), "fame train", (FORMAT,), (FIRST_FORMAT,))
+            content = read_model(Path(path), "fame monitor train", (FORMAT,), (FIRST_FORMAT,))
         model = trained_from_plain(content, str(path))
         model.require(path, columns, data)
         return model
@@ -202,7 +202,7 @@ def read_onnx(path: str | Path) -> dict[str, Any]:
         raise ConfigError(f"is not a valid ONNX file ({type(error).__name__})", file=str(path)) from None
     metadata = {entry.key: entry.value for entry in proto.metadata_props}.get(_METADATA_KEY)
     if metadata is None:
-        text = "is not a model of fame train; an Estimator can run other ONNX files"
+        text = "is not a model of fame monitor train; an Estimator can run other ONNX files"
         raise ConfigError(text, file=str(path))
     try:
         tensors = {entry.name: onnx.numpy_helper.to_array(entry) for entry in proto.graph.initializer}
