@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -19,7 +20,9 @@ import fame
 from fame.bpmn import read_text
 from fame.cli import main
 from fame.cli.output import progress_line, progress_text, table
+from fame.robot import Event
 from fame.scenario import Progress
+from fame.scenario.result import Result
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = str(ROOT / "examples" / "ground_vehicles.yaml")
@@ -197,6 +200,52 @@ def test_a_line_that_stands_for_long_says_for_how_long(monkeypatch: pytest.Monke
             time.sleep(0.001)
     assert "for 60 s at:   drawing" in stream.getvalue()
     assert stream.getvalue().endswith("\x1b[2K")
+
+
+def test_long_work_says_how_much_time_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([0.0, *(second for share in (0, 1, 10, 50, 90, 100) for second in [36.0 * share])])
+    stream = Terminal()
+    with progress_line(stream) as line:
+        assert line is not None
+        line.close()
+        monkeypatch.setattr("fame.cli.output.time.monotonic", lambda: next(clock))
+        next(clock)
+        for share in (0, 1, 10, 50, 90, 100):
+            line.write(f"{share} runs", share / 100)
+    shown = re.findall(r"\d+ runs[^\r]*", stream.getvalue())
+    left = ["", ", about 59 min left", ", about 54 min left", ", about 30 min left", ", about 6 min left", ""]
+    assert shown == [f"{share} runs{text}" for share, text in zip((0, 1, 10, 50, 90, 100), left, strict=True)]
+
+
+def test_without_a_terminal_the_progress_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fame.cli.output.EVERY", 0.001)
+    stream = io.StringIO()
+    with progress_line(stream) as line:
+        assert line is not None
+        while not stream.getvalue():
+            line.write("3 of 100 runs")
+            time.sleep(0.001)
+    assert {*stream.getvalue().splitlines()} <= {"3 of 100 runs", "for 0 s at:   3 of 100 runs"}
+    assert "\r" not in stream.getvalue()
+
+
+def test_reports_that_differ_in_numbers_only_are_told_once_with_their_count() -> None:
+    def event(second: int, text: str, what: str = "report") -> Event:
+        return Event(second * 1_000_000_000, "REX_2", 0, 0, "", what, text)
+
+    reports = (event(1, "lost 4 messages"), event(2, "picked 1", "log"), event(3, "picked 2", "log"))
+    result = Result(
+        status="completed",
+        seed=0,
+        robots=(),
+        simulated=9.0,
+        wall=1.0,
+        ending="",
+        world=None,
+        reports=(*reports, event(9, "lost 25 messages")),
+    )
+    told = [(one.time // 1_000_000_000, one.detail, count) for one, count in result.told]
+    assert told == [(1, "lost 25 messages", 2), (2, "picked 1", 1), (3, "picked 2", 1)]
 
 
 @pytest.mark.processes

@@ -14,7 +14,7 @@ import pytest
 from collaborations import Steps, text_of
 from deployment_field import Field
 
-from fame.cli import deployment, exploration, main
+from fame.cli import deployment, exploration, main, output
 from fame.log import Recording
 from fame.testing import ExpectationError, MissionLoader
 
@@ -82,7 +82,8 @@ def test_a_test_of_a_mission_that_is_not_explored_whole_fails(tmp_path: Path, mi
 def test_progress_is_written_to_stderr_without_a_terminal(
     broken: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(exploration, "EVERY", 0.0)
+    monkeypatch.setattr(exploration, "_EVERY", 0.0)
+    monkeypatch.setattr(output, "EVERY", 0.0001)
     main(["check", "--explore", str(broken), "--json"])
     shown = capsys.readouterr()
     assert re.search(r"broken.bpmn: \d+ states, [\d,]+ per second, \d+ in the frontier", shown.err)

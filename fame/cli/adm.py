@@ -20,14 +20,14 @@ from fame.cli.anomaly_data import (
 )
 from fame.cli.arguments import Commands, add_json, command, group
 from fame.cli.network import add_network
-from fame.cli.output import note, print_json, table
+from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import MissionError
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
     from fame.monitor.anomaly.classifiers import TrainedClassifier
-    from fame.monitor.anomaly.learn import LearningData, Progress
+    from fame.monitor.anomaly.learn import LearningData
     from fame.monitor.anomaly.live import RunReport
     from fame.monitor.anomaly.nodes import CollectNode, OperateNode
 
@@ -128,8 +128,12 @@ def run_learn(arguments: Namespace) -> int:
     data = read_data(learning)
     for text in data.notes:
         note(text)
-    progress = _show if sys.stderr.isatty() else None
-    learned = learn(learning, data, jobs=max(1, arguments.jobs), progress=progress)
+    with progress_line(sys.stderr) as line:
+        learned = learn(
+            learning, data, jobs=max(1, arguments.jobs),
+            progress=lambda at: line.write(f"{at.done} of {at.total} fits: {at.name}", at.done / at.total)
+            if line is not None else None,
+        )  # fmt: skip
     chosen = best(learned)
     save_model(chosen.model, arguments.output)
     write_card(chosen.model, arguments.output)
@@ -187,13 +191,6 @@ def _plot(folder: Path, learned: list[TrainedClassifier], chosen: TrainedClassif
 def _by_label(labels: list[int]) -> list[list[int]]:
     """The numbers of the runs of each label."""
     return [[number for number, label in enumerate(labels) if label == wanted] for wanted in sorted(set(labels))]
-
-
-def _show(progress: Progress) -> None:
-    left = "" if progress.left is None else f", about {progress.left:.0f} s left"
-    print(f"\r\x1b[2K{progress.done} of {progress.total} fits{left}: {progress.name}", end="", file=sys.stderr)
-    if progress.done == progress.total:
-        print("\r\x1b[2K", end="", file=sys.stderr)
 
 
 _OPERATE_EXAMPLES = (

@@ -77,7 +77,7 @@ def run(arguments: Namespace) -> int:
         def show(rows: list[dict[str, Any]]) -> None:
             if line is not None:
                 done = sum(row["status"] == "completed" for row in rows)
-                line.write(f"{len(rows)} of {campaign.runs} runs, {done} completed")
+                line.write(f"{len(rows)} of {campaign.runs} runs, {done} completed", len(rows) / campaign.runs)
 
         try:
             rows = run_campaign(campaign, folder, width=arguments.width, progress=show)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Parser, natural, positive
-from fame.cli.output import coloured, note, print_json, progress_line
+from fame.cli.output import coloured, print_json, progress_line
 from fame.errors import NOT_KNOWN, ConfigError, FameError
 
 if TYPE_CHECKING:
@@ -143,27 +143,24 @@ def run(arguments: Namespace) -> int:
     return 0 if status == "partial" and arguments.allow_partial else _CODES[status]
 
 
-EVERY = 5.0
-"""Seconds between two lines of progress where there is no terminal."""
-
-
 @contextmanager
 def _progress(path: Path) -> Iterator[Callable[[int, int], object]]:
-    """Show on stderr how far an exploration is: on a terminal in place, else a line every few seconds."""
+    """Show on stderr how far an exploration is; how many states there are is not known before its end."""
     with progress_line(sys.stderr) as line:
         last, before = time.monotonic(), 0
-        every = EVERY if line is None else 0.2
 
         def show(states: int, frontier: int) -> None:
             nonlocal last, before
             now = time.monotonic()
-            if now - last >= every:
+            if line is not None and now - last >= _EVERY:
                 rate = max(states - before, 0) / (now - last)
-                text = f"{path}: {states:,} states, {rate:,.0f} per second, {frontier:,} in the frontier"
+                line.write(f"{path}: {states:,} states, {rate:,.0f} per second, {frontier:,} in the frontier")
                 last, before = now, states
-                note(text) if line is None else line.write(text)
 
         yield show
+
+
+_EVERY = 0.2  # s between two looks at how far it is
 
 
 def _write(result: Exploration, arguments: Namespace, path: Path, robots: dict[str, int]) -> None:

@@ -123,7 +123,7 @@ def convert(arguments: Namespace) -> int:
         warnings = convert_recording(
             arguments.recording,
             arguments.output,
-            lambda done: line.write(f"converting {arguments.recording}: {done:.0%}") if line is not None else None,
+            lambda done: line.write(f"converting: {done:.0%}", done) if line is not None else None,
             level=arguments.level,
         )
     for warning in warnings:
@@ -140,7 +140,7 @@ def merge(arguments: Namespace) -> int:
         warnings = merge_recordings(
             arguments.recordings,
             arguments.output,
-            lambda done: line.write(f"merging to {arguments.output}: {done:.0%}") if line is not None else None,
+            lambda done: line.write(f"merging: {done:.0%}", done) if line is not None else None,
         )
     for warning in warnings:
         note(f"fame: {warning}")

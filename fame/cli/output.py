@@ -48,6 +48,9 @@ def _has_colours(stream: TextIO) -> bool:
 
 _WIPE = "\r\x1b[2K"
 _TICK = 1.0  # s between two looks at whether a line has stood for long
+EVERY = 30.0
+"""Seconds between two lines of progress where there is no terminal."""
+_UNITS = (("h", 3600), ("min", 60))
 
 
 named: dict[str, Any] = {}
@@ -150,10 +153,15 @@ def survive_stdout() -> None:
 
 
 class ProgressLine:
-    """A line on a terminal that is overwritten; it shows for how long its text is unchanged, from two seconds on."""
+    """What a command is at: on a terminal a line that is overwritten, elsewhere a line every half minute.
+
+    It shows for how long its text is unchanged, on a terminal from two seconds on.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._text, self._since = stream, "", time.monotonic()
+        self._draws = stream.isatty()
+        self._begun: tuple[float, float] | None = None
         self._over = threading.Event()
         self._clock = threading.Thread(target=self._count, daemon=True)
         self._clock.start()
@@ -164,34 +172,51 @@ class ProgressLine:
 
     def count_frames(self, drawn: int, frames: int) -> None:
         """Show the progress of an animation."""
-        self.write(f"drawing the film: frame {drawn} of {frames}" + (", writing it" if drawn == frames else ""))
+        text = f"drawing the film: frame {drawn} of {frames}" + (", writing it" if drawn == frames else "")
+        self.write(text, drawn / frames)
 
-    def write(self, text: str) -> None:
-        """Show the current activity."""
-        self._text, self._since = text, time.monotonic()
-        self._write(text)
+    def write(self, text: str, done: float | None = None) -> None:
+        """Show the current activity and, where the share of the work that is `done` is known, the time that is left."""
+        self._since = time.monotonic()
+        self._text = text + (self._left(done) if done is not None else "")
+        if self._draws:
+            self._write(self._text)
 
     def close(self) -> None:
         """Erase the line."""
         self._over.set()
         self._clock.join()
-        self._write("")
+        if self._draws:
+            self._write("")
+
+    def _left(self, done: float) -> str:
+        """The time that is left if the rest is as fast as what was done since the first share that was given."""
+        if self._begun is None or done < self._begun[1]:  # other work
+            self._begun = (self._since, done)
+        seconds, share = self._since - self._begun[0], done - self._begun[1]
+        if seconds < 2 or share <= 0 or done >= 1:
+            return ""
+        left = seconds * (1 - done) / share
+        unit, length = next(((unit, length) for unit, length in _UNITS if left >= 1.5 * length), ("s", 1))
+        return f", about {max(1, round(left / length))} {unit} left"
 
     def _count(self) -> None:
-        while not self._over.wait(_TICK):
+        while not self._over.wait(_TICK if self._draws else EVERY):
             seconds = int(time.monotonic() - self._since)
-            if seconds > 1:
+            if seconds > (1 if self._draws else EVERY):
                 self._write(f"for {seconds} s at:   {self._text.strip() or 'the start'}")
+            elif not self._draws and self._text:
+                self._write(self._text)
 
     def _write(self, text: str) -> None:
         width = shutil.get_terminal_size().columns - 1
-        _show(self._stream, _WIPE + text[:width])
+        _show(self._stream, _WIPE + text[:width] if self._draws else f"{text}\n")
 
 
 @contextmanager
 def progress_line(stream: TextIO, *, wanted: bool = True) -> Iterator[ProgressLine | None]:
-    """Show a progress line while the block runs; None if stderr is not a terminal."""
-    if not (wanted and stream.isatty()):
+    """Show what a command is at while the block runs; None if that is not wanted."""
+    if not wanted:
         yield None
         return
     line = ProgressLine(stream)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, add_types, command, positive
 from fame.cli.network import add_network
-from fame.cli.output import note, print_json, table
+from fame.cli.output import note, print_json, progress_line, table
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -267,12 +267,13 @@ def run_train(arguments: Namespace) -> int:
     if arguments.check:
         model = TrainedModel.load(path, columns=training.columns, data=hash_files(training.files))
     else:
-        progress: Callable[[str], object] = note if sys.stderr.isatty() else lambda text: None
-        compared += _compare(training, progress) if arguments.compare else []
-        training = replace(training, detector=compared[0].detector) if compared else training
+        with progress_line(sys.stderr) as line:
+            progress: Callable[[str], object] = line.write if line is not None else print
+            compared += _compare(training, progress) if arguments.compare else []
+            training = replace(training, detector=compared[0].detector) if compared else training
+            model = train(training, report=progress)
         if compared and not arguments.json:
             print(_comparison(compared))
-        model = train(training, report=progress)
         if (strange := outliers(model)) and not arguments.keep:
             text = f"{'; '.join(strange)}; look at these runs and leave them out, or train with --keep"
             raise ConfigError(text, file=file, element="Training.Files")

@@ -165,7 +165,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _print_result(arguments: Namespace, result: Result, *, reports: bool = True) -> int:
-    """Print what a run came to, and give the exit code. `reports`: also what was reported meanwhile."""
+    """Print what a run came to, and give the exit code. Without `reports`, only what was reported several times."""
     if arguments.json:
         print_json(result.to_json())
     else:
@@ -332,7 +332,9 @@ def _print_summary(result: Result, *, quiet: bool, reports: bool) -> None:
     from fame.scenario.result import HEADS
 
     if not quiet:
-        for event, count in result.told if reports else ():
+        for event, count in result.told:
+            if not reports and count == 1:
+                continue
             place = f"{event.robot}: {event.element}" if event.element else event.robot
             times = f" ({count} times)" if count > 1 else ""
             note(f"{event.time / 1e9:7.1f} s   {place}: {event.detail}{times}")

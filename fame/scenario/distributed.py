@@ -45,6 +45,7 @@ from fame.scenario.result import (
     RobotResult,
     Status,
     TeamStatus,
+    alike,
     is_over,
     never_started,
     reported_result,
@@ -110,6 +111,7 @@ class Team:
         self._status: Status | None = None  # overrides the status that follows from the reports
         self._problems: list[str] = []
         self._events: list[Event] = []
+        self._told: set[object] = set()
         self._pids: dict[str, int] = {}
         self._deployment: Deployment | None = None
         self._ends_with_next_state = False
@@ -167,6 +169,9 @@ class Team:
         decoded = decode_line(line)
         if isinstance(decoded, Event):
             self._events.append(decoded)
+            if (key := alike(decoded)) in self._told:
+                return
+            self._told |= {key} if key is not None else set()
             line = event_text(decoded)
         elif decoded is not None:
             line = str(self._in_own_files(name, decoded))
@@ -300,6 +305,8 @@ class Team:
             self._fail(*map(str, deployment.robots.values()))
             return
         self._until = self._time + self.scenario.duration
+        for robot, pool in self.scenario.cast.items():
+            self._on_line(robot, f"{robot} runs {pool.process.name or pool.process.id} in process {self._pids[robot]}")
         for done in self.scenario.completions:
             self._clock.after(round(done.time * SECOND), partial(self._complete, done))
         for publisher, sent in self._senders:

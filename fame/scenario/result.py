@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -141,12 +142,12 @@ class Result:
 
     @property
     def told(self) -> list[tuple[Event, int]]:
-        """The reports in order; of those that say the same of one element, the first, with their number."""
+        """The reports in order; of those that are alike, the time of the first, the text of the last, and how many."""
         found: dict[object, tuple[Event, int]] = {}
         for place, event in enumerate(self.reports):
-            alike = event.what == "report" and event.element
-            key = (event.robot, event.element, event.detail) if alike else place
-            found[key] = (found.get(key, (event, 0))[0], found.get(key, (event, 0))[1] + 1)
+            key = alike(event) or place
+            first, count = found.get(key, (event, 0))
+            found[key] = (event._replace(time=first.time), count + 1)
         return list(found.values())
 
     def to_json(self) -> dict[str, Any]:
@@ -292,3 +293,11 @@ def mistyped_topics(graph: Iterable[TopicInfo]) -> Iterator[tuple[str, str]]:
             for node in dict.fromkeys(info.publishers):
                 right = f"{namespace}/{subscribed[namespace][similar]}"
                 yield node, f"publishes on {info.name}, which has no subscriber; did you mean {right}?"
+
+
+_NUMBER = re.compile(r"\b\d+\b")
+
+
+def alike(event: Event) -> object:
+    """What reports have in common that differ in numbers only, such as how many messages were lost; None for a log."""
+    return (event.robot, event.element, _NUMBER.sub("#", str(event.detail))) if event.what == "report" else None

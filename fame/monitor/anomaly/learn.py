@@ -22,7 +22,6 @@ among equals the first one.
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -58,12 +57,11 @@ _REFERENCE_RUNS = 3
 
 
 class Progress(NamedTuple):
-    """How far learning is: fits done and to do, what was fitted last, and the time left (s; None if unknown)."""
+    """How far learning is: fits done and to do, and what was fitted last."""
 
     done: int
     total: int
     name: str
-    left: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,12 +164,11 @@ def _learn(
     tasks = [
         _Task(number, fold) for number in range(len(candidates)) for fold in _folds(candidates[number], learning, data)
     ]
-    began, results = time.monotonic(), {}
+    results = {}
     for done, (task, result) in enumerate(_run(tasks, candidates, learning, data, jobs), start=1):
         results[task] = result
         if progress is not None:
-            left = (time.monotonic() - began) / done * (len(tasks) - done)
-            progress(Progress(done, len(tasks), candidates[task.candidate].name, left))
+            progress(Progress(done, len(tasks), candidates[task.candidate].name))
     whole = data.both or data.benign
     single = [_learned(number, candidates[number], results, learning, data) for number in range(len(candidates))]
     combined = []
