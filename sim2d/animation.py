@@ -1,4 +1,4 @@
-"""Draws a run as an animation, GIF or MP4: robots with names, sensors and trails, weeds, captions.
+"""Draws a run as an animation, GIF or MP4, or its end as a picture: robots with names, sensors and trails, captions.
 
 Pillow draws each frame at twice its size, over a background with everything static and the trails so far, and shrinks
 it. This smooths the edges and is many times faster than a plotting library.
@@ -64,17 +64,31 @@ def animate(
     kind = Path(path).suffix.lower()
     if kind not in WRITERS:
         raise ConfigError(f"expected a file {' or '.join(WRITERS)}, got {kind!r}", file=str(path))
-    if not record.times:
-        raise ConfigError("expected a run of at least one step, got nothing recorded", file=str(path))
-    require("PIL")
+    _check(record, path)
     if speed is None:
         speed = max(1.0, record.times[-1] / _LONGEST)
     if fps <= 0 or speed <= 0:
         raise ConfigError(f"expected fps and speed above 0, got fps {fps:g} and speed {speed:g}", file=str(path))
     with writing(path):
         step = speed / fps
-        frames = _frames(record, _Captions(record, labels), step, title)
+        frames = (frame.reduce(SMOOTH) for frame in _frames(record, _Captions(record, labels), step, title))
         WRITERS[kind](_counted(frames, _number_of_frames(record, step), progress), str(path), fps)
+
+
+def picture(record: Record, path: str | PathLike[str], *, labels: Iterable[Label] = (), title: str = "") -> None:
+    """Write the last frame of a film of a run as `.png`, twice as large. Raises as `animate`."""
+    _check(record, path)
+    *_, last = _frames(record, _Captions(record, labels), record.times[-1] or 1.0, title)
+    with writing(path):
+        last.save(path)
+
+
+def _check(record: Record, path: str | PathLike[str]) -> None:
+    """Raise ConfigError if nothing was recorded, UnavailableError if a package is missing."""
+    if not record.times:
+        raise ConfigError("expected a run of at least one step, got nothing recorded", file=str(path))
+    for package in ("PIL", "matplotlib"):
+        require(package)
 
 
 def _number_of_frames(record: Record, step: float) -> int:
@@ -129,7 +143,7 @@ def _frames(record: Record, captions: _Captions, step: float, title: str) -> Ite
         _draw_things(frame, record, view, sample)
         _draw_robots(frame, record, view, sample)
         _draw_captions(frame, record, view, captions, sample, step)
-        yield frame.reduce(SMOOTH)
+        yield frame
 
 
 def _extend_ways(still: Image, record: Record, view: View, drawn: int, sample: int) -> None:

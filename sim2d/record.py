@@ -1,18 +1,25 @@
-"""Records a run for drawings: the appearance of robots at a fixed rate, collisions, and the weeds."""
+"""A recorded run as drawings need it: robots, doors and parcels by time, and the ground at its end.
+
+It is made of the scenes of a recording (`sim2d.scene`), which `Recorder` takes from a world without one.
+"""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from fame.clock import SECOND
 from fame.config.values import Point
+from fame.log.recording import scene_values
 from sim2d.config import WorldConfig
-from sim2d.robot import Appearance, Pose
+from sim2d.ground import ChargerConfig, Circle, Polygon, Thing, Weed
+from sim2d.robot import Appearance, Cone, Pose, Workpiece
+from sim2d.scene import SceneRecorder
+from sim2d.warehouse import DoorConfig, StationConfig
 
 if TYPE_CHECKING:
-    from sim2d.ground import Weed
-    from sim2d.world import Collision, World
+    from sim2d.world import World
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,14 +42,13 @@ class Things(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A run: the world as it was built, the times of the samples (s), a track per robot, and the weeds at its end."""
+    """A run: what stands still, the times of the samples (s), a track per robot, and the weeds at its end."""
 
     config: WorldConfig
     times: list[float]
     tracks: list[Track]
-    collisions: list[Collision]
     weeds: list[Weed]
-    things: list[Things] = field(default_factory=list)
+    things: list[Things]
 
     def cutter(self, weed: Weed) -> int | None:
         """The index of the robot that cut a weed, or None."""
@@ -51,36 +57,107 @@ class Record:
 
 
 class Recorder:
-    """Samples a world at `rate` (Hz, as near as its step allows) from its start to its stop."""
+    """Keeps the scenes of a world from its start to its stop."""
 
-    def __init__(self, world: World, rate: float = 10.0) -> None:
-        self._every = max(1, math.floor(1 / (rate * world.step) + 0.5))
-        tracks = [Track(name, robot.type, robot.outline) for name, robot in world.robots.items()]
-        self.record = Record(world.config, [], tracks, world.collisions, world.weeds.all)
-        world.watchers.append(self._watch)
+    def __init__(self, world: World) -> None:
+        self._scenes: list[tuple[int, str, Mapping[str, Any]]] = []
+        self._world = world
+        SceneRecorder(world, self._put)
 
-    def _watch(self, world: World) -> None:
-        if world.steps % self._every == 0:
-            self._sample(world)
+    def _put(self, topic: str, time: int, scene: Mapping[str, Any]) -> None:
+        self._scenes += [(time, *each) for each in scene_values(scene)]
 
-    def finish(self, world: World) -> None:
-        """Record the final state."""
-        if not self.record.times or world.now > self.record.times[-1]:
-            self._sample(world)
+    @property
+    def record(self) -> Record:
+        """The run until now."""
+        return read_record(self._scenes, self._world.scheduler.now)
+
+
+def read_record(scenes: Iterable[tuple[int, str, Mapping[str, Any]]], end: int) -> Record:
+    """The record of a run until `end` (ns), from its scenes: ns, id of an entity, value that FAME's own view draws.
+
+    Raises LookupError, TypeError or ValueError for values of another form.
+    """
+    times: list[float] = []
+    things: list[Things] = []
+    looks: dict[str, Mapping[str, Any]] = {}
+    tracks: dict[str, Track] = {}
+    ground: Mapping[str, Any] = {"bounds": (0, 0, 1, 1), "walls": False}
+
+    def sample(second: float) -> None:
+        times.append(second)
+        things.append(_things(ground))
+        for name, look in looks.items():
+            if name not in tracks:
+                tracks[name] = Track(name, look["type"], tuple(_points(look["outline"])))
+            seen = _appearance(look)
+            tracks[name].poses.append(seen.pose)
+            tracks[name].appearances.append(seen)
+
+    now = 0
+    for time, name, value in scenes:
+        if looks and time > now:
+            sample(now / SECOND)
+        now = time
+        if name == "ground":
+            ground = value
         else:
-            for track, robot in zip(self.record.tracks, world.robots.values(), strict=True):
-                track.appearances[-1] = robot.appearance
-            self.record.things[-1] = _things(world)
+            looks[name] = value
+    if looks:
+        sample(now / SECOND)
+        if end > now:
+            sample(end / SECOND)
+    weeds = [
+        Weed(weed["name"], tuple(weed["at"]), weed["radius"], weed["cut"], weed["by"])
+        for weed in ground.get("weeds", ())
+    ]
+    return Record(_config(ground), times, list(tracks.values()), weeds, things)
 
-    def _sample(self, world: World) -> None:
-        self.record.times.append(world.now)
-        self.record.things.append(_things(world))
-        for track, robot in zip(self.record.tracks, world.robots.values(), strict=True):
-            appearance = robot.appearance
-            track.poses.append(appearance.pose)
-            track.appearances.append(appearance)
+
+def _config(ground: Mapping[str, Any]) -> WorldConfig:
+    """What stands still on the ground."""
+    return WorldConfig(
+        tuple(ground["bounds"]),  # type: ignore[arg-type]
+        walls=ground["walls"],
+        obstacles=tuple(_thing(each) for each in ground.get("obstacles", ())),
+        targets=tuple(_thing(each) for each in ground.get("targets", ())),
+        chargers=tuple(ChargerConfig(each["name"], each["at"], each["radius"]) for each in ground.get("chargers", ())),
+        stations=tuple(StationConfig(each["name"], each["at"], each["radius"]) for each in ground.get("stations", ())),
+        doors=tuple(DoorConfig(each["name"], each["from"], each["to"]) for each in ground.get("doors", ())),
+    )
 
 
-def _things(world: World) -> Things:
-    doors = tuple(door.opening for door in world.doors)
-    return Things(doors, tuple(None if parcel.carrier else parcel.at for parcel in world.parcels.all))
+def _thing(data: Mapping[str, Any]) -> Thing:
+    if "radius" in data:
+        return Thing(data["name"], Circle(data["at"], data["radius"]))
+    return Thing(data["name"], Polygon(tuple(_points(data["corners"]))))
+
+
+def _things(ground: Mapping[str, Any]) -> Things:
+    doors = tuple(door["opening"] for door in ground.get("doors", ()))
+    parcels = ground.get("parcels", ())
+    return Things(doors, tuple(None if each["carrier"] else (each["at"][0], each["at"][1]) for each in parcels))
+
+
+def _appearance(look: Mapping[str, Any]) -> Appearance:
+    cone = look.get("cone")
+    return Appearance(
+        Pose(look["x"], look["y"], look["heading"]),
+        altitude=look.get("altitude", 0.0),
+        led=look.get("led", "off"),
+        cone=Cone(Pose(*cone["pose"]), cone["angle"], cone["length"]) if cone is not None else None,
+        footprint=look.get("footprint", 0.0),
+        blade=look.get("blade", 0.0),
+        cargo=look.get("cargo", False),
+        charge=look.get("charge", 1.0),
+        limb=_points(look.get("limb", ())),
+        jaws=look.get("jaws", -1.0),
+        workpieces=[
+            Workpiece(piece["kind"], _points(piece["corners"]), piece["closed"]) for piece in look.get("workpieces", ())
+        ],
+        note=look.get("note", ""),
+    )
+
+
+def _points(points: Iterable[Sequence[float]]) -> list[Point]:
+    return [(x, y) for x, y in points]

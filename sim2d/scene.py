@@ -7,7 +7,6 @@ draws: ``appearance`` of a robot, ``ground`` of the ground.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -15,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 from fame.config.values import Point
 from fame.fast_json import json_bytes
 from sim2d import style
-from sim2d.ground import ChargerConfig, Circle, Polygon, Shape, Weed, disc
-from sim2d.record import Record, Things, Track
-from sim2d.robot import Appearance, Cone, Pose, SimulatedRobot, Workpiece
+from sim2d.ground import ChargerConfig, Circle, Polygon, Shape, disc
+from sim2d.robot import Appearance, SimulatedRobot
 from sim2d.warehouse import StationConfig
 
 if TYPE_CHECKING:
@@ -47,8 +45,11 @@ class SceneRecorder:
         world.watchers.append(self._watch)
 
     def _watch(self, world: World) -> None:
-        if world.steps % self._every:
-            return
+        if world.steps % self._every == 0:
+            self.look(world)
+
+    def look(self, world: World) -> None:
+        """Record what is different since the last look."""
         state = _ground_state(world)
         if state != self._state:
             self._state = state
@@ -124,78 +125,6 @@ def _look_data(look: Appearance) -> dict[str, Any]:
     if note:
         data["note"] = note
     return data
-
-
-def read_record(
-    config: WorldConfig,
-    samples: Iterable[tuple[float, bytes]],
-    grounds: Iterable[tuple[float, bytes]],
-    summary: Mapping[str, Any],
-) -> Record:
-    """The record of a run that drawings need, from its recording.
-
-    `samples` are seconds and scenes of robots, `grounds` those of the ground, `summary` is that of the world.
-    """
-    changes = [(second, _ground(scene)) for second, scene in grounds]
-    ground = changes[-1][1] if changes else {"weeds": []}
-    things: list[Things] = []
-    times: list[float] = []
-    tracks: dict[str, Track] = {}
-    for second, scene in samples:
-        entities = json.loads(scene)["entities"]
-        times.append(second)
-        while len(changes) > 1 and changes[1][0] <= second:
-            del changes[0]
-        things.append(_things(changes[0][1] if changes else {}))
-        for entity in entities:
-            look = json.loads(entity["metadata"][0]["value"])
-            if entity["id"] not in tracks:
-                tracks[entity["id"]] = Track(entity["id"], look["type"], tuple(_points(look["outline"])))
-            seen = _appearance(look)
-            tracks[entity["id"]].poses.append(seen.pose)
-            tracks[entity["id"]].appearances.append(seen)
-    weeds = [Weed(weed["name"], tuple(weed["at"]), weed["radius"], weed["cut"], weed["by"]) for weed in ground["weeds"]]
-    from sim2d.world import Collision
-
-    collisions = [Collision(each["time"], each["a"], each["b"]) for each in summary.get("collisions", ())]
-    return Record(config, times, list(tracks.values()), collisions, weeds, things)
-
-
-def _ground(scene: bytes) -> dict[str, Any]:
-    """The data of a scene of the ground (`ground_data`)."""
-    data: dict[str, Any] = json.loads(json.loads(scene)["entities"][0]["metadata"][0]["value"])
-    return data
-
-
-def _things(ground: Mapping[str, Any]) -> Things:
-    doors = tuple(door["opening"] for door in ground.get("doors", ()))
-    parcels = ground.get("parcels", ())
-    return Things(doors, tuple(None if each["carrier"] else (each["at"][0], each["at"][1]) for each in parcels))
-
-
-def _appearance(look: Mapping[str, Any]) -> Appearance:
-    """The look that `_data` and the constant part describe."""
-    cone = look.get("cone")
-    return Appearance(
-        Pose(look["x"], look["y"], look["heading"]),
-        altitude=look.get("altitude", 0.0),
-        led=look.get("led", "off"),
-        cone=Cone(Pose(*cone["pose"]), cone["angle"], cone["length"]) if cone is not None else None,
-        footprint=look.get("footprint", 0.0),
-        blade=look.get("blade", 0.0),
-        cargo=look.get("cargo", False),
-        charge=look.get("charge", 1.0),
-        limb=_points(look.get("limb", ())),
-        jaws=look.get("jaws", -1.0),
-        workpieces=[
-            Workpiece(piece["kind"], _points(piece["corners"]), piece["closed"]) for piece in look.get("workpieces", ())
-        ],
-        note=look.get("note", ""),
-    )
-
-
-def _points(points: Iterable[Sequence[float]]) -> list[Point]:
-    return [(x, y) for x, y in points]
 
 
 def _ground_scene(config: WorldConfig, now: float, state: _GroundState) -> dict[str, Any]:

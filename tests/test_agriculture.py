@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -13,9 +14,13 @@ import pytest
 import fame
 from fame.bpmn.pools import assign_pools, pools_of
 from fame.clock import SECOND
+from fame.log import logging_to
 from fame.robot import Event
+from fame.robot.events import combine_observers
 from fame.scenario import Result, Scenario
+from fame.scenario.films import read_film
 from sim2d.config import world_config
+from sim2d.record import Record
 
 EXAMPLE = Path("examples/agriculture.yaml")
 RESILIENT = Path("examples/agriculture_resilient.yaml")
@@ -31,6 +36,8 @@ class Run:
 
     result: Result
     events: list[Event]
+    record: Record
+    labels: Sequence[tuple[float, str, str]]
 
     @property
     def weeds(self) -> dict[str, dict[str, Any]]:
@@ -46,7 +53,7 @@ class Run:
         return [event.time / SECOND for event in self.events if (event.robot, event.element, event.what) == there]
 
     def place(self, robot: str, time: float) -> tuple[float, float]:
-        record = self.result.record
+        record = self.record
         sample = min(range(len(record.times)), key=lambda n: abs(record.times[n] - time))
         return next(track.poses[sample][:2] for track in record.tracks if track.name == robot)
 
@@ -68,7 +75,12 @@ def play(robots: dict[str, Any], *, model: Path = MODEL, field: dict[str, str] |
 
 def observed(scenario: Scenario) -> Run:
     events: list[Event] = []
-    return Run(scenario.run(observer=events.append, record=True), events)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "run.mcap"
+        with logging_to(path, scenario.closures()) as log:
+            observer = combine_observers([events.append, log])
+            result = scenario.run(observer=observer)
+        return Run(result, events, *read_film(path))
 
 
 def tractors(*places: tuple[float, float], **parameters: Any) -> dict[str, Any]:
@@ -128,7 +140,7 @@ def test_each_weed_is_cut_by_the_tractor_that_was_nearest_when_asked(played: Run
 
 
 def test_a_caption_says_that_a_tractor_waits_for_the_choice(played: Run) -> None:
-    said = {(robot, text) for _, robot, text in played.result.labels}
+    said = {(robot, text) for _, robot, text in played.labels}
     assert {("Tractor_1", "Wait for the Choice"), ("Tractor_1", "Go To"), ("Tractor_1", "Cut Grass")} <= said
 
 

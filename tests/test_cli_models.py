@@ -12,6 +12,7 @@ from bpmn_text import process
 
 import fame
 from fame.cli import main
+from fame.log.recording_file import RecordingFile
 
 ROOT = Path(__file__).parent.parent
 MISSION = str(ROOT / "models" / "ground_vehicles.bpmn")
@@ -130,3 +131,40 @@ def test_draw_refuses_the_log_of_another_model(tmp_path: Path, capsys) -> None:
     assert main(["draw", str(ROOT / "models" / "shuttle.bpmn"), "-o", str(tmp_path / "x.svg"), "--log", str(log)]) == 2
     assert "belongs to another model" in capsys.readouterr().err
     assert not (tmp_path / "x.svg").exists()
+
+
+def test_a_recording_is_drawn_as_a_film_or_its_last_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run, film, picture = (tmp_path / name for name in ("run.mcap", "run.gif", "run.png"))
+    example = str(ROOT / "examples" / "ground_vehicles.yaml")
+    drawn = tmp_path / "drawn.gif"
+    assert main(["run", example, "--duration", "3", "--log", str(run), "--animate", str(drawn), "--quiet"]) == 1
+    capsys.readouterr()
+    for path in (film, picture):
+        assert main(["draw", "--log", str(run), "-o", str(path)]) == 0
+        assert capsys.readouterr().out == f"{path}\n"
+    assert film.read_bytes().startswith(b"GIF89a")
+    assert len(film.read_bytes()) == pytest.approx(drawn.stat().st_size, rel=0.1)  # another title
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["-o", "x.gif"], "x.gif: shows a simulated world: expected --log RUN.mcap"),
+        (["-o", "x.png", "--log", "run.jsonl"], "x.png: shows a simulated world: expected --log RUN.mcap"),
+        (["-o", "x.gif", MISSION, "--log", "run.mcap"], "x.gif: shows a simulated world: expected --log RUN.mcap"),
+        (["-o", "x.gif", "--log", "gone.mcap"], "gone.mcap: cannot be read"),
+        (["-o", "x.gif", "--log", "alone.mcap"], "alone.mcap: has no simulated world to draw"),
+        (["-o", "x.svg"], "x.svg: expected a model to draw"),
+    ],
+)
+def test_what_a_film_needs_is_named(
+    words: list[str], text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with Path("alone.mcap").open("wb") as stream:
+        file = RecordingFile(stream)
+        file.describe({})
+        file.finish()
+    assert main(["draw", *words]) == 2
+    assert text in capsys.readouterr().err

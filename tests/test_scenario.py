@@ -39,7 +39,7 @@ def run(path: Path, **options) -> Result:
 def played() -> tuple[Result, list[Event], list[Progress]]:
     events: list[Event] = []
     progress: list[Progress] = []
-    result = Scenario.load(EXAMPLE).run(observer=events.append, progress=progress.append, record=True)
+    result = Scenario.load(EXAMPLE).run(observer=events.append, progress=progress.append)
     return result, events, progress
 
 
@@ -59,11 +59,11 @@ def test_dingo_stands_at_the_target_and_its_led_is_red(played):
     assert played[0].world["collisions"] == []
 
 
-def test_progress_and_labels_say_what_the_robots_are_at(played):
+def test_progress_says_what_the_robots_are_at(played):
     result, _, progress = played
     assert progress[-1].simulated == result.simulated
     assert set(progress[-1].robots) == {"REX", "DINGO"}
-    assert any(robot == "REX" and text.startswith("Explore") for _, robot, text in result.labels)
+    assert any(one.robots["REX"].startswith("Explore") for one in progress)
 
 
 def test_the_same_seed_gives_the_same_events_and_another_seed_others(played):

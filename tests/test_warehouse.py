@@ -9,11 +9,9 @@ import pytest
 from grounds import ground
 
 from fame.errors import ConfigError
-from fame.fast_json import json_bytes
 from fame.robot import Event
 from fame.scenario import Result, Scenario
-from sim2d.record import Things
-from sim2d.scene import SceneRecorder, read_record
+from sim2d.record import Recorder, Things
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "warehouse.yaml"
 STATIONS = [{"name": "a", "at": [1.3, 2]}, {"name": "b", "at": [5, 2]}]
@@ -169,16 +167,12 @@ def test_the_same_seed_gives_the_same_events(run: tuple[Result, list[Event]]) ->
 
 def test_a_recording_has_doors_parcels_and_what_robots_carry() -> None:
     hall = Hall()
-    put: list[tuple[str, bytes]] = []
-    SceneRecorder(hall.world, lambda topic, time, data: put.append((topic, json_bytes(data))))
+    recorder = Recorder(hall.world)
     hall.run(0.5)
     hall.ask("/door/open")
     hall.answer("load")
     hall.run(2)
-    scenes = {topic: [text for other, text in put if other == topic] for topic, _ in put}
-    grounds = [(0.1 * number, text) for number, text in enumerate(scenes["/fame/ground"])]
-    samples = [(0.1 * number, text) for number, text in enumerate(scenes["/fame/world"])]
-    record = read_record(hall.world.config, [samples[0], (9.0, samples[-1][1])], grounds, {})
+    record = recorder.record
     assert record.things[0] == Things((0.0,), ((1.3, 2),))
     assert record.things[-1] == Things((1.0,), (None,))
     assert record.tracks[0].appearances[-1].cargo

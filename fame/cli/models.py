@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import sys
 import textwrap
 from argparse import Namespace
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, command
-from fame.cli.output import note, print_json
+from fame.cli.output import note, print_json, progress_line
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -91,6 +92,7 @@ def run_convert(arguments: Namespace) -> int:
 _DRAW_EXAMPLES = (
     "fame draw models/ground_vehicles.bpmn -o out/mission.svg",
     "fame draw models/ground_vehicles.bpmn -o out/path.svg --log out/run.mcap --robot REX",
+    "fame draw --log out/run.mcap -o out/run.gif",
 )
 
 
@@ -98,10 +100,15 @@ def add_draw(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "draw", run_draw, examples=_DRAW_EXAMPLES,
-        help="draw a model as SVG; with a log, also what completed, failed or still waits in that run",
+        help="draw a model as SVG, with a log also what completed, failed or still waits in that run; or a recording "
+        "as a film",
     )  # fmt: skip
-    parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE.svg", required=True, help="file to write")
+    parser.add_argument("model", type=Path, nargs="?", metavar="MODEL.bpmn", help="what an .svg shows")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", required=True,
+        help="file to write: .svg of the model; of the simulated world in a recording .gif, .mp4 (with ffmpeg), or its "
+        "end as .png",
+    )  # fmt: skip
     parser.add_argument(
         "--log",
         type=Path,
@@ -120,13 +127,42 @@ def add_draw(commands: Commands) -> None:
 
 def run_draw(arguments: Namespace) -> int:
     """Write the drawing and name it."""
+    output, kinds = arguments.output, (".svg", ".gif", ".mp4", ".png")
+    if output.suffix.lower() not in kinds:
+        text = f"expected a file with the ending {' or '.join(kinds)}, got {output.suffix!r}"
+        raise ConfigError(text, file=str(output))
+    if output.suffix.lower() == ".svg":
+        _draw_model(arguments)
+    else:
+        _draw_world(arguments)
+    if arguments.json:
+        print_json({"status": "completed", "file": str(output)})
+    else:
+        print(output)
+    return 0
+
+
+def _draw_world(arguments: Namespace) -> None:
+    """Draw the film or picture of a recording."""
+    from fame.log.reading import damage
+    from fame.scenario.films import draw_film
+
+    if arguments.model is not None or arguments.robot or (arguments.log or Path()).suffix.lower() != ".mcap":
+        text = "shows a simulated world: expected --log RUN.mcap, without a model and --robot"
+        raise ConfigError(text, file=str(arguments.output))
+    with progress_line(sys.stderr, wanted=not arguments.json) as line:
+        draw_film(arguments.log, arguments.output, progress=line.count_frames if line is not None else None)
+    for warning in damage(arguments.log):
+        note(f"fame: {warning}")
+
+
+def _draw_model(arguments: Namespace) -> None:
     from fame.bpmn.draw.diagram import draw
     from fame.bpmn.reader import read
 
-    output = arguments.output
-    if output.suffix.lower() != ".svg":
-        raise ConfigError(f"expected a file with the ending .svg, got {output.suffix!r}", file=str(output))
-    definitions = read(arguments.model)
+    if arguments.model is None:
+        raise ConfigError("expected a model to draw: fame draw MODEL.bpmn", file=str(arguments.output))
+    output, definitions = arguments.output, read(arguments.model)
     if arguments.log is not None:
         from fame.log.reading import damage, run_outcomes
 
@@ -140,11 +176,6 @@ def run_draw(arguments: Namespace) -> int:
         drawing = draw(definitions)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(drawing, encoding="utf-8")
-    if arguments.json:
-        print_json({"status": "completed", "file": str(output)})
-    else:
-        print(output)
-    return 0
 
 
 _WORDS = {"subscribe": "subscribes", "publish": "publishes", "call": "service"}

@@ -6,9 +6,10 @@ import os
 import shutil
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, command, epoch, natural, positive
@@ -141,22 +142,22 @@ def run(arguments: Namespace) -> int:
     _check_drawings(arguments, scenario)
     quiet = arguments.quiet or arguments.json
     with (
-        _logs(arguments, scenario) as writes,
+        _log_files(arguments) as logs,
         progress_line(sys.stderr, wanted=not quiet) as line,
         viewed(arguments, scenario) as page,
     ):
-        result = scenario.run(
-            real_time=arguments.real_time,
-            observer=combine_observers([*writes, *([page.observer] if page is not None else [])]),
-            progress=line.show if line is not None else None,
-            record=arguments.picture is not None or arguments.animate is not None,
-            strict=arguments.strict,
-            on_interrupt=_note_stopping if page is None else _note_page_stays,
-            pace=page,
-        )
-        if page is not None:
-            page.end(result.status)
-        _draw(arguments, result, line)
+        with _logs(arguments, scenario, logs) as writes:
+            result = scenario.run(
+                real_time=arguments.real_time,
+                observer=combine_observers([*writes, *([page.observer] if page is not None else [])]),
+                progress=line.show if line is not None else None,
+                strict=arguments.strict,
+                on_interrupt=_note_stopping if page is None else _note_page_stays,
+                pace=page,
+            )
+            if page is not None:
+                page.end(result.status)
+        _draw(arguments, logs, line)
         if page is not None:
             code = _print_result(arguments, result)
             wait_for_interrupt()
@@ -204,10 +205,11 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
 
         for robot in scenario.cast:  # before anything is started
             StateDirectory(arguments.state / robot).close()
-    quiet, drawings = arguments.quiet or arguments.json, arguments.picture is not None or arguments.animate is not None
-    with team_logs(
-        scenario, arguments.log, _about(arguments, scenario), arguments.log_topics, drawings=drawings
-    ) as logs:
+    quiet = arguments.quiet or arguments.json
+    with (
+        _log_files(arguments) as files,
+        team_logs(scenario, files, _about(arguments, scenario), arguments.log_topics) as logs,
+    ):
         with live_table(sys.stderr, wanted=not quiet) as live:
             result = Team(
                 scenario,
@@ -222,9 +224,9 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
                 key=arguments.key,
             ).run()
         if logs is not None:
-            result = logs.finish(result, drawings=drawings)
+            logs.finish()
         with progress_line(sys.stderr, wanted=not quiet) as line:
-            _draw(arguments, result, line)
+            _draw(arguments, files, line)
     return _print_result(arguments, result, reports=False)
 
 
@@ -244,16 +246,24 @@ def _seen(sight: TeamStatus) -> str:
 
 
 @contextmanager
-def _logs(arguments: Namespace, scenario: Scenario) -> Iterator[list[Observer]]:
-    """The writers of the requested logs, open while the block runs."""
-    if not arguments.log:
+def _log_files(arguments: Namespace) -> Iterator[list[Path]]:
+    """The logs to write: those that are wanted, and for a picture or a film a recording, at least as long as needed."""
+    with TemporaryDirectory(prefix="fame-") if _drawings(arguments) else nullcontext("") as folder:
+        needs_one = folder and not any(path.suffix.lower() == ".mcap" for path in arguments.log)
+        yield [*arguments.log, *([Path(folder) / "run.mcap"] if needs_one else [])]
+
+
+@contextmanager
+def _logs(arguments: Namespace, scenario: Scenario, paths: Sequence[Path]) -> Iterator[list[Observer]]:
+    """The writers of logs, open while the block runs."""
+    if not paths:
         yield []
         return
     from fame.log import logging_to
 
     files, about, topics = scenario.closures(), _about(arguments, scenario), arguments.log_topics
     with ExitStack() as stack:
-        yield [stack.enter_context(logging_to(path, files, about, topics=topics)) for path in arguments.log]
+        yield [stack.enter_context(logging_to(path, files, about, topics=topics)) for path in paths]
 
 
 def _about(arguments: Namespace, scenario: Scenario) -> About:
@@ -280,48 +290,33 @@ def _about(arguments: Namespace, scenario: Scenario) -> About:
 # ---- drawings --------------------------------------------------------------------------------------------------------
 
 
+def _drawings(arguments: Namespace) -> list[Path]:
+    return [path for path in (arguments.picture, arguments.animate) if path is not None]
+
+
 def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
     """Complain about drawings, and packages that are missing for them or the world, before anything is written."""
     from fame.imports import require
+    from fame.scenario.films import FILMS, PICTURE, check_film
 
-    needed = {"pymunk": scenario.world, "matplotlib": arguments.picture, "PIL": arguments.animate}
-    for package, wanted in needed.items():
-        if wanted is not None:
-            require(package)
-    if arguments.animate is not None and arguments.animate.suffix.lower() == ".mp4":
-        from sim2d.animation import ffmpeg
-
-        ffmpeg()
-    wanted = ((arguments.picture, (".png",)), (arguments.animate, (".gif", ".mp4")))
-    for path, endings in wanted:
-        if path is not None and path.suffix.lower() not in endings:
-            raise ConfigError(
-                f"expected a file with the ending {' or '.join(endings)}, got {path.suffix!r}", file=str(path)
-            )
-        if path is not None and scenario.world is None:
-            raise ConfigError("cannot be drawn: the scenario has no world", file=str(path))
+    if scenario.world is not None:
+        require("pymunk")
+    for path, endings in ((arguments.picture, (PICTURE,)), (arguments.animate, FILMS)):
+        if path is not None:
+            check_film(path, endings)
+            if scenario.world is None:
+                raise ConfigError("cannot be drawn: the scenario has no world", file=str(path))
 
 
-def _draw(arguments: Namespace, result: Result, line: ProgressLine | None) -> None:
-    if result.record is None:
-        return
-    if line is not None:
-        line.write("drawing the picture" if arguments.picture is not None else "drawing the film")
+def _draw(arguments: Namespace, logs: Sequence[Path], line: ProgressLine | None) -> None:
+    """Make the wanted drawings of the recording among the logs."""
+    from fame.scenario.films import draw_film
+
+    recordings = [path for path in logs if path.suffix.lower() == ".mcap" and path.exists()][:1]
     title = arguments.scenario.stem.replace("_", " ").capitalize()
-    if arguments.picture is not None:
-        from sim2d.picture import picture
-
-        picture(result.record, arguments.picture, title=title)
-    if arguments.animate is not None:
-        from sim2d.animation import animate
-
-        animate(
-            result.record,
-            arguments.animate,
-            labels=result.labels,
-            title=title,
-            progress=line.count_frames if line is not None else None,
-        )
+    for recording in recordings:
+        for path in _drawings(arguments):
+            draw_film(recording, path, title=title, progress=line.count_frames if line is not None else None)
 
 
 # ---- text ------------------------------------------------------------------------------------------------------------

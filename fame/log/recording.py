@@ -245,14 +245,19 @@ class Recording(Closing):
         """The last appearance of the simulated robots up to `time` (ns), by name; empty without a world."""
         message = self.last(WORLD, time)
         with self._as_written():
-            entities = message.json()["entities"] if message is not None else []
-            return {entity["id"]: _metadata(entity, "appearance") for entity in entities}
+            return dict(scene_values(message.json())) if message is not None else {}
 
     def ground(self, time: int) -> dict[str, Any]:
         """The objects on the ground at `time` (ns); empty without a world."""
         message = self.last(GROUND, time) or self.last(GROUND, self.end)
         with self._as_written():
-            return _metadata(message.json()["entities"][0], "ground") if message is not None else {}
+            return dict(scene_values(message.json())).get("ground", {}) if message is not None else {}
+
+    def scenes(self) -> Iterator[tuple[int, str, dict[str, Any]]]:
+        """The simulated world by time: ns, name of a robot or ``ground``, and what FAME's own view draws of it."""
+        for message in self.messages((WORLD, GROUND)):
+            with self._as_written():
+                yield from ((message.time, *each) for each in list(scene_values(message.json())))
 
     def last(self, topic: str, time: int) -> Message | None:
         """The last message of a topic until `time` (ns)."""
@@ -332,8 +337,8 @@ def _is_model(name: str) -> bool:
     return name.startswith("models/")
 
 
-def _metadata(entity: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """A value of FAME's own in the metadata of a scene entity."""
-    found = (pair["value"] for pair in entity["metadata"] if pair["key"] == key)
-    value: dict[str, Any] = json.loads(next(found, "{}"))
-    return value
+def scene_values(scene: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """What FAME's own view draws of the entities of a scene: appearances of robots by name, and ``ground``."""
+    for entity in scene["entities"]:
+        values = (pair["value"] for pair in entity["metadata"] if pair["key"] in ("appearance", "ground"))
+        yield entity["id"], json.loads(next(values, "{}"))

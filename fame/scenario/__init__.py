@@ -12,7 +12,7 @@ engine per robot, deploys to them, monitors them and ends them.
     film_captions  captions: the current activity of each robot's process
     process        scheduler, middleware and signals of a FAME process
     distributed    a scenario in many processes
-    team_logs      its logs and drawings, made from its recording
+    team_logs      its logs, made from its recording; films: films and pictures of recordings
     world_process  a simulated world in its own process, which publishes the clock; lockstep
     deployment     deploying to discovered robots and to late joiners
     settings       network and mission parameters of a scenario

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from fame.bpmn.pools import Pool
     from fame.deploy import Report
     from fame.robot import RobotNode
-    from sim2d.record import Record
 
 
 HEADS = ("robot", "instances", "elements", "status")
@@ -90,10 +89,10 @@ class RobotResult:
 class Result:
     """The result of a run. A notebook shows a table of its robots.
 
-    `simulated` and `wall` are in s; `world` is the summary of the final world; `labels` are the captions of an
-    animation. `ending` says why the mission was not over at the end: its time was up, or it was stuck; else it is
-    empty. `never_started` are the pools that were required but not started, `problems` errors of operating-system
-    processes, or before the mission began. `epoch` is the date of second 0.
+    `simulated` and `wall` are in s; `world` is the summary of the final world. `ending` says why the mission was not
+    over at the end: its time was up, or it was stuck; else it is empty. `never_started` are the pools that were
+    required but not started, `problems` errors of operating-system processes, or before the mission began. `epoch` is
+    the date of second 0.
     """
 
     status: Status
@@ -107,8 +106,6 @@ class Result:
     epoch: datetime = EPOCH
     never_started: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
-    record: Record | None = field(default=None, repr=False)
-    labels: tuple[tuple[float, str, str], ...] = field(default=(), repr=False)
 
     @property
     def exit_code(self) -> int:
@@ -151,7 +148,7 @@ class Result:
         return list(found.values())
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything but the record, JSON-serialisable."""
+        """Return everything, JSON-serialisable."""
         return {
             "status": self.status,
             "seed": self.seed,

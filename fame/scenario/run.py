@@ -33,7 +33,6 @@ from fame.scripting import heartbeat
 
 if TYPE_CHECKING:
     from fame.scenario.plan import Plan
-    from sim2d.record import Recorder
     from sim2d.world import World
 
 _SLICE = 1.0  # simulated s between two progress reports at most
@@ -69,7 +68,6 @@ class Run:
         real_time: bool,
         observer: Observer | None,
         progress: Callable[[Progress], object] | None,
-        record: bool = False,
         strict: bool = False,
         on_interrupt: Callable[[], object] | None = None,
         services: Callable[[str], Mapping[str, Service]] | None = None,
@@ -88,15 +86,14 @@ class Run:
         self.interrupted = self._stuck = False
         self.reports: list[Event] = []
         cast = {robot: pool.process for robot, pool in scenario.cast.items()}
-        self.captions: Captions | None = Captions(scenario.closures(), cast) if record or progress else None
+        self.captions: Captions | None = Captions(scenario.closures(), cast) if progress else None
         captions = self.captions.add if self.captions is not None else None
         self._logs = observer
         self.observer: Observer | None = combine_observers([each for each in (captions, observer) if each is not None])
         self.dead: set[str] = set()
         self._outside, self._published = self.middleware.node("outside"), 0
-        self.world: World | None
-        self.recorder: Recorder | None
-        self.world, self.recorder = self._build_world(record)
+        self._last_looks: list[Callable[[], None]] = []  # at the world, for recordings
+        self.world: World | None = self._build_world()
         try:
             self.nodes: list[RobotNode] = self._build_nodes(strict)
             self._check_faults()
@@ -145,23 +142,21 @@ class Run:
                 text = f"unknown fault {fault.kind!r} of {fault.robot}; known are: {', '.join(kinds)}"
                 raise ConfigError(text, file=self.scenario.file)
 
-    def _build_world(self, record: bool) -> tuple[World | None, Recorder | None]:
+    def _build_world(self) -> World | None:
         if self.scenario.world is None:
-            return None, None
-        from sim2d.record import Recorder
+            return None
         from sim2d.world import World
 
         world = World(
             self.scenario.world, seed=self.scenario.seed, scheduler=self.scheduler, middleware=self.middleware
         )
-        recorder = Recorder(world) if record else None
         watch_world = getattr(self.observer, "watch_world", None)
         if watch_world is not None:
             from sim2d.scene import SceneRecorder
 
-            watch_world(partial(SceneRecorder, world))
+            watch_world(lambda put: self._last_looks.append(partial(SceneRecorder(world, put).look, world)))
         world.watchers.append(lambda _: self.scheduler.stop() if self.over else None)
-        return world, recorder
+        return world
 
     @property
     def over(self) -> bool:
@@ -194,8 +189,8 @@ class Run:
         status = "interrupted" if self.interrupted else status_of(robots, unstarted)
         ending = "" if at_rest(robots) else "the mission is stuck: no token can move" if self._stuck else "not over"
         world = self.world.summary() if self.world is not None else None
-        if self.recorder is not None and self.world is not None:
-            self.recorder.finish(self.world)
+        for look in self._last_looks:
+            look()
         names = {node.node.full_name: node.name for node in self.nodes}
         for end, text in mistyped_topics(self.middleware.graph()):
             if end in names:
@@ -214,8 +209,6 @@ class Run:
             world=world,
             epoch=self.scenario.epoch,
             never_started=unstarted,
-            record=self.recorder.record if self.recorder is not None else None,
-            labels=tuple(self.captions.labels) if self.captions is not None else (),
         )
 
     @contextmanager

@@ -116,21 +116,19 @@ class Scenario(Plan):
         real_time: bool = False,
         observer: Callable[[Event], object] | None = None,
         progress: Callable[[Progress], object] | None = None,
-        record: bool = False,
         strict: bool = False,
         on_interrupt: Callable[[], object] | None = None,
         pace: Pace | None = None,
     ) -> Result:
         """Run the scenario, in simulated time unless `real_time`.
 
-        `observer` is called with every event; `record` keeps what pictures and animations need. The first Ctrl-C calls
-        `on_interrupt` and ends the run after the current step; the second ends it at once. `pace` decides when the run
-        goes on.
+        `observer` is called with every event. The first Ctrl-C calls `on_interrupt` and ends the run after the current
+        step; the second ends it at once. `pace` decides when the run goes on.
 
         Raises ModelError, MessageError and ConfigError for errors before the mission begins; later errors are in the
         result.
         """
-        return Run(self, real_time, observer, progress, record, strict, on_interrupt, pace=pace).result()
+        return Run(self, real_time, observer, progress, strict, on_interrupt, pace=pace).result()
 
 
 def _joined(content: ScenarioFile, added: NetworkConfig | None, robots: Sequence[str]) -> NetworkConfig | None:

@@ -1,30 +1,25 @@
-"""The logs and drawings of a run in many processes: they are made from its recording."""
+"""The logs of a run in many processes: they are made from its recording."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from fame.clock import SECOND, Scheduler
+from fame.clock import Scheduler
 from fame.errors import ConfigError
-from fame.log.channels import GROUND, WORLD
 from fame.log.conversion import FORMS, convert
 from fame.log.recorder import About, LogTopics, model_attachments
-from fame.log.recording import Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.log.writing import RECORDING, new_file
 from fame.middleware.interface import Middleware
-from fame.scenario.film_captions import Captions
 
 if TYPE_CHECKING:
     from fame.scenario.plan import Plan
-    from fame.scenario.result import Result
 
 
 class TeamLogs:
@@ -53,31 +48,16 @@ class TeamLogs:
             file.attach(name, media_type, data)
         return file
 
-    def finish(self, result: Result, *, drawings: bool) -> Result:
-        """Close the recording and write the logs; with `drawings`, the result gets what these need."""
+    def finish(self) -> None:
+        """Close the recording and write the logs."""
         self._stack.close()
         if not self._path.exists():  # no robot sent an event
-            return result
+            return
         for log in self._logs:
             if log != self._path and log.suffix.lower() == RECORDING:
                 copyfile(self._path, log)
             elif log != self._path:
                 convert(self._path, log)
-        return self._with_record(result) if drawings else result
-
-    def _with_record(self, result: Result) -> Result:
-        from sim2d.scene import read_record
-
-        scenario = self._scenario
-        captions = Captions(scenario.closures(), {robot: pool.process for robot, pool in scenario.cast.items()})
-        assert scenario.world is not None
-        with Recording(self._path) as recording:
-            for event in recording.events():
-                captions.add(event)
-            samples = ((message.time / SECOND, message.data) for message in recording.messages((WORLD,)))
-            grounds = ((message.time / SECOND, message.data) for message in recording.messages((GROUND,)))
-            record = read_record(scenario.world, samples, grounds, result.world or {})
-        return replace(result, record=record, labels=tuple(captions.labels))
 
     def close(self) -> None:
         """Close the recording."""
@@ -85,11 +65,9 @@ class TeamLogs:
 
 
 @contextmanager
-def team_logs(
-    scenario: Plan, logs: Sequence[Path], about: About, topics: LogTopics, *, drawings: bool
-) -> Iterator[TeamLogs | None]:
-    """Return the logs of a run in many processes; None without logs and `drawings`. Raises ConfigError."""
-    if not logs and not drawings:
+def team_logs(scenario: Plan, logs: Sequence[Path], about: About, topics: LogTopics) -> Iterator[TeamLogs | None]:
+    """Return the logs of a run in many processes; None without logs. Raises ConfigError."""
+    if not logs:
         yield None
         return
     _check_endings(logs)

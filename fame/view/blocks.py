@@ -9,13 +9,13 @@ Times are ns since the start of the run. Robots, elements and kinds of events ar
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence, Set
 from functools import partial
 from typing import Any, NamedTuple
 
 from fame.bpmn.model import CallActivity, SubProcess
 from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
+from fame.log.recording import scene_values
 from fame.robot.plain_values import plain
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.state import END, START, WHATS, ScopeInfo, State, TokenKey, scope_row
@@ -189,10 +189,11 @@ class Packer:
         elif topic == KEY:
             self.key(time, data)
         elif topic == WORLD:
-            for entity in data["entities"]:
-                self.pose(time, entity["id"], scene_value(entity, "appearance"))
+            for name, pose in scene_values(data):
+                self.pose(time, name, pose)
         elif topic == GROUND:
-            self.world(time, "ground", scene_value(data["entities"][0], "ground"))
+            for name, ground in scene_values(data):
+                self.world(time, name, ground)
 
     def events(self, time: int, robot: str, instance: int, scope: int, marks: Iterable[Sequence[Any]]) -> None:
         """Add events of a scope: (element, what) or (element, what, detail)."""
@@ -380,9 +381,3 @@ def _outcomes(counts: Mapping[str, int], *, over: bool) -> list[int]:
     under_way = counts.get("enter", 0) - left - failed - cancelled
     completed = left + counts.get("take", 0) - min(failed, max(0, -under_way))  # error end events leave and fail
     return [completed, failed, cancelled + (max(0, under_way) if over else 0)]
-
-
-def scene_value(entity: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """A value of FAME's own in the metadata of a scene entity."""
-    found: dict[str, Any] = json.loads(next((pair["value"] for pair in entity["metadata"] if pair["key"] == key), "{}"))
-    return found
