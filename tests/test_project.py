@@ -83,6 +83,14 @@ def test_a_new_project_checks_runs_and_passes_its_tests_without_arguments(folder
     assert "total: 100.0 %" in tested.stdout
 
 
+@pytest.mark.parametrize("name", ["2024", "no", "null", "1.5", "Krankenhaus_Süd"])
+def test_a_name_that_yaml_takes_for_something_else_is_a_name(name: str, folder: Path, monkeypatch) -> None:
+    assert main(["new", name]) == 0
+    monkeypatch.chdir(folder / name)
+    assert main(["check", "--json"]) == 0
+    assert project.read(Path("fame.yaml")).name == name
+
+
 def test_tests_that_leave_an_element_out_fail_a_project_and_a_selection_of_them_does_not(folder: Path) -> None:
     main(["new", "hospital", "--json"])
     os.chdir(folder / "hospital")

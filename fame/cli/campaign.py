@@ -67,9 +67,11 @@ def _count(text: str) -> int:
 
 def run(arguments: Namespace) -> int:
     """Do the runs, write the reports, and print what they say."""
+    from fame.imports import require
     from fame.scenario.campaign import run_campaign
     from fame.scenario.campaign_report import summary, text_report, write_reports
 
+    require("joblib")  # before a folder is written, which would be in the way of the next try
     campaign, folder = _campaign(arguments)
     interrupted = False
     with progress_line(sys.stderr, wanted=not arguments.json) as line:

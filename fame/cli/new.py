@@ -123,7 +123,7 @@ def _fill(made: Path, name: str, example: str, home: Path) -> None:
         home / "project", made, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__", ".pytest*")
     )
     file, scenario = made / project.FILE, f"examples/{example}.yaml"
-    text = file.read_text(encoding="utf-8").replace("name: project", f"name: {name}")
+    text = file.read_text(encoding="utf-8").replace("name: project", f'name: "{name}"')
     if example:
         known = sorted(path.stem for path in home.glob("*.yaml") if "\nmodel: " in path.read_text(encoding="utf-8"))
         if example not in known:
