@@ -100,8 +100,7 @@ def add_draw(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "draw", run_draw, examples=_DRAW_EXAMPLES,
-        help="draw a model as SVG, with a log also what completed, failed or still waits in that run; or a recording "
-        "as a film",
+        help="draw a model as SVG, with a log the path of that run; or a recording as a film",
     )  # fmt: skip
     parser.add_argument("model", type=Path, nargs="?", metavar="MODEL.bpmn", help="what an .svg shows")
     parser.add_argument(
