@@ -15,7 +15,7 @@ from fame.fast_json import json_bytes
 from fame.middleware import messages
 from fame.middleware.messages import message_type
 from fame.robot import plain_values
-from fame.robot.plain_values import plain, plain_and_text
+from fame.robot.plain_values import content_of, plain, plain_and_text
 
 VALUES = [
     messages.create("geometry_msgs/Twist", {"linear": {"x": 0.5, "y": -1.0}}),
@@ -89,6 +89,20 @@ def test_values_are_the_same_only_if_their_json_is() -> None:
 )
 def test_numbers_and_arrays_of_any_library_are_json(value: object, written: object) -> None:
     assert plain(value) == json.loads(json_bytes(plain(value))) == written
+
+
+def test_what_is_in_a_value_tells_whether_it_was_changed_in_place() -> None:
+    for value, change in (
+        ([1, [2]], lambda each: each[1].append(3)),
+        ({"a": 1}, lambda each: each.update(a=True)),
+        (numpy.array([1.0]), lambda each: each.fill(2.0)),
+        ([VALUES[0]], lambda each: each.append(VALUES[1])),
+    ):
+        before = content_of(value)
+        assert before == content_of(value) is not None
+        change(value)  # type: ignore[no-untyped-call]
+        assert before != content_of(value)
+    assert content_of([VALUES[0], []]) is None
 
 
 def test_containers_of_any_kind_may_change_in_place() -> None:

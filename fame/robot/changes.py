@@ -146,7 +146,7 @@ class _ScopeVariables:
         self.where: Mapping[str, Any] = _where(scope)
         self._variables = scope.variables
         self._values: dict[str, Any] = {}
-        self._contents: dict[str, bytes | None] = {}  # of values that may change in place; None where nobody can tell
+        self._contents: dict[str, object] = {}  # of values that may change in place; None where nobody can tell
         self._shown: dict[str, object] = {}  # the JSON of those that are data
 
     def change(self) -> dict[str, Any]:
@@ -164,13 +164,12 @@ class _ScopeVariables:
                 changed[name] = None
         for name in changed:
             value = values[name]
-            if is_changeable(value):
-                self._contents[name] = content_of(value)
-            else:
-                self._contents.pop(name, None)
+            self._contents.pop(name, None)
             if not is_data(name, value):
                 gone += [name] * (name in shown)
                 continue
+            if is_changeable(value):
+                self._contents[name] = content_of(value)
             found, text = plain_and_text(value)
             if shown.get(name) != text:
                 shown[name], fresh[name] = text, found

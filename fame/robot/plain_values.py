@@ -84,12 +84,12 @@ def is_changeable(value: Any) -> bool:
 _CHANGED_IN_PLACE: dict[type, bool] = {}
 
 
-def content_of(value: Any) -> bytes | None:
+def content_of(value: Any) -> object:
     """The content of a value, to see whether it is changed in place; None where nobody can tell, as of objects."""
     try:
         return marshal.dumps(value, 2)
     except ValueError:
-        return None
+        return None if value.__class__ is not list or any(map(is_changeable, value)) else value.copy()
 
 
 # ---- values ----------------------------------------------------------------------------------------------------------
