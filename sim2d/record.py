@@ -117,7 +117,7 @@ def read_record(scenes: Iterable[tuple[int, str, Mapping[str, Any]]], end: int) 
 def _config(ground: Mapping[str, Any]) -> WorldConfig:
     """What stands still on the ground."""
     return WorldConfig(
-        tuple(ground["bounds"]),  # type: ignore[arg-type]
+        tuple(ground["bounds"]),
         walls=ground["walls"],
         obstacles=tuple(_thing(each) for each in ground.get("obstacles", ())),
         targets=tuple(_thing(each) for each in ground.get("targets", ())),

@@ -104,8 +104,11 @@ def _look_data(look: Appearance) -> dict[str, Any]:
         data["led"] = led
     if cone is not None:
         place, angle, length = cone
-        place = [round(value, 4) for value in place]
-        data["cone"] = {"pose": place, "angle": round(angle, 4), "length": round(length, 3)}
+        data["cone"] = {
+            "pose": [round(value, 4) for value in place],
+            "angle": round(angle, 4),
+            "length": round(length, 3),
+        }
     for key, value, usual in (
         ("footprint", footprint, 0.0),
         ("blade", blade, 0.0),
@@ -137,7 +140,8 @@ def _ground_scene(config: WorldConfig, now: float, state: _GroundState) -> dict[
         (Circle(weed.at, weed.radius), style.WEED if cut_at is None else style.STUBBLE, 0.01)
         for weed, (cut_at, _) in zip(config.weeds, weeds, strict=True)
     ]
-    solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in (*config.chargers, *config.stations)]
+    solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in config.chargers]
+    solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in config.stations]
     solid += [
         (Polygon(tuple(style.parcel(at))), style.PARCEL, style.PARCEL_SIZE) for at, carrier in parcels if not carrier
     ]
