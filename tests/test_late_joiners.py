@@ -5,7 +5,7 @@ import pytest
 from fame.clock import SECOND
 from fame.deploy.late_joiners import (
     CalledOff,
-    Ended,
+    DeploymentEnded,
     JoinersState,
     Left,
     Polled,
@@ -34,13 +34,13 @@ def after(*events, supplied: frozenset[str] = frozenset()) -> list[Supply]:
         ((*WAIT, Reported("A", "running"), Polled(0)), ("B",)),
         ((*WAIT, Left("B"), Polled(0)), ("A",)),
         ((*WAIT, Polled(0), Polled(60 * SECOND)), None),
-        ((*WAIT, Polled(0), Ended(), Polled(5 * SECOND)), None),
-        ((*WAIT, Polled(0), Ended(), Polled(10 * SECOND)), ("A", "B")),
-        ((*WAIT, Polled(0), Started("A"), Ended(), Polled(10 * SECOND)), ("B",)),
-        ((*WAIT, Polled(0), Started("A"), Ended(), WAIT[0], Polled(SECOND)), ("A",)),
-        ((*WAIT, Polled(0), CalledOff("A"), Ended(), Polled(SECOND)), ("A",)),
-        ((*WAIT, Polled(0), CalledOff("A"), Ended(), Polled(10 * SECOND)), ("A", "B")),
-        ((WAIT[0], Polled(0), Left("A"), Ended(), WAIT[0], Polled(SECOND)), ("A",)),
+        ((*WAIT, Polled(0), DeploymentEnded(), Polled(5 * SECOND)), None),
+        ((*WAIT, Polled(0), DeploymentEnded(), Polled(10 * SECOND)), ("A", "B")),
+        ((*WAIT, Polled(0), Started("A"), DeploymentEnded(), Polled(10 * SECOND)), ("B",)),
+        ((*WAIT, Polled(0), Started("A"), DeploymentEnded(), WAIT[0], Polled(SECOND)), ("A",)),
+        ((*WAIT, Polled(0), CalledOff("A"), DeploymentEnded(), Polled(SECOND)), ("A",)),
+        ((*WAIT, Polled(0), CalledOff("A"), DeploymentEnded(), Polled(10 * SECOND)), ("A", "B")),
+        ((WAIT[0], Polled(0), Left("A"), DeploymentEnded(), WAIT[0], Polled(SECOND)), ("A",)),
     ],
 )
 def test_who_is_supplied(events, robots):
@@ -57,5 +57,5 @@ def test_a_team_that_has_gone_on_to_another_model_gets_no_late_joiner():
 
 def test_a_robot_that_had_the_model_before_is_told_so():
     assert after(*WAIT, Polled(0), supplied=frozenset({"B"})) == [Supply(("A", "B"), frozenset({"B"}))]
-    again = after(WAIT[0], Polled(0), Started("A"), Ended(), WAIT[0], Polled(SECOND))
+    again = after(WAIT[0], Polled(0), Started("A"), DeploymentEnded(), WAIT[0], Polled(SECOND))
     assert again == [Supply(("A",), frozenset({"A"}))]

@@ -7,12 +7,12 @@ import pytest
 from fame.clock import SECOND
 from fame.deploy.leader_election import (
     Beat,
+    ElectionEvent,
     ElectionState,
-    Event,
     Lead,
     SplitterStatus,
+    SplitterStatusReceived,
     StandBy,
-    StatusReceived,
     Woken,
     step,
 )
@@ -21,15 +21,15 @@ NEW = ElectionState(born=10)
 NOBODY = Lead(frozenset(), gone=False)
 
 
-def heard(born: int, second: float, state: str = "standby", deployed: str = "") -> StatusReceived:
-    return StatusReceived(SplitterStatus(born=born, state=state, deployed=deployed), round(second * SECOND))
+def heard(born: int, second: float, state: str = "standby", deployed: str = "") -> SplitterStatusReceived:
+    return SplitterStatusReceived(SplitterStatus(born=born, state=state, deployed=deployed), round(second * SECOND))
 
 
 def beat(second: float) -> Beat:
     return Beat(round(second * SECOND))
 
 
-def after(*events: Event) -> tuple[ElectionState, list]:
+def after(*events: ElectionEvent) -> tuple[ElectionState, list]:
     state, actions = NEW, ()
     for event in events:
         state, actions = step(state, event)

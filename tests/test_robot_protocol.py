@@ -9,12 +9,11 @@ import pytest
 from fame.deploy.envelope import Envelope, Problem
 from fame.deploy.robot_protocol import step
 from fame.deploy.robot_state import (
-    Action,
     AskOthers,
+    AwaitEndpoints,
     AwaitSender,
     Discard,
     Drop,
-    Event,
     Forget,
     Hold,
     Kept,
@@ -23,22 +22,23 @@ from fame.deploy.robot_state import (
     Loaded,
     Mapped,
     MapState,
-    Match,
     Matched,
-    Note,
+    Observe,
     Promise,
     Promised,
     Received,
     Replace,
     Replaced,
     Reply,
-    RobotState,
-    Run,
+    RobotAction,
+    RobotDeployment,
+    RobotEvent,
+    RunCandidate,
     ScheduleLoad,
     SetAside,
     Stopped,
 )
-from fame.deploy.termination import NONE_STARTED, Answered, Silence
+from fame.deploy.termination import NONE_STARTED, PeerAnswered, Silence
 
 FIRST = Envelope(deployment="d1", sequence=1, robot="A", phase="load", team=["A", "B"])
 SECOND = replace(FIRST, deployment="d2", sequence=2)
@@ -46,9 +46,9 @@ THIRD = replace(FIRST, deployment="d3", sequence=3)
 BARE = Envelope(deployment="plain-1", sequence=-1, robot="A", phase="run")
 
 
-def after(*events: Event, robot: str = "A") -> tuple[RobotState, list[Action]]:
+def after(*events: RobotEvent, robot: str = "A") -> tuple[RobotDeployment, list[RobotAction]]:
     """The state after some events, and what is to be done for the last one."""
-    state, actions = RobotState(robot), ()
+    state, actions = RobotDeployment(robot), ()
     for event in events:
         state, actions = step(state, event)
     return state, list(actions)
@@ -83,7 +83,7 @@ AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched()
         ((Received(FIRST),), [ScheduleLoad()]),
         ((Received(FIRST), LoadDue()), [Load(FIRST)]),
         ((Received(BARE), LoadDue(), Loaded(), Matched()), [Replace()]),
-        (LOADED, [Match(FIRST)]),
+        (LOADED, [AwaitEndpoints(FIRST)]),
         (READY, [AwaitSender(5.0), Reply("ready", "d1")]),
         ((*READY, told("hold")), [AwaitSender(5.0)]),
         ((*RUNS, *MIGRATES), [Hold(), MapState()]),
@@ -110,13 +110,13 @@ AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched()
         ((*AGAIN, Received(SECOND)), [Reply("aborted", "d2", repeated=True)]),
         ((*AGAIN, Received(THIRD), LoadDue()), [SetAside(), Load(THIRD)]),
         ((*NEWER, told("ask")), [Reply("asking", "d1", REPLACED)]),
-        ((*NEWER[:-1], Replaced()), [Run(), Reply("started", "d2"), Reply("stale", "d1", REPLACED)]),
+        ((*NEWER[:-1], Replaced()), [RunCandidate(), Reply("started", "d2"), Reply("stale", "d1", REPLACED)]),
         ((*ASIDE, Stopped()), [Reply("aborted", "d2", "the engine ends"), Reply("left", "d1", "the engine ends")]),
         (
             (Received(FIRST), told("ask", born=7)),
             [Reply("aborted", "d1", NOT_READY), Reply("aborted", "d1", NOT_READY)],
         ),
-        ((*HOLDS, Answered("B", "unknown")), []),
+        ((*HOLDS, PeerAnswered("B", "unknown")), []),
         ((*RUNS, *MIGRATES, Mapped(), Promised()), [AwaitSender(5.0), Reply("ready", "d2")]),
         ((*RUNS, *MIGRATES, Mapped("no")), [Drop(), Reply("refused", "d2", "no")]),
         ((*RUNS, *PREVIEWS), [MapState()]),
@@ -125,7 +125,7 @@ AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched()
         ((*LOADED, PREVIEWS[0]), [Reply("refused", "d2", UNDER_WAY)]),
         ((Received(FIRST), PREVIEWS[0]), [Reply("refused", "d2", UNDER_WAY)]),
         ((*READY, told("start")), [Replace()]),
-        ((*READY, told("start"), Replaced()), [Run(), Reply("started", "d1")]),
+        ((*READY, told("start"), Replaced()), [RunCandidate(), Reply("started", "d1")]),
         ((*READY, told("abort")), [Drop(), Reply("aborted", "d1")]),
         ((*LOADED, told("abort")), [Drop(), Reply("aborted", "d1")]),
         ((Received(FIRST), told("abort")), [Reply("aborted", "d1")]),
@@ -141,8 +141,8 @@ AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched()
         ((*LOADED, Stopped()), [Drop(), Reply("aborted", "d1", "the engine ends")]),
         ((*READY, told("ask")), [Reply("ready", "d1")]),
         ((*READY, told("start"), Replaced(), told("ask")), [Reply("started", "d1")]),
-        ((*HOLDS, Answered("B", "started")), [Replace()]),
-        ((*HOLDS, Answered("B", "asking")), [Drop(), Reply("aborted", "d1", NONE_STARTED)]),
+        ((*HOLDS, PeerAnswered("B", "started")), [Replace()]),
+        ((*HOLDS, PeerAnswered("B", "asking")), [Drop(), Reply("aborted", "d1", NONE_STARTED)]),
     ],
 )
 def test_what_a_robot_does(events, actions):
@@ -160,7 +160,7 @@ def test_what_runs_is_suspended_when_the_others_did_not_answer_at_once():
     asked, wait, report, hold, note = after(*HOLDS)[1]
     assert (asked, wait, hold) == (AskOthers(), AwaitSender(1.0), Hold())
     assert (report.answer, note.text) == ("asking", f"holds deployment d1: {report.reason}")
-    assert not {Hold, Note} & set(map(type, after(*HOLDS, Silence())[1]))
+    assert not {Hold, Observe} & set(map(type, after(*HOLDS, Silence())[1]))
 
 
 def test_a_robot_that_has_answered_aborted_to_another_one_never_becomes_ready():
@@ -189,7 +189,7 @@ ANY_TIME = (
 )
 
 
-def possible(state: RobotState) -> Iterator[Event]:
+def possible(state: RobotDeployment) -> Iterator[RobotEvent]:
     """The events that can happen in a state: anything may be received, results follow what was begun."""
     yield from ANY_TIME
     if state.promises:
@@ -202,14 +202,17 @@ def possible(state: RobotState) -> Iterator[Event]:
     if stage == "promising":
         yield from (Promised(), Promised("the disk is full"))
     if stage == "ready":
-        yield from (Silence(), *(Answered("B", each) for each in ("started", "aborted", "asking", "ready", "unknown")))
+        yield from (
+            Silence(),
+            *(PeerAnswered("B", each) for each in ("started", "aborted", "asking", "ready", "unknown")),
+        )
     if stage == "replacing":
         yield Replaced()
 
 
 @cache
-def reachable() -> list[tuple[RobotState, Event, RobotState, tuple[Action, ...]]]:
-    first = {RobotState("A"), RobotState("A", promises=(Kept(FIRST),))}
+def reachable() -> list[tuple[RobotDeployment, RobotEvent, RobotDeployment, tuple[RobotAction, ...]]]:
+    first = {RobotDeployment("A"), RobotDeployment("A", promises=(Kept(FIRST),))}
     seen, left, transitions = set(first), list(first), []
     while left:
         state = left.pop()
@@ -237,7 +240,7 @@ def test_every_transition_keeps_what_the_protocol_promises():
         assert following.loading is None or following.candidate is None, about
         answers = [action for action in actions if isinstance(action, Reply) and not action.repeated]
         if state.running != following.running:
-            assert Run() in actions, about
+            assert RunCandidate() in actions, about
             assert state.candidate is not None, about
             assert state.candidate.stage == "replacing", about
         promised = state.candidate is not None and state.candidate.has_promised
@@ -286,7 +289,7 @@ def test_a_robot_that_nobody_talks_to_any_more_comes_to_rest():
         assert state.candidate is None or state.candidate.asks, state
 
 
-def next_result(state: RobotState) -> Event | None:
+def next_result(state: RobotDeployment) -> RobotEvent | None:
     if state.loading is not None:
         return Loaded()
     if state.promises and state.candidate is None and state.waiting is None:

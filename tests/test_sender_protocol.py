@@ -9,24 +9,24 @@ import pytest
 from fame.clock import SECOND
 from fame.deploy import robot_protocol, robot_state, termination
 from fame.deploy.envelope import Envelope
-from fame.deploy.robot_state import RobotState
+from fame.deploy.robot_state import RobotDeployment
 from fame.deploy.sender_protocol import (
     HOLDING,
     REFUSALS,
-    Action,
-    Answered,
     Approve,
     Approved,
     Begun,
     CancelTimers,
     Closed,
     End,
-    Event,
     PatienceEnded,
     Prepare,
     RivalFound,
+    RobotAnswered,
     RobotProgress,
     Send,
+    SenderAction,
+    SenderEvent,
     SenderState,
     StartTimer,
     StatusReceived,
@@ -38,13 +38,13 @@ NEW = SenderState((RobotProgress("A"), RobotProgress("B")), sequence=7)
 LATE = 100 * SECOND
 
 
-def answered(robot: str, answer: str, now: int = 0) -> Answered:
-    return Answered(robot, answer, "", now)
+def answered(robot: str, answer: str, now: int = 0) -> RobotAnswered:
+    return RobotAnswered(robot, answer, "", now)
 
 
-def after(*events: Event, state: SenderState = NEW) -> tuple[SenderState, list[Action]]:
+def after(*events: SenderEvent, state: SenderState = NEW) -> tuple[SenderState, list[SenderAction]]:
     """The state after some events, and what is to be done for the last one."""
-    actions: tuple[Action, ...] = ()
+    actions: tuple[SenderAction, ...] = ()
     for event in events:
         state, actions = step(state, event)
     return state, list(actions)
@@ -164,7 +164,7 @@ class Team:
     """
 
     sender: SenderState
-    robots: tuple[RobotState, ...]
+    robots: tuple[RobotDeployment, ...]
     sent: frozenset[tuple[str, str, bool]] = frozenset()
     reports: frozenset[tuple[str, str]] = frozenset()
 
@@ -181,7 +181,7 @@ def successors(team: Team) -> Iterator[Team]:
             yield moved(team, number, event)
 
 
-def sender_events(team: Team) -> Iterator[Event]:
+def sender_events(team: Team) -> Iterator[SenderEvent]:
     yield TimerFired(0)
     yield TimerFired(LATE)
     yield PatienceEnded(10.0)
@@ -190,11 +190,11 @@ def sender_events(team: Team) -> Iterator[Event]:
     yield from (answered(robot, answer) for robot, answer in team.reports)
 
 
-def robot_events(team: Team, robot: RobotState) -> Iterator[robot_state.Event]:
+def robot_events(team: Team, robot: RobotDeployment) -> Iterator[robot_state.RobotEvent]:
     for name, phase, begun in team.sent:
         if name == robot.robot:
             yield robot_state.Received(envelope(name, phase, begun=begun))
-    yield from (termination.Answered(other, answer) for other, answer in team.reports if other != robot.robot)
+    yield from (termination.PeerAnswered(other, answer) for other, answer in team.reports if other != robot.robot)
     yield robot_state.LoadDue()
     if robot.loading is not None:
         yield from (robot_state.Loaded(), robot_state.Loaded("is wrong"))
@@ -214,7 +214,7 @@ def envelope(robot: str, phase: str, *, begun: bool = False) -> Envelope:
     return Envelope(deployment="d1", sequence=1, robot=robot, phase=phase, team=["A", "B"], begun=begun)
 
 
-def moved(team: Team, number: int, event: robot_state.Event) -> Team:
+def moved(team: Team, number: int, event: robot_state.RobotEvent) -> Team:
     """The team after an event at one robot."""
     name = team.robots[number].robot
     robot, actions = robot_protocol.step(team.robots[number], event)
@@ -225,14 +225,16 @@ def moved(team: Team, number: int, event: robot_state.Event) -> Team:
     return replace(team, robots=robots, sent=team.sent | sent, reports=team.reports | said)
 
 
-def outcome(robot: RobotState) -> str:
+def outcome(robot: RobotDeployment) -> str:
     return "started" if robot.deployed else "kept" if robot.candidate is None and robot.answers else "open"
 
 
 @pytest.mark.parametrize("migrates", [False, True])
 def test_in_no_reachable_state_has_one_robot_started_and_another_one_kept_what_it_had(migrates):
     loading = after(*LOAD, state=replace(NEW, migrates=migrates))[0]
-    first = Team(loading, (RobotState("A"), RobotState("B")), frozenset({("A", "load", False), ("B", "load", False)}))
+    first = Team(
+        loading, (RobotDeployment("A"), RobotDeployment("B")), frozenset({("A", "load", False), ("B", "load", False)})
+    )
     seen, left = {first}, [first]
     outcomes = set()
     while left:

@@ -8,14 +8,14 @@ import pytest
 from fame.deploy.termination import (
     NONE_STARTED,
     Abort,
-    Answered,
     Ask,
     Instruction,
+    KeepWaiting,
+    PeerAnswered,
     Ready,
     ReportAsking,
     Silence,
-    Start,
-    Wait,
+    StartCandidate,
     reply,
     step,
 )
@@ -27,22 +27,22 @@ ASKING = replace(TWO, asking=True)
 @pytest.mark.parametrize(
     ("state", "event", "action"),
     [
-        (TWO, Instruction("hold"), Wait()),
-        (TWO, Instruction("start"), Start()),
+        (TWO, Instruction("hold"), KeepWaiting()),
+        (TWO, Instruction("start"), StartCandidate()),
         (TWO, Instruction("abort"), Abort()),
         (TWO, Silence(), Ask()),
         (Ready(frozenset()), Silence(), Abort(NONE_STARTED)),
         (ASKING, Silence(), Ask()),
         (ASKING, Instruction("hold"), ReportAsking()),
         (ASKING, Instruction("start"), ReportAsking()),
-        (ASKING, Instruction("start", begun=True), Start()),
+        (ASKING, Instruction("start", begun=True), StartCandidate()),
         (ASKING, Instruction("abort"), Abort()),
-        (ASKING, Answered("B", "started"), Start()),
-        (ASKING, Answered("B", "aborted"), Abort("the sender fell silent, and B does not start it")),
-        (ASKING, Answered("B", "ready"), None),
-        (ASKING, Answered("B", "asking"), None),
-        (ASKING, Answered("D", "aborted"), None),
-        (replace(ASKING, asked=frozenset({"C"})), Answered("B", "asking"), Abort(NONE_STARTED)),
+        (ASKING, PeerAnswered("B", "started"), StartCandidate()),
+        (ASKING, PeerAnswered("B", "aborted"), Abort("the sender fell silent, and B does not start it")),
+        (ASKING, PeerAnswered("B", "ready"), None),
+        (ASKING, PeerAnswered("B", "asking"), None),
+        (ASKING, PeerAnswered("D", "aborted"), None),
+        (replace(ASKING, asked=frozenset({"C"})), PeerAnswered("B", "asking"), Abort(NONE_STARTED)),
         (replace(TWO, asked=frozenset({"B", "C"})), Silence(), Abort(NONE_STARTED)),
     ],
 )
@@ -103,12 +103,12 @@ def changes(team: Team, number: int) -> Iterator[tuple[object, str]]:
             yield "aborted", reply(None, started=False)
     if not isinstance(robot, Ready):
         return
-    events = [Silence(), *(Answered(NAMES[other], answer) for other, answer in team.said if other != number)]
+    events = [Silence(), *(PeerAnswered(NAMES[other], answer) for other, answer in team.said if other != number)]
     if team.sender in ("start", "abort"):
         events += [Instruction(team.sender), Instruction(team.sender, begun=team.begun)]
     for event in events:
         state, action = step(robot, event)
-        if isinstance(action, Start):
+        if isinstance(action, StartCandidate):
             yield "started", "started"
         elif isinstance(action, Abort):
             yield "aborted", "aborted"

@@ -79,7 +79,7 @@ def _promised(topic: str, use: TopicUse, others: Mapping[str, TopicUse]) -> dict
     return ends
 
 
-Place = tuple[str, int]
+_Place = tuple[str, int]
 """A file, and a line of it (from 1; 0 if unknown)."""
 
 
@@ -90,7 +90,7 @@ class SourceMap:
         self._robot, self._definitions, self._process = robot, definitions, process
         self._library, self._sent = library, sent
 
-    def place(self, file: str, line: int) -> Place:
+    def place(self, file: str, line: int) -> _Place:
         """The place in the sender's files; an unknown one stays as it is."""
         if file != f"{self._robot}.bpmn":
             return file, line
@@ -115,9 +115,9 @@ class SourceMap:
         return {"text": "", **error, "file": file, "line": line}
 
     @cached_property
-    def _places(self) -> dict[int, Place]:
+    def _places(self) -> dict[int, _Place]:
         """The place of each line that is known."""
-        places: dict[int, Place] = {}
+        places: dict[int, _Place] = {}
         there = read_text(self._sent).processes
         own_order = _by_file(self._library.closure(self._definitions, self._process))
         for other, (home, one) in zip(there, own_order, strict=False):

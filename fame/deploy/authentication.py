@@ -147,7 +147,7 @@ class Diagram:
         return json.dumps({"fame": 1, **fields.values(self)}, sort_keys=True)
 
 
-_DIAGRAM: dict[str, fields.Check] = {
+_DIAGRAM: dict[str, fields._Check] = {
     "model": fields.text(20_000_000),
     "hash": fields.text(64),
     "purpose": fields.among("deploy", "deployed"),

@@ -25,8 +25,8 @@ from fame.deploy.envelope import (
     engines,
     read_envelope,
 )
-from fame.deploy.loading import LEAVING, Candidate, Task, Work, load
-from fame.deploy.machine import Machine, unexpected
+from fame.deploy.loading import LEAVING, LoadedCandidate, LoadingTask, Work, load
+from fame.deploy.machine import ProtocolMachine, unexpected
 from fame.deploy.migration import Foreseen, foresee, take_over
 from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.requests import TaskServer
@@ -35,12 +35,11 @@ from fame.deploy.resumption import StateKeeper
 from fame.deploy.robot_protocol import step
 from fame.deploy.robot_state import (
     MATCHING,
-    Action,
     AskOthers,
+    AwaitEndpoints,
     AwaitSender,
     Discard,
     Drop,
-    Event,
     Forget,
     Hold,
     Kept,
@@ -49,24 +48,25 @@ from fame.deploy.robot_state import (
     Loaded,
     Mapped,
     MapState,
-    Match,
     Matched,
-    Note,
+    Observe,
     Promise,
     Promised,
     Received,
     Replace,
     Replaced,
     Reply,
-    RobotState,
-    Run,
+    RobotAction,
+    RobotDeployment,
+    RobotEvent,
+    RunCandidate,
     ScheduleLoad,
     SetAside,
     Stopped,
     resumed,
 )
 from fame.deploy.signing import Identity
-from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
+from fame.deploy.status import Absences, EngineWarnings, RateLimiter, StatusPublisher, progress, state_of
 from fame.deploy.termination import Ready, Silence
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
@@ -78,7 +78,7 @@ if TYPE_CHECKING:
 
     from fame.bpmn.library import Library
     from fame.engine.state import Instance
-    from fame.robot import Event as RobotEvent, RobotNode, Service
+    from fame.robot import Event as RunEvent, RobotNode, Service
     from fame.robot.journal import StateDirectory
     from fame.robot.live import FeedLog, LiveFeed
 
@@ -116,8 +116,8 @@ class EngineNode:
         middleware: Middleware,
         library: Library | None = None,
         services: Mapping[str, Service] | None = None,
-        observer: Callable[[RobotEvent], object] | None = None,
-        on_report: Callable[[RobotEvent], object] | None = None,
+        observer: Callable[[RunEvent], object] | None = None,
+        on_report: Callable[[RunEvent], object] | None = None,
         safe_state: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
         safe_suspended: Sequence[tuple[str, str, Mapping[str, Any]]] | None = None,
         trusted: Sequence[Any] = (),
@@ -156,7 +156,7 @@ class EngineNode:
         self.born: int = round(wall_time() * SECOND)
         self._verifier = RequestVerifier(robot, self.born, trusted, wall_time, unsigned_tasks=unsigned_tasks)
         self.running: RobotNode | None = None
-        self.candidate: Candidate | None = None
+        self.candidate: LoadedCandidate | None = None
         self._loaded: RobotNode | None = None  # on its way to be a candidate
         self._foreseen = "", Foreseen()  # deployment, and what would become of what runs
         self._before = ""  # the hash of the model that runs
@@ -166,8 +166,8 @@ class EngineNode:
         self._trouble = ""  # why the state cannot be written
         self._lost_promise = ""  # why it is not known whether its team has started something newer
         self._resumed: ResumedMission | None = None
-        self._protocol: Machine[RobotState, Event, Action] = Machine(
-            RobotState(robot, born=self.born), step, self._perform
+        self._protocol: ProtocolMachine[RobotDeployment, RobotEvent, RobotAction] = ProtocolMachine(
+            RobotDeployment(robot, born=self.born), step, self._perform
         )
         self._absences = Absences()
         self._end_report: Entry | None = None
@@ -190,8 +190,8 @@ class EngineNode:
         self._process = self.node.subscription("bpmn_process", STRING, self._on_envelope, PROCESS_QOS)
         self._process.max_size = SIZE
         self._live = self.node.publisher(EVENTS_TOPIC, STRING), self.node.publisher(MODEL_TOPIC, STRING, LATCHED)
-        self.warn: Warnings = Warnings(self.middleware, self._on_warning)
-        self.status: Status = Status(
+        self.warn: EngineWarnings = EngineWarnings(self.middleware, self._on_warning)
+        self.status: StatusPublisher = StatusPublisher(
             self.robot,
             self._process.topic,
             self.born,
@@ -318,7 +318,7 @@ class EngineNode:
 
     # ---- what it does ----------------------------------------------------------------------------------------------
 
-    def _perform(self, action: Action) -> None:
+    def _perform(self, action: RobotAction) -> None:
         """Carry out an action of the protocol. Those on the candidate come only while there is one."""
         match action:
             case Reply():
@@ -333,7 +333,7 @@ class EngineNode:
                     repeated=action.repeated,
                     cause="model" if action.problem is not None else "",
                 )
-            case Note(text):
+            case Observe(text):
                 self._note(text)
             case ScheduleLoad():
                 self.scheduler.soon(partial(self._protocol.handle, LoadDue()), Kind.RESUMPTION)
@@ -341,7 +341,7 @@ class EngineNode:
                 self._load(envelope)
             case Discard():
                 self._discard()
-            case Match(envelope):
+            case AwaitEndpoints(envelope):
                 self._match(envelope)
             case Forget(deployment):
                 self._decided(deployment)
@@ -357,7 +357,7 @@ class EngineNode:
             case _ if self.candidate is not None:
                 self._perform_on(self.candidate, action)
 
-    def _perform_on(self, candidate: Candidate, action: Action) -> None:
+    def _perform_on(self, candidate: LoadedCandidate, action: RobotAction) -> None:
         match action:
             case Promise():
                 self._protocol.handle(Promised(self._keeper.promise(candidate) if self._keeper is not None else ""))
@@ -372,10 +372,10 @@ class EngineNode:
                 if self._keeper is not None:
                     self._keeper.stop()  # a crash before the next one is on the disk leaves this one as it was
                 candidate.replace(old, partial(self._protocol.handle, Replaced()), stop=not self._migrates(candidate))
-            case Run():
+            case RunCandidate():
                 self._run(candidate)
 
-    def _run(self, candidate: Candidate) -> None:
+    def _run(self, candidate: LoadedCandidate) -> None:
         """Start the candidate's process, or let it take over the state of what runs."""
         before, self._before = self._before, candidate.envelope.hash
         migrates = self._migrates(candidate)
@@ -389,11 +389,11 @@ class EngineNode:
             self._feed.begin(self.running, resumed=migrates)
         go_on()
 
-    def _migrates(self, candidate: Candidate) -> bool:
+    def _migrates(self, candidate: LoadedCandidate) -> bool:
         """Whether what runs goes over to a candidate."""
         return candidate.envelope.migrate and self.running is not None
 
-    def _map_state(self, candidate: Candidate, until: int) -> None:
+    def _map_state(self, candidate: LoadedCandidate, until: int) -> None:
         """As soon as the scripts of what runs have left, find out whether its state fits the candidate."""
         if self.candidate is not candidate:
             return
@@ -414,7 +414,7 @@ class EngineNode:
             self._foreseen = candidate.envelope.deployment, foreseen
             self._protocol.handle(Mapped(foreseen.blocked))
 
-    def _take_over(self, candidate: Candidate, before: str) -> Callable[[], object]:
+    def _take_over(self, candidate: LoadedCandidate, before: str) -> Callable[[], object]:
         """Give the candidate's process the state of what runs, of the model `before`. Returns what lets it go on."""
         assert self.running is not None
         envelope = candidate.envelope
@@ -429,7 +429,7 @@ class EngineNode:
     def _load(self, envelope: Envelope) -> None:
         Work(self.scheduler, self._loading(envelope), self._on_loaded)
 
-    def _loading(self, envelope: Envelope) -> Task[RobotNode]:
+    def _loading(self, envelope: Envelope) -> LoadingTask[RobotNode]:
         """The task that loads a process, which tells what happens in it."""
         from fame.robot.events import combine_observers
         from fame.robot.live import LiveFeed
@@ -457,7 +457,7 @@ class EngineNode:
     def _match(self, envelope: Envelope) -> None:
         assert self._loaded is not None
         around: dict[str, Any] = {"node": self.node, "scheduler": self.scheduler, "middleware": self.middleware}
-        self.candidate, self._loaded = Candidate(envelope, self._loaded, **around), None
+        self.candidate, self._loaded = LoadedCandidate(envelope, self._loaded, **around), None
         self.candidate.match(lambda missing: self._protocol.handle(Matched(tuple(missing))))
 
     def _close_candidate(self) -> None:

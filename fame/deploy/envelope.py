@@ -195,7 +195,7 @@ def _is_object(value: Any) -> bool:
 
 
 _TEXT, _NAME = fields.text(SIZE), fields.text(1000)
-_ENVELOPE: dict[str, fields.Check] = {
+_ENVELOPE: dict[str, fields._Check] = {
     "deployment": _NAME,
     "sequence": fields.integer(),
     "robot": fields.robot,
@@ -216,7 +216,7 @@ _ENVELOPE: dict[str, fields.Check] = {
     "signature": _NAME,
 }
 _ENVELOPE["proof"] = fields.record({**_ENVELOPE, "proof": fields.record({})})
-_WAIT: dict[str, fields.Check] = {
+_WAIT: dict[str, fields._Check] = {
     "element": _TEXT,
     "for": _TEXT,
     "since": fields.number,
@@ -224,17 +224,17 @@ _WAIT: dict[str, fields.Check] = {
     "place": _TEXT,
     "suspended": _TEXT,
 }
-_ERROR: dict[str, fields.Check] = {
+_ERROR: dict[str, fields._Check] = {
     **dict.fromkeys(("code", "element", "name", "file", "text"), _TEXT),
     "line": fields.integer(),
 }
-_TOKEN: dict[str, fields.Check] = {
+_TOKEN: dict[str, fields._Check] = {
     **dict.fromkeys(("element", "fate", "target", "reason", "name"), _TEXT),
     "others": fields.sequence(_TEXT),
 }
 _PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
 STATES = ("waiting", "loading", "ready", "holding", "running", "suspended", "incident", "idle", "failed")
-_REPORT: dict[str, fields.Check] = {
+_REPORT: dict[str, fields._Check] = {
     "robot": fields.robot,
     "state": fields.among(
         "waiting", "loading", "ready", "holding", "running", "suspended", "incident", "idle", "failed"
@@ -348,7 +348,7 @@ def _text_hash(text: str) -> str:
         raise DeploymentError("the model has a lone surrogate: it is not valid Unicode", cause="syntax") from None
 
 
-def _message(cls: type[_Message], found: Any, checks: Mapping[str, fields.Check]) -> _Message:
+def _message(cls: type[_Message], found: Any, checks: Mapping[str, fields._Check]) -> _Message:
     """A message made of JSON. Raises TypeError for a field that is unknown or has a wrong value."""
     if not isinstance(found, dict):
         raise TypeError("not an object")

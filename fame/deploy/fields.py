@@ -21,23 +21,23 @@ def _names(cls: Any) -> tuple[str, ...]:
     return tuple(field.name for field in dataclasses.fields(cls))
 
 
-Check = Callable[[Any], bool]
+_Check = Callable[[Any], bool]
 """Whether a field may have a JSON value."""
 LAST = 2**53
 """Integers are smaller: exact in the JSON of every language. As a sequence: microseconds until the year 2255."""
 
 
-def text(longest: int) -> Check:
+def text(longest: int) -> _Check:
     """A text of at most `longest` characters."""
     return lambda value: isinstance(value, str) and len(value) <= longest
 
 
-def among(*values: str) -> Check:
+def among(*values: str) -> _Check:
     """One of some texts."""
     return lambda value: isinstance(value, str) and value in values
 
 
-def integer(lowest: int = 0, end: int = LAST) -> Check:
+def integer(lowest: int = 0, end: int = LAST) -> _Check:
     """An integer from `lowest` to below `end`."""
     return lambda value: type(value) is int and lowest <= value < end
 
@@ -62,23 +62,23 @@ def topic(value: Any) -> bool:
     return isinstance(value, str) and len(value) <= 250 and is_ros_name(value)
 
 
-def sequence(each: Check) -> Check:
+def sequence(each: _Check) -> _Check:
     """A list of at most 10,000 values."""
     return lambda value: isinstance(value, list) and len(value) <= 10_000 and all(map(each, value))
 
 
-def mapping(key: Check, each: Check) -> Check:
+def mapping(key: _Check, each: _Check) -> _Check:
     """An object of at most 10,000 names."""
     return lambda value: (
         isinstance(value, dict) and len(value) <= 10_000 and all(map(key, value)) and all(map(each, value.values()))
     )
 
 
-def record(checks: Mapping[str, Check]) -> Check:
+def record(checks: Mapping[str, _Check]) -> _Check:
     """An object with these fields, or some of them."""
     return lambda value: isinstance(value, dict) and first_invalid(value, checks) is None
 
 
-def first_invalid(found: Mapping[str, Any], checks: Mapping[str, Check]) -> str | None:
+def first_invalid(found: Mapping[str, Any], checks: Mapping[str, _Check]) -> str | None:
     """The first field of `found` that is unknown or does not pass, or None."""
     return next((name for name, value in found.items() if name not in checks or not checks[name](value)), None)

@@ -23,7 +23,7 @@ from fame.bpmn.split import split
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.envelope import STATUS_QOS, STRING, Report, engines, model_hash
-from fame.deploy.machine import Machine, boundary
+from fame.deploy.machine import ProtocolMachine, boundary
 from fame.deploy.sender import Deployment
 from fame.errors import FameError
 from fame.middleware.interface import Middleware, Node, Subscription
@@ -97,7 +97,7 @@ class CalledOff:
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class DeploymentEnded:
     """The deployment has ended."""
 
 
@@ -116,11 +116,11 @@ class Withhold:
     robots: tuple[str, ...]
 
 
-Action = Supply | Withhold
-Event = Reported | Left | Polled | Started | CalledOff | Ended
+LateJoinerAction = Supply | Withhold
+LateJoinerEvent = Reported | Left | Polled | Started | CalledOff | DeploymentEnded
 
 
-def step(state: JoinersState, event: Event) -> tuple[JoinersState, tuple[Action, ...]]:
+def step(state: JoinersState, event: LateJoinerEvent) -> tuple[JoinersState, tuple[LateJoinerAction, ...]]:
     """The next state and the actions."""
     match event:
         case Reported(robot, reported, ours):
@@ -135,13 +135,13 @@ def step(state: JoinersState, event: Event) -> tuple[JoinersState, tuple[Action,
             return replace(state, supplied=state.supplied | {robot}), ()
         case CalledOff(robot):
             return replace(state, retry=_without(state, {robot})), ()
-        case Ended():
+        case DeploymentEnded():
             return replace(state, deploying=False), ()
         case Polled(now):
             return _supply(state, now)
 
 
-def _supply(state: JoinersState, now: int) -> tuple[JoinersState, tuple[Action, ...]]:
+def _supply(state: JoinersState, now: int) -> tuple[JoinersState, tuple[LateJoinerAction, ...]]:
     late = state.waiting - {robot for robot, time in state.retry if time > now}
     if state.deploying or not late:
         return state, ()
@@ -168,7 +168,7 @@ def _without(state: JoinersState, robots: Collection[str]) -> frozenset[tuple[st
 # ---- topics and deployments ------------------------------------------------------------------------------------------
 
 
-class Send(Protocol):
+class Redeploy(Protocol):
     """Makes a deployment of the model to some robots, of which `again` had it before; calls `ended` when it is over.
 
     Raises FameError if that is not possible.
@@ -192,7 +192,7 @@ class LateJoiners:
     def __init__(
         self,
         definitions: Definitions,
-        send: Send,
+        send: Redeploy,
         *,
         scheduler: Scheduler,
         middleware: Middleware,
@@ -207,7 +207,9 @@ class LateJoiners:
         self._ids, self._met = set[str](), set[str]()  # deployments of the model, robots that have had a process
         self._pools, self._send, self._key, self._log = pools_of(definitions), send, key, log
         state = JoinersState(supplied=frozenset(supplied))
-        self._protocol: Machine[JoinersState, Event, Action] = Machine(state, step, self._perform)
+        self._protocol: ProtocolMachine[JoinersState, LateJoinerEvent, LateJoinerAction] = ProtocolMachine(
+            state, step, self._perform
+        )
         self._current: Deployment | None = None
         self.node: Node = middleware.node("fame_keeper")
         self._engines: dict[str, Subscription] = {}
@@ -254,7 +256,7 @@ class LateJoiners:
     def _on_strange_report(self, robot: str, reason: str) -> None:
         self._log(f"{robot}: its report: {reason}")
 
-    def _perform(self, action: Action) -> None:
+    def _perform(self, action: LateJoinerAction) -> None:
         if isinstance(action, Withhold):
             self._log(f"{', '.join(action.robots)}: not supplied: no robot has this model any more")
             return
@@ -263,7 +265,7 @@ class LateJoiners:
             self._ids.add(self._current.id)
         except FameError as error:
             self._log(f"{', '.join(action.robots)}: {error}")
-            self._protocol.handle(Ended())
+            self._protocol.handle(DeploymentEnded())
 
     def _on_end(self, deployment: Deployment) -> None:
         for robot, progress in deployment.robots.items():
@@ -278,4 +280,4 @@ class LateJoiners:
         if self._current is not None:
             self._current.close()
             self._current = None
-        self._protocol.handle(Ended())
+        self._protocol.handle(DeploymentEnded())

@@ -80,7 +80,7 @@ class SplitterStatus:
             return None
 
 
-_STATUS: dict[str, fields.Check] = {
+_STATUS: dict[str, fields._Check] = {
     "born": fields.integer(1, 2**63),
     "state": fields.among("standby", "idle", "deploying", "keeping"),
     "deployed": fields.text(64),
@@ -120,7 +120,7 @@ class ElectionState:
 
 
 @dataclass(frozen=True, slots=True)
-class StatusReceived:
+class SplitterStatusReceived:
     """The status of another splitter was received."""
 
     status: SplitterStatus
@@ -156,17 +156,17 @@ class StandBy:
     reason: str
 
 
-Event = StatusReceived | Beat | Woken
-Action = Lead | StandBy
+ElectionEvent = SplitterStatusReceived | Beat | Woken
+ElectionAction = Lead | StandBy
 
 
 # ---- transitions -----------------------------------------------------------------------------------------------------
 
 
-def step(state: ElectionState, event: Event) -> tuple[ElectionState, tuple[Action, ...]]:
+def step(state: ElectionState, event: ElectionEvent) -> tuple[ElectionState, tuple[ElectionAction, ...]]:
     """The next state and the actions."""
     match event:
-        case StatusReceived(status, now):
+        case SplitterStatusReceived(status, now):
             return _on_status(state, status, now), ()
         case Woken(now):
             return _stand_by_if_replaced(state, now)
@@ -197,14 +197,14 @@ def _was_stopped(state: ElectionState, now: int) -> bool:
     return now - state.beaten > GONE * SECOND
 
 
-def _stand_by_if_replaced(state: ElectionState, now: int) -> tuple[ElectionState, tuple[Action, ...]]:
+def _stand_by_if_replaced(state: ElectionState, now: int) -> tuple[ElectionState, tuple[ElectionAction, ...]]:
     if state.leads and (_was_stopped(state, now) or state.usurped_by):
         reason = "it was stopped or cut off, and listens what became of the team"
         return replace(state, leads=False), (StandBy(reason),)
     return state, ()
 
 
-def _elect(state: ElectionState, *, away: bool) -> tuple[ElectionState, tuple[Action, ...]]:
+def _elect(state: ElectionState, *, away: bool) -> tuple[ElectionState, tuple[ElectionAction, ...]]:
     if state.leads and state.older:
         return replace(state, leads=False), (StandBy("there is an older splitter"),)
     if state.leads or state.older or away:

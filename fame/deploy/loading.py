@@ -6,7 +6,7 @@ function, done by a worker of the scheduler (`fame.worker`), whose result (or er
 Python runs one thread at a time and changes between them every few milliseconds, so the mission hardly notices.
 Collecting garbage would stop all threads, the longer the more is being made: it waits until the work is done.
 
-A loaded process is a `Candidate` until it runs: timers and endpoints only; `fame.deploy.robot_protocol` decides.
+A loaded process is a `LoadedCandidate` until it runs: timers and endpoints only; `fame.deploy.robot_protocol` decides.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope
 from fame.deploy.machine import boundary
 from fame.deploy.robot_state import MATCHING
-from fame.deploy.termination import Answered
+from fame.deploy.termination import PeerAnswered
 from fame.errors import FameError, ModelError
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from fame.robot import Mission, RobotNode, Service
 
 
-Result = TypeVar("Result")
-Task = Generator[Callable[[], Any], Any, Result]
+_Result = TypeVar("_Result")
+LoadingTask = Generator[Callable[[], Any], Any, _Result]
 
 LIMIT = 60.0
 """How long the work of a task may take (s)."""
@@ -43,10 +43,12 @@ KEPT = 10
 _STEP = 0.15  # s between two steps of preloading, for each engine: all may be on one machine that starts them
 
 
-class Work(Generic[Result]):
+class Work(Generic[_Result]):
     """A running task. `done` is called once, in the scheduler's thread, with its result or its FameError."""
 
-    def __init__(self, scheduler: Scheduler, task: Task[Result], done: Callable[[Result | FameError], object]) -> None:
+    def __init__(
+        self, scheduler: Scheduler, task: LoadingTask[_Result], done: Callable[[_Result | FameError], object]
+    ) -> None:
         self._task, self._done = task, done
         self._worker = scheduler.worker("fame load")
         self._over = False
@@ -74,7 +76,7 @@ class Work(Generic[Result]):
         self._task.close()
         self._done(ModelError(f"takes more than {LIMIT:g} s to be read and checked"))
 
-    def _end(self, outcome: Result | FameError) -> None:
+    def _end(self, outcome: _Result | FameError) -> None:
         self._over = True
         if self._limit is not None:
             self._limit.cancel()
@@ -104,7 +106,7 @@ def load(
     services: Mapping[str, Service] | None,
     durable: bool = False,
     **options: Any,
-) -> Task[RobotNode]:
+) -> LoadingTask[RobotNode]:
     """A robot's node with the process of a .bpmn text, its endpoints made. `options` are those of `RobotNode`.
 
     `durable`: its state is to be kept on disk, so that a model is refused whose state cannot be stored.
@@ -128,7 +130,7 @@ def _load(
     services: Mapping[str, Service] | None,
     durable: bool,
     options: Mapping[str, Any],
-) -> Task[RobotNode]:
+) -> LoadingTask[RobotNode]:
     mission = yield partial(_read, model, robot, library, services, durable)
     from fame.monitor.services import SERVICES
     from fame.robot import RobotNode
@@ -234,7 +236,7 @@ LEAVING = round(2.5 * SECOND)
 """How long scripts may take to leave, should their own clock stand (ns)."""
 
 
-class Candidate:
+class LoadedCandidate:
     """A loaded `process` and the `envelope` it came with. `node` is what asks the other robots."""
 
     envelope: Envelope
@@ -266,7 +268,7 @@ class Candidate:
         self._cancel()
         self._after(seconds, silence)
 
-    def ask_others(self, answered: Callable[[Answered], object]) -> None:
+    def ask_others(self, answered: Callable[[PeerAnswered], object]) -> None:
         """Ask the other robots of the deployment for its outcome."""
         if self._peers is None:
             others = sorted(set(self.envelope.team) - {self.process.namespace})
@@ -319,7 +321,7 @@ class Peers:
         envelope: Envelope,
         others: Iterable[str],
         node: Node,
-        answered: Callable[[Answered], object],
+        answered: Callable[[PeerAnswered], object],
         log: Callable[[str], object],
     ) -> None:
         self._envelope, self._answered = envelope, answered
@@ -362,9 +364,9 @@ class Peers:
         if report is None:
             return
         if report.deployed == self._envelope.deployment:
-            self._answered(Answered(reader.robot, "started"))
+            self._answered(PeerAnswered(reader.robot, "started"))
         elif report.deployment == self._envelope.deployment:
-            self._answered(Answered(reader.robot, report.answer))
+            self._answered(PeerAnswered(reader.robot, report.answer))
 
 
 def _born(engine: str) -> int:

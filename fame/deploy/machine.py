@@ -8,9 +8,9 @@ from typing import Any, Generic, TypeVar
 
 from fame.errors import FameError
 
-State = TypeVar("State")
-Event = TypeVar("Event")
-Action = TypeVar("Action")
+_State = TypeVar("_State")
+_Event = TypeVar("_Event")
+_Action = TypeVar("_Action")
 
 
 def boundary(handle: Callable[[Any], object], refuse: Callable[[str], object]) -> Callable[[Any], None]:
@@ -35,25 +35,25 @@ def unexpected(error: Exception) -> str:
     return f"it could not be handled: {type(error).__name__}: {error}"
 
 
-class Machine(Generic[State, Event, Action]):
+class ProtocolMachine(Generic[_State, _Event, _Action]):
     """The `state` of a ``step(state, event) -> (state, actions)``; `perform` carries one action out.
 
     An event that arises while actions are carried out is handled after them: steps never nest.
     """
 
-    state: State
+    state: _State
 
     def __init__(
         self,
-        state: State,
-        step: Callable[[State, Event], tuple[State, Sequence[Action]]],
-        perform: Callable[[Action], object],
+        state: _State,
+        step: Callable[[_State, _Event], tuple[_State, Sequence[_Action]]],
+        perform: Callable[[_Action], object],
     ) -> None:
-        self.state: State = state
+        self.state: _State = state
         self._step, self._perform = step, perform
-        self._events: deque[Event] = deque()
+        self._events: deque[_Event] = deque()
 
-    def handle(self, event: Event) -> None:
+    def handle(self, event: _Event) -> None:
         """Handle an event, now or after the current one."""
         self._events.append(event)
         if len(self._events) > 1:

@@ -70,7 +70,7 @@ class TaskRequest:
         return json.dumps(fields.values(self), sort_keys=True)
 
 
-_REQUEST: dict[str, fields.Check] = {
+_REQUEST: dict[str, fields._Check] = {
     "id": fields.text(_NAME),
     "element": fields.text(_NAME),
     "values": lambda value: isinstance(value, dict),

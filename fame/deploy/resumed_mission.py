@@ -7,14 +7,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
-from fame.deploy.loading import Candidate, Task, Work
+from fame.deploy.loading import LoadedCandidate, LoadingTask, Work
 from fame.errors import ConfigError, FameError
 from fame.middleware.interface import Middleware, Node
 from fame.middleware.simulated_time import ClockFollower
 
 if TYPE_CHECKING:
     from fame.deploy.envelope import Envelope
-    from fame.deploy.resumption import StateKeeper, Stored
+    from fame.deploy.resumption import StateKeeper, StoredMission
     from fame.robot import RobotNode
 
 
@@ -35,7 +35,7 @@ class ResumedMission:
         scheduler: Scheduler,
         middleware: Middleware,
         time: Scheduler,
-        load: Callable[[Envelope], Task[RobotNode]],
+        load: Callable[[Envelope], LoadingTask[RobotNode]],
         begin: Callable[[RobotNode, Sequence[str]], object],
         ended: Callable[[], object],
     ) -> None:
@@ -43,8 +43,8 @@ class ResumedMission:
         self._load, self._begin, self._ended = load, begin, ended
         self._scheduler = scheduler
         self._around: dict[str, Any] = {"node": node, "scheduler": scheduler, "middleware": middleware}
-        self._stored: Stored | None = None  # what is to go on
-        self._candidate: Candidate | None = None  # the same, loaded
+        self._stored: StoredMission | None = None  # what is to go on
+        self._candidate: LoadedCandidate | None = None  # the same, loaded
 
     @property
     def under_way(self) -> bool:
@@ -65,14 +65,14 @@ class ResumedMission:
         if stored is not None:
             Work(self._scheduler, self._load(stored.envelope), partial(self._on_loaded, stored))
 
-    def _on_loaded(self, stored: Stored, result: RobotNode | FameError) -> None:
+    def _on_loaded(self, stored: StoredMission, result: RobotNode | FameError) -> None:
         if isinstance(result, FameError):
             raise ConfigError(f"the mission cannot be resumed: {result}; --fresh starts over")
         if self._stored is not stored:
             result.close()
             return
         go_on = self._keeper.resume(stored, result)
-        self._candidate = Candidate(stored.envelope, result, **self._around)
+        self._candidate = LoadedCandidate(stored.envelope, result, **self._around)
         self._candidate.match(partial(self._go_on, go_on))
 
     def _go_on(self, go_on: Callable[[], object], missing: Sequence[str]) -> None:

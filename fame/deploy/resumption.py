@@ -26,7 +26,7 @@ from fame.errors import ConfigError, DeploymentError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from fame.deploy.loading import Candidate
+    from fame.deploy.loading import LoadedCandidate
     from fame.robot import RobotNode
     from fame.robot.durable import Recorder
     from fame.robot.journal import Contents, StateDirectory
@@ -35,7 +35,7 @@ _ENVELOPE, _PROMISE = "deployment-", "promise"
 
 
 @dataclass(frozen=True, slots=True)
-class Stored:
+class StoredMission:
     """What was running: the deployment and the journal."""
 
     envelope: Envelope
@@ -64,7 +64,7 @@ class StateKeeper:
 
     # ---- reading -----------------------------------------------------------------------------------------------------
 
-    def read(self, trusted: Sequence[Any]) -> Stored | None:
+    def read(self, trusted: Sequence[Any]) -> StoredMission | None:
         """What was running, if something was.
 
         Raises ConfigError for a journal that is damaged, foreign, of another robot or not signed by a trusted key.
@@ -75,7 +75,7 @@ class StateKeeper:
         header, file = contents.header, str(contents.path)
         if header.get("robot") != self._robot:
             raise ConfigError(f"is the state of robot {header.get('robot')!r}, not of {self._robot!r}", file=file)
-        return Stored(self._envelope(header, trusted), contents)
+        return StoredMission(self._envelope(header, trusted), contents)
 
     def _envelope(self, header: Mapping[str, Any], trusted: Sequence[Any]) -> Envelope:
         """The envelope that a journal names, verified. Raises ConfigError."""
@@ -103,7 +103,7 @@ class StateKeeper:
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", file=str(self.directory.path / name)) from None
 
-    def away(self, stored: Stored, process: RobotNode) -> float:
+    def away(self, stored: StoredMission, process: RobotNode) -> float:
         """How long the engine was away (s)."""
         if not process.scheduler.is_simulated:
             return max(0.0, self._wall_time() - self.directory.last_seen)
@@ -111,7 +111,7 @@ class StateKeeper:
 
         return max(0.0, (epoch_of(process) + process.scheduler.now - last_time(stored.contents)) / SECOND)
 
-    def _set_back(self, stored: Stored, process: RobotNode) -> int:
+    def _set_back(self, stored: StoredMission, process: RobotNode) -> int:
         """How far the clock is before the last moment of the engine before (ns)."""
         from fame.robot.restoring import epoch_of, last_time
 
@@ -120,7 +120,7 @@ class StateKeeper:
 
     # ---- writing -----------------------------------------------------------------------------------------------------
 
-    def promise(self, candidate: Candidate) -> str:
+    def promise(self, candidate: LoadedCandidate) -> str:
         """Keep what the robot is ready to start: should it crash now, its team may start all the same.
 
         Returns why that is not possible, or nothing.
@@ -184,7 +184,7 @@ class StateKeeper:
             if path.name != name:
                 self.directory.remove_file(path.name)
 
-    def resume(self, stored: Stored, process: RobotNode) -> Callable[[], object]:
+    def resume(self, stored: StoredMission, process: RobotNode) -> Callable[[], object]:
         """Give a loaded process the stored state. Returns a function that lets it go on.
 
         Raises ConfigError for the state of another program.

@@ -36,13 +36,12 @@ from fame.deploy import termination
 from fame.deploy.envelope import SILENCE, Envelope, Problem
 from fame.deploy.robot_state import (
     MATCHING,
-    Action,
     AskOthers,
+    AwaitEndpoints,
     AwaitSender,
     Candidate,
     Discard,
     Drop,
-    Event,
     Forget,
     Hold,
     Kept,
@@ -51,22 +50,23 @@ from fame.deploy.robot_state import (
     Loaded,
     Mapped,
     MapState,
-    Match,
     Matched,
-    Note,
+    Observe,
     Promise,
     Promised,
     Received,
     Replace,
     Replaced,
     Reply,
-    RobotState,
-    Run,
+    RobotAction,
+    RobotDeployment,
+    RobotEvent,
+    RunCandidate,
     ScheduleLoad,
     SetAside,
     Stopped,
 )
-from fame.deploy.termination import Answered, Instruction, Ready, Silence
+from fame.deploy.termination import Instruction, PeerAnswered, Ready, Silence
 
 ASKING = 1.0
 """How often a robot that holds asks the other robots (s)."""
@@ -85,7 +85,7 @@ _REPLACED = "the newer deployment {} was started in its place"
 # ---- transitions -----------------------------------------------------------------------------------------------------
 
 
-def step(state: RobotState, event: Event) -> tuple[RobotState, tuple[Action, ...]]:
+def step(state: RobotDeployment, event: RobotEvent) -> tuple[RobotDeployment, tuple[RobotAction, ...]]:
     """The next state, and what is to be done in this order. An event that does not fit the state changes nothing."""
     move = _Transition(state)
     match event:
@@ -101,7 +101,7 @@ def step(state: RobotState, event: Event) -> tuple[RobotState, tuple[Action, ...
             move.mapped(error)
         case Promised(error):
             move.promised(error)
-        case Silence() | Answered():
+        case Silence() | PeerAnswered():
             move.decide(event)
         case Replaced():
             move.replaced()
@@ -113,9 +113,9 @@ def step(state: RobotState, event: Event) -> tuple[RobotState, tuple[Action, ...
 class _Transition:
     """One step: the state as it becomes, and the actions so far."""
 
-    def __init__(self, state: RobotState) -> None:
+    def __init__(self, state: RobotDeployment) -> None:
         self.state = state
-        self.actions: list[Action] = []
+        self.actions: list[RobotAction] = []
 
     # ---- envelopes ----
 
@@ -278,7 +278,7 @@ class _Transition:
             self._load_next()
         elif wanted:
             self.state = replace(self.state, candidate=Candidate(envelope))
-            self._do(Match(envelope))
+            self._do(AwaitEndpoints(envelope))
         else:
             if not result.error:
                 self._do(Discard())
@@ -348,7 +348,7 @@ class _Transition:
 
     # ---- a candidate that is ready ----
 
-    def decide(self, event: termination.Event) -> None:
+    def decide(self, event: termination.TerminationEvent) -> None:
         candidate = self.state.candidate
         if candidate is None or candidate.commit is None or candidate.stage != "ready":
             return
@@ -356,13 +356,13 @@ class _Transition:
         candidate = replace(candidate, commit=commit)
         self.state = replace(self.state, candidate=candidate)
         match action:
-            case termination.Wait():
+            case termination.KeepWaiting():
                 self._do(AwaitSender(SILENCE))
             case termination.Ask():
                 self._ask_others(candidate)
             case termination.ReportAsking():
                 self._do(Reply("asking", candidate.envelope.deployment, candidate.why_it_holds))
-            case termination.Start():
+            case termination.StartCandidate():
                 self._replace(candidate)
             case termination.Abort(reason):
                 self._drop("aborted", reason)
@@ -379,7 +379,7 @@ class _Transition:
     def _hold(self, candidate: Candidate) -> None:
         reason = f"holds deployment {candidate.envelope.deployment}: {candidate.why_it_holds}"
         if not candidate.holds:
-            self._do(Hold(), Note(reason))
+            self._do(Hold(), Observe(reason))
         waiting = self.state.waiting
         if waiting is not None and waiting.phase == "load":
             self._load_next()
@@ -405,10 +405,10 @@ class _Transition:
             return
         envelope, promises = candidate.envelope, self.state.promises
         self.state = replace(self.state, candidate=None, running=replace(envelope, model=""), promises=())
-        self._do(Run())
+        self._do(RunCandidate())
         reason = "it had this process before, and takes it up again from the start" if envelope.again else ""
         if reason:
-            self._do(Note(reason))
+            self._do(Observe(reason))
         self._answer("started", envelope.deployment, reason)
         for kept in promises:
             self._answer("stale", kept.envelope.deployment, _REPLACED.format(envelope.deployment))
@@ -436,7 +436,7 @@ class _Transition:
 
     # ---- actions ----
 
-    def _do(self, *actions: Action) -> None:
+    def _do(self, *actions: RobotAction) -> None:
         self.actions += actions
 
     def _load_next(self) -> None:

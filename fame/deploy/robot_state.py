@@ -1,6 +1,7 @@
 """What a robot's end of a deployment knows, receives and does: the data of `fame.deploy.robot_protocol`.
 
-`RobotState` is how far a robot is. An `Event` is what happens to it, an `Action` what `fame.deploy.engine_node` does.
+`RobotDeployment` is how far a robot is. A `RobotEvent` is what happens to it, a `RobotAction` what
+`fame.deploy.engine_node` does.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from fame.deploy.envelope import Envelope, Problem
-from fame.deploy.termination import Answered, Ready, Silence
+from fame.deploy.termination import PeerAnswered, Ready, Silence
 
 MATCHING = 5.0
 """How long a robot waits for the other ends of its topics (s)."""
@@ -68,7 +69,7 @@ class Kept:
 
 
 @dataclass(frozen=True, slots=True)
-class RobotState:
+class RobotDeployment:
     """How far a robot is.
 
     running  the envelope of what runs, without its model
@@ -121,10 +122,12 @@ class RobotState:
         return holds or any(kept.commit is not None for kept in self.promises)
 
 
-def resumed(robot: str, envelope: Envelope, born: int = 0) -> RobotState:
+def resumed(robot: str, envelope: Envelope, born: int = 0) -> RobotDeployment:
     """The state of a robot whose engine goes on with what it had been running."""
     answers = (Reply("started", envelope.deployment),)
-    return RobotState(robot, running=replace(envelope, model=""), newest=envelope.order, answers=answers, born=born)
+    return RobotDeployment(
+        robot, running=replace(envelope, model=""), newest=envelope.order, answers=answers, born=born
+    )
 
 
 # ---- events ----------------------------------------------------------------------------------------------------------
@@ -152,7 +155,7 @@ class Loaded:
 
 @dataclass(frozen=True, slots=True)
 class Matched:
-    """The result of `Match`: the promised ends that are missing, as ``topic (publisher)``."""
+    """The result of `AwaitEndpoints`: the promised ends that are missing, as ``topic (publisher)``."""
 
     missing: tuple[str, ...] = ()
 
@@ -181,7 +184,7 @@ class Stopped:
     """The engine ends."""
 
 
-Event = Received | LoadDue | Loaded | Matched | Mapped | Promised | Silence | Answered | Replaced | Stopped
+RobotEvent = Received | LoadDue | Loaded | Matched | Mapped | Promised | Silence | PeerAnswered | Replaced | Stopped
 
 
 # ---- actions ---------------------------------------------------------------------------------------------------------
@@ -199,7 +202,7 @@ class Reply:
 
 
 @dataclass(frozen=True, slots=True)
-class Note:
+class Observe:
     """Report to the observer of this engine."""
 
     text: str
@@ -223,7 +226,7 @@ class Discard:
 
 
 @dataclass(frozen=True, slots=True)
-class Match:
+class AwaitEndpoints:
     """Wait until the promised other ends of the candidate's topics are there, at most `MATCHING` s; give `Matched`."""
 
     envelope: Envelope
@@ -255,7 +258,7 @@ class AwaitSender:
 
 @dataclass(frozen=True, slots=True)
 class AskOthers:
-    """Ask the other robots of the deployment what became of it; give `Answered` for each answer."""
+    """Ask the other robots of the deployment what became of it; give `PeerAnswered` for each answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,11 +282,11 @@ class Replace:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class RunCandidate:
     """Start the candidate's process, or let it take over the state of what ran."""
 
 
-Action = (
-    Reply | Note | ScheduleLoad | Load | Discard | Match | MapState | Promise | Forget | AwaitSender | AskOthers
-    | Hold | Drop | SetAside | Replace | Run
+RobotAction = (
+    Reply | Observe | ScheduleLoad | Load | Discard | AwaitEndpoints | MapState | Promise | Forget | AwaitSender
+    | AskOthers | Hold | Drop | SetAside | Replace | RunCandidate
 )  # fmt: skip

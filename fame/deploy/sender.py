@@ -29,24 +29,24 @@ from fame.deploy.envelope import (
     model_hash,
     signed,
 )
-from fame.deploy.loading import Task, Work
-from fame.deploy.machine import Machine, boundary
+from fame.deploy.loading import LoadingTask, Work
+from fame.deploy.machine import ProtocolMachine, boundary
 from fame.deploy.migration import Foreseen
 from fame.deploy.sender_protocol import (
-    Action,
-    Answered,
     Approve,
     Approved,
     Begun,
     CancelTimers,
     Closed,
     End,
-    Event,
     PatienceEnded,
     Prepare,
     RivalFound,
+    RobotAnswered,
     RobotProgress,
     Send,
+    SenderAction,
+    SenderEvent,
     SenderState,
     StartTimer,
     StatusReceived,
@@ -127,7 +127,9 @@ class Deployment:
             migrates=migrate,
             preview=preview,
         )
-        self._protocol: Machine[SenderState, Event, Action] = Machine(state, step, self._perform)
+        self._protocol: ProtocolMachine[SenderState, SenderEvent, SenderAction] = ProtocolMachine(
+            state, step, self._perform
+        )
         self.envelopes: dict[str, Envelope] = self._models(definitions, pools, sent, again, library)
         self._source_maps = {
             robot: SourceMap(robot, definitions, pool.process, library, self.envelopes[robot].model)
@@ -226,14 +228,14 @@ class Deployment:
             if report.migration:
                 self.foreseen[robot] = Foreseen.from_json(report.migration)
             reason = self._source_maps[robot].report(report).reason
-            self._protocol.handle(Answered(robot, report.answer, reason, self.scheduler.now))
+            self._protocol.handle(RobotAnswered(robot, report.answer, reason, self.scheduler.now))
 
     def _on_strange_report(self, robot: str, reason: str) -> None:
-        self._protocol.handle(Answered(robot, "refused", f"its report: {reason}", self.scheduler.now))
+        self._protocol.handle(RobotAnswered(robot, "refused", f"its report: {reason}", self.scheduler.now))
 
     # ---- what is sent ----------------------------------------------------------------------------------------------
 
-    def _perform(self, action: Action) -> None:
+    def _perform(self, action: SenderAction) -> None:
         match action:
             case Prepare():
                 known = {robot: report.engine for robot, report in self._known.items()}
@@ -259,7 +261,7 @@ class Deployment:
             case End():
                 self._ended(self)
 
-    def _approval(self) -> Task[str]:
+    def _approval(self) -> LoadingTask[str]:
         """Look at what is foreseen, in a thread."""
         refusal: str = yield partial(self._approve, self.pools, dict(self.foreseen))
         return refusal

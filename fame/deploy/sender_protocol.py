@@ -114,7 +114,7 @@ class StatusReceived:
 
 
 @dataclass(frozen=True, slots=True)
-class Answered:
+class RobotAnswered:
     """A robot has answered this deployment."""
 
     robot: str
@@ -157,7 +157,7 @@ class Approved:
     now: int
 
 
-Event = Begun | StatusReceived | Answered | RivalFound | TimerFired | PatienceEnded | Closed | Approved
+SenderEvent = Begun | StatusReceived | RobotAnswered | RivalFound | TimerFired | PatienceEnded | Closed | Approved
 
 
 # ---- actions ---------------------------------------------------------------------------------------------------------
@@ -199,13 +199,13 @@ class End:
     """Report to the caller that the deployment is over."""
 
 
-Action = Prepare | Send | StartTimer | Approve | CancelTimers | End
+SenderAction = Prepare | Send | StartTimer | Approve | CancelTimers | End
 
 
 # ---- transitions -----------------------------------------------------------------------------------------------------
 
 
-def step(state: SenderState, event: Event) -> tuple[SenderState, tuple[Action, ...]]:
+def step(state: SenderState, event: SenderEvent) -> tuple[SenderState, tuple[SenderAction, ...]]:
     """The next state, and what is to be done in this order. After the end nothing changes."""
     if state.phase == "over":
         return state, ()
@@ -214,7 +214,7 @@ def step(state: SenderState, event: Event) -> tuple[SenderState, tuple[Action, .
             return replace(state, begun=now), (StartTimer(SETTLE),)
         case StatusReceived():
             return _on_status(state, event), ()
-        case Answered():
+        case RobotAnswered():
             return _answered(state, event)
         case RivalFound(robot) if state.phase != "start":
             return _end(_map(state, lambda each: _rival(each, robot)), failed=True)
@@ -234,7 +234,7 @@ def _on_status(state: SenderState, event: StatusReceived) -> SenderState:
     return replace(state, reported=state.reported | {event.robot}, sequence=number)
 
 
-def _timer(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
+def _timer(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderAction, ...]]:
     """Load when all robots have reported; then repeat the request to each robot."""
     if state.phase == "discovery":
         waits = state.signed or now < state.begun + round(DISCOVERY * SECOND)
@@ -249,7 +249,7 @@ def _timer(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...
     return _send_all(state, now)
 
 
-def _send_all(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
+def _send_all(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderAction, ...]]:
     if state.phase == "start":
         begun = any(each.state == "started" for each in state.robots)
         sent = [Send(each.robot, "start", begun) for each in state.robots if each.state == "ready"]
@@ -261,7 +261,7 @@ def _send_all(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, 
     return replace(state, spoke=now), (*sent, StartTimer(repeat))
 
 
-def _answered(state: SenderState, event: Answered) -> tuple[SenderState, tuple[Action, ...]]:
+def _answered(state: SenderState, event: RobotAnswered) -> tuple[SenderState, tuple[SenderAction, ...]]:
     took = (event.now - state.begun) / SECOND
     if state.phase == "load" and state.preview and event.answer in _PREVIEWS:
         state = _progress(state, event, took)
@@ -276,7 +276,7 @@ def _answered(state: SenderState, event: Answered) -> tuple[SenderState, tuple[A
     return state, ()
 
 
-def _vote(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
+def _vote(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderAction, ...]]:
     """One refusal ends it for all; when all are ready, all are started, which is not undone."""
     states = {each.state for each in state.robots}
     if states & (REFUSALS | {"asking"}):
@@ -290,13 +290,13 @@ def _vote(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]
     return _start(state, now)
 
 
-def _start(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
+def _start(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderAction, ...]]:
     if _was_stopped(state, now):
         return _end_stopped(state, now)
     return _send_all(replace(state, phase="start"), now)
 
 
-def _refused(state: SenderState, refusal: str) -> tuple[SenderState, tuple[Action, ...]]:
+def _refused(state: SenderState, refusal: str) -> tuple[SenderState, tuple[SenderAction, ...]]:
     """A migration must not start: each robot goes on with what it had."""
     return _end(_map(state, lambda each: replace(each, reason=each.reason or refusal)), failed=True)
 
@@ -306,7 +306,7 @@ def _was_stopped(state: SenderState, now: int) -> bool:
     return now - state.spoke > SILENCE * SECOND
 
 
-def _end_stopped(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
+def _end_stopped(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderAction, ...]]:
     still = (now - state.spoke) / SECOND
     reason = f"this command was stopped for {still:.0f} s and starts no robot"
     return _end(_map(state, lambda each: replace(each, reason=each.reason or reason)), failed=True)
@@ -325,14 +325,14 @@ def _rival(each: RobotProgress, robot: str) -> RobotProgress:
     return replace(each, reason=reason) if each.robot == robot else each
 
 
-def _end(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[Action, ...]]:
+def _end(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[SenderAction, ...]]:
     if failed and state.phase != "start" and not state.preview:
         state = _explain(state)
     state, actions = _stop(state, failed=failed)
     return state, (*actions, End())
 
 
-def _stop(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[Action, ...]]:
+def _stop(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[SenderAction, ...]]:
     undecided = state.phase in ("load", "approval") and not state.preview
     aborted = [Send(each.robot, "abort") for each in state.robots] if failed and undecided else []
     return replace(state, phase="over", failed=failed), (CancelTimers(), *aborted)
@@ -355,6 +355,6 @@ def _map(state: SenderState, change: Callable[[RobotProgress], RobotProgress]) -
     return replace(state, robots=tuple(map(change, state.robots)))
 
 
-def _progress(state: SenderState, event: Answered, took: float) -> SenderState:
+def _progress(state: SenderState, event: RobotAnswered, took: float) -> SenderState:
     progress = RobotProgress(event.robot, event.answer, event.reason, took)
     return _map(state, lambda each: progress if each.robot == event.robot else each)

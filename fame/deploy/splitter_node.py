@@ -27,18 +27,18 @@ from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, engines, model
 from fame.deploy.late_joiners import LateJoiners
 from fame.deploy.leader_election import (
     HEARTBEAT,
-    Action,
     Beat,
+    ElectionAction,
+    ElectionEvent,
     ElectionState,
-    Event,
     Lead,
     SplitterStatus,
+    SplitterStatusReceived,
     StandBy,
-    StatusReceived,
     Woken,
     step,
 )
-from fame.deploy.machine import Machine, boundary
+from fame.deploy.machine import ProtocolMachine, boundary
 from fame.deploy.sender import PATIENCE, Deployment
 from fame.deploy.sender_protocol import REFUSALS
 from fame.deploy.status import RateLimiter
@@ -85,7 +85,9 @@ class SplitterNode:
         self._trusted, self._diagrams = trusted, DiagramReader(trusted)
         self._sequence = 0
         election = ElectionState(self.born, beaten=scheduler.now)
-        self._election: Machine[ElectionState, Event, Action] = Machine(election, step, self._perform)
+        self._election: ProtocolMachine[ElectionState, ElectionEvent, ElectionAction] = ProtocolMachine(
+            election, step, self._perform
+        )
         self._diagram: tuple[str, Definitions] | None = None  # hash and model, the newest
         self._deployed = ""  # the hash of the diagram that the team has
         self._text = ""
@@ -130,9 +132,9 @@ class SplitterNode:
     def _on_status(self, message: Any) -> None:
         status = SplitterStatus.from_json(message.data)
         if status is not None and status.is_believed(self._trusted, self._wall_time()):
-            self._election.handle(StatusReceived(status, self.scheduler.now))
+            self._election.handle(SplitterStatusReceived(status, self.scheduler.now))
 
-    def _perform(self, action: Action) -> None:
+    def _perform(self, action: ElectionAction) -> None:
         match action:
             case Lead(inherited, gone):
                 self._report("leads" + ("; the one before is gone" if gone else ""))

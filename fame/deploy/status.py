@@ -30,7 +30,7 @@ WAITS = 100
 """How many waiting tokens, and how many incidents, a report describes at most: it is made each second."""
 
 
-class Warnings:
+class EngineWarnings:
     """The warnings of an engine: call it with one, and `tell` gets its text; a report shows the latest ones.
 
     `poll` takes the new warnings of the middleware and its losses. Those from before this object was made are old.
@@ -105,7 +105,7 @@ _OTHERS = 100
 """How many other engines of the same name are remembered."""
 
 
-class Status:
+class StatusPublisher:
     """The publisher of a robot's reports.
 
     `progress` gives what a `Report` has beside the answer. It reports messages of another type on `topic`, and listens
@@ -126,7 +126,7 @@ class Status:
         node: Node,
         scheduler: Scheduler,
         on_refusal: Callable[[str, str, str], object],
-        warnings: Warnings,
+        warnings: EngineWarnings,
         note: Callable[[str], object],
         identity: Identity | None = None,
         trusted: Sequence[Any] = (),

@@ -58,7 +58,7 @@ class Instruction:
 
 
 @dataclass(frozen=True, slots=True)
-class Answered:
+class PeerAnswered:
     """Another robot's answer to this deployment."""
 
     robot: str
@@ -74,7 +74,7 @@ class Silence:
 
 
 @dataclass(frozen=True, slots=True)
-class Wait:
+class KeepWaiting:
     """Wait for the sender; give `Silence` if it does not send anything for a while."""
 
 
@@ -89,7 +89,7 @@ class ReportAsking:
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class StartCandidate:
     """Start the candidate."""
 
 
@@ -100,36 +100,36 @@ class Abort:
     reason: str = ""
 
 
-Event = Instruction | Answered | Silence
-Action = Wait | Ask | ReportAsking | Start | Abort
+TerminationEvent = Instruction | PeerAnswered | Silence
+TerminationAction = KeepWaiting | Ask | ReportAsking | StartCandidate | Abort
 NONE_STARTED = "the sender fell silent before it started any robot"
 
 
-def step(state: Ready, event: Event) -> tuple[Ready, Action | None]:
-    """The next state and the actions. After `Start` and `Abort` nothing follows."""
+def step(state: Ready, event: TerminationEvent) -> tuple[Ready, TerminationAction | None]:
+    """The next state and the actions. After `StartCandidate` and `Abort` nothing follows."""
     match event:
         case Instruction(phase="abort"):
             return state, Abort()
         case Instruction(phase="start", begun=begun) if begun or not state.asking:
-            return state, Start()
+            return state, StartCandidate()
         case Instruction():
-            return state, ReportAsking() if state.asking else Wait()
-        case Answered(robot, _) if robot not in state.others:
+            return state, ReportAsking() if state.asking else KeepWaiting()
+        case PeerAnswered(robot, _) if robot not in state.others:
             return state, None
-        case Answered(answer="started"):
-            return state, Start()
-        case Answered(robot, "aborted"):
+        case PeerAnswered(answer="started"):
+            return state, StartCandidate()
+        case PeerAnswered(robot, "aborted"):
             return state, Abort(f"the sender fell silent, and {robot} does not start it")
-        case Answered(robot, "asking"):
+        case PeerAnswered(robot, "asking"):
             return _alone_or(replace(state, asked=state.asked | {robot}), None)
-        case Answered(robot, "unknown"):
+        case PeerAnswered(robot, "unknown"):
             return replace(state, reborn=state.reborn | {robot}), None
         case Silence():
             return _alone_or(replace(state, asking=True), Ask())
     return state, None
 
 
-def _alone_or(state: Ready, action: Action | None) -> tuple[Ready, Action | None]:
+def _alone_or(state: Ready, action: TerminationAction | None) -> tuple[Ready, TerminationAction | None]:
     return state, Abort(NONE_STARTED) if state.asking and not state.unheard else action
 
 

@@ -108,7 +108,9 @@ def _starts_alone(original: Any) -> Any:
     """A robot that is ready starts by itself when its sender falls silent."""
 
     def step(state: Any, event: Any) -> Any:
-        return (state, termination.Start()) if isinstance(event, termination.Silence) else original(state, event)
+        return (
+            (state, termination.StartCandidate()) if isinstance(event, termination.Silence) else original(state, event)
+        )
 
     return step
 
