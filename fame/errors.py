@@ -60,15 +60,19 @@ class _Located(FameError):
     text: str
     file: str
     line: int
+    column: int
     element: str
     name: str
 
-    def __init__(self, text: str, *, file: str = "", line: int = 0, element: str = "", name: str = "") -> None:
-        self.text, self.file, self.line = " ".join(text.split()), file, line
+    def __init__(
+        self, text: str, *, file: str = "", line: int = 0, column: int = 0, element: str = "", name: str = ""
+    ) -> None:
+        self.text, self.file, self.line, self.column = " ".join(text.split()), file, line, column
         self.element, self.name = element, name
         place = file or ""
         if line:
             place += f":{line}" if place else f"line {line}"
+            place += f":{column}" if column and file else ""
         parts = [place, display_name(element, name), self.text]
         super().__init__(": ".join(part for part in parts if part))
 

@@ -30,7 +30,7 @@ LAYERS = (
         "fame.text",
         "fame.worker",
     ),
-    ("fame.engine", "fame.middleware", "fame.scripting"),
+    ("fame.engine", "fame.middleware", "fame.properties", "fame.scripting"),
     ("fame.robot",),
     ("fame.deploy", "fame.monitor", "fame.check", "fame.simulation", "fame.log"),
     ("sim2d", "robots"),

@@ -53,9 +53,9 @@ def parse_document(text: str, file: str = "") -> ConfigValue:
         node = loader.get_single_node()
         if node is None:
             return ConfigValue(None, "", Source(file))
-        lines: dict[str, int] = {}
-        _note_lines(node, "", lines, set(), file)
-        return ConfigValue(loader.construct_document(node), "", Source(file, lines))
+        lines, columns = dict[str, int](), dict[str, int]()
+        _note_lines(node, "", lines, columns, set(), file)
+        return ConfigValue(loader.construct_document(node), "", Source(file, lines, columns))
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 0
         raise ConfigError(f"is not valid YAML: {error.problem or error.context}", file=file, line=line) from None
@@ -67,18 +67,25 @@ def parse_document(text: str, file: str = "") -> ConfigValue:
         raise ConfigError("is not valid YAML: the value after a tag (!!...) is of another kind", file=file) from None
 
 
-def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], seen: set[int], file: str) -> None:
-    """Fill `lines` (1-based) with the key paths inside a node. Raises ConfigError for a key that is given twice."""
+def _note_lines(
+    node: yaml.Node, path: str, lines: dict[str, int], columns: dict[str, int], seen: set[int], file: str
+) -> None:
+    """Fill `lines` and `columns` (1-based) with the key paths inside a node.
+
+    Raises ConfigError for a key that is given twice.
+    """
     lines.setdefault(path, node.start_mark.line + 1)
     if id(node) in seen:  # an alias, which may contain itself
         return
     seen.add(id(node))
     if isinstance(node.value, str):
+        if node.start_mark.line == node.end_mark.line:
+            columns[path] = node.start_mark.column + 1 + (node.style in ("'", '"'))  # type: ignore[attr-defined]
         return
     keys: set[str] = set()
     for index, item in enumerate(node.value):
         if not isinstance(item, tuple):  # of a list; a mapping has pairs
-            _note_lines(item, f"{path}[{index}]", lines, seen, file)
+            _note_lines(item, f"{path}[{index}]", lines, columns, seen, file)
             continue
         key, value = item
         line, inner = key.start_mark.line + 1, join(path, str(key.value))
@@ -87,7 +94,7 @@ def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], seen: set[int
         if isinstance(key.value, str):
             keys.add(key.value)
         lines[inner] = line
-        _note_lines(value, inner, lines, seen, file)
+        _note_lines(value, inner, lines, columns, seen, file)
 
 
 def meant_for(content: object, kind: Kind) -> str:

@@ -32,10 +32,14 @@ def join(path: str, key: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where data came from: a file, and the line (1-based) of each key path, as in ``robots.REX.at[0]``."""
+    """Where data came from: a file, and the line (1-based) of each key path, as in ``robots.REX.at[0]``.
+
+    `columns` (1-based) are those of the first character of texts that stand on one line.
+    """
 
     file: str = ""
     lines: Mapping[str, int] = field(default_factory=dict)
+    columns: Mapping[str, int] = field(default_factory=dict)
 
     def line(self, path: str) -> int:
         """The line of a key path, or that of the nearest key around it; 0 if unknown."""
@@ -60,6 +64,11 @@ class ConfigValue:
     def line(self) -> int:
         """Its line in the file (1-based), 0 if unknown."""
         return self.source.line(self.path)
+
+    @property
+    def column(self) -> int:
+        """The column (1-based) where its text begins, 0 if unknown."""
+        return self.source.columns.get(self.path, 0)
 
     def error(self, text: str) -> ConfigError:
         """An error about this value."""

@@ -1,0 +1,48 @@
+"""Properties of a team: sentences over its events and values, judged by small deterministic monitors.
+
+::
+
+    sentence    what a property says, as data
+    grammar     parse its text (docs/properties.md has the grammar and the meaning of each pattern)
+    vocabulary  the robots, elements, topics and variables of a collaboration, which sentences name
+    monitor     compile a property: a `Monitor`, whose state is plain data
+    conditions  values and comparisons
+    judge       many monitors, fed with the events and values of a run
+    files       properties in YAML files
+
+A host does this, be it a run, a replay, a live team or an exploration::
+
+    property = parse("Drone completes within 300 s", Place("field.yaml", 12), "finish")
+    monitor = compile(property, vocabulary_of(definitions, library, cast))
+    state = monitor.initial
+    state = monitor.step(state, time, ("Drone", "Process_Drone", "end", "completed"))
+    monitor.verdict(state), monitor.deadline(state)
+
+or gives everything to a `Judge`, which finds the monitors that an event concerns and says what broke them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fame.imports import attach
+
+if TYPE_CHECKING:
+    from fame.properties.files import read_properties as read_properties
+    from fame.properties.grammar import parse as parse
+    from fame.properties.judge import Judge as Judge, Judgement as Judgement
+    from fame.properties.monitor import Monitor as Monitor, Verdict as Verdict, compile as compile
+    from fame.properties.sentence import Place as Place, Property as Property
+    from fame.properties.vocabulary import Vocabulary as Vocabulary, vocabulary_of as vocabulary_of
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "files": ["read_properties"],
+            "grammar": ["parse"],
+            "judge": ["Judge", "Judgement"],
+            "monitor": ["Monitor", "Verdict", "compile"],
+            "sentence": ["Place", "Property"],
+            "vocabulary": ["Vocabulary", "vocabulary_of"],
+        },
+    )

@@ -1,0 +1,210 @@
+"""Conditions of properties: the values that a host gives, and how far a comparison is from being broken."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from operator import eq, ge, gt, le, lt, ne
+from typing import Any, Literal, NamedTuple
+
+from fame.properties.sentence import FieldTest, Property, Value
+from fame.properties.vocabulary import Path, Vocabulary
+
+SECOND = 1_000_000_000
+STALE = SECOND
+"""Age (ns) of a position that comes from messages, after which the distance to it is not known."""
+
+
+class Source(NamedTuple):
+    """What a host has to sample: its value is given to `fame.properties.judge.Judge.sample`.
+
+    ``variable``  a process variable of robot `subject`: that of the process itself, not of what it calls
+    ``battery``   its charge, 0 to 1
+    ``topic``     the last message on the topic with this full name
+    ``pose``      a `Pose` of the robot
+    """
+
+    kind: Literal["variable", "battery", "topic", "pose"]
+    subject: str
+    name: str = ""
+
+
+class Pose(NamedTuple):
+    """A position (m) in a frame. `time` (ns): when it was measured; None: it holds until the next one."""
+
+    x: float
+    y: float
+    z: float = 0.0
+    frame: str = "world"
+    time: int | None = None
+
+
+Values = Mapping[Source, Any]
+Get = Callable[[Values, int], Any]
+"""Takes the last values and the time (ns), and gives a value; None if it is not known."""
+Reading = tuple[bool, float | None] | None
+"""Whether a condition holds and its slack in the unit of its values (None where nothing can be measured); None: it
+cannot be judged."""
+
+_OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {"<": lt, "<=": le, ">": gt, ">=": ge, "==": eq, "!=": ne}
+
+
+class Condition:
+    """A condition for certain robots: its sources and `read`."""
+
+    sources: frozenset[Source]
+    read: Callable[[Values, int], Reading]
+
+    def __init__(
+        self,
+        comparisons: Sequence[tuple[Get, str, Get]],
+        sources: frozenset[Source],
+        negated: bool,
+        names: Sequence[tuple[str, Get]],
+    ) -> None:
+        self.sources, self._names = sources, names
+        self._parts = [(left, _OPERATORS[operator], operator, right) for left, operator, right in comparisons]
+        self.read = self._read_negated if negated else self._read
+
+    def shown(self, values: Values, time: int) -> list[str]:
+        """Its values in words."""
+        return [f"{name} is {_short(get(values, time))}" for name, get in self._names]
+
+    def _read(self, values: Values, time: int) -> Reading:
+        holds, slack = True, None
+        for get_left, compare, operator, get_right in self._parts:
+            left, right = get_left(values, time), get_right(values, time)
+            if left is None or right is None:
+                return None
+            own = _slack(left, operator, right)
+            if own is None and operator not in ("==", "!="):
+                return None  # an order of what is no number
+            holds = bool(compare(left, right)) and holds
+            if own is not None and (slack is None or own < slack):
+                slack = own
+        return holds, slack
+
+    def _read_negated(self, values: Values, time: int) -> Reading:
+        reading = self._read(values, time)
+        if reading is None:
+            return None
+        return not reading[0], None if reading[1] is None else -reading[1]
+
+
+def _short(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else repr(value)
+
+
+def _slack(left: Any, operator: str, right: Any) -> float | None:
+    """How far a comparison of numbers is from being broken; negative if it is."""
+    if operator in ("==", "!=") or not all(isinstance(each, int | float) for each in (left, right)):
+        return None
+    return float(right - left) if operator in ("<", "<=") else float(left - right)
+
+
+def field_of(value: Any, path: Path) -> Any:
+    """The part of a message or variable at a path; None if it has none."""
+    for step in path:
+        try:
+            value = value[step] if isinstance(step, int) or hasattr(value, "keys") else getattr(value, step)
+        except (LookupError, AttributeError, TypeError):
+            return None
+    return value
+
+
+def meets(message: Any, tests: Sequence[FieldTest]) -> bool | None:
+    """Whether a message meets all tests; None if a field is not there."""
+    for test in tests:
+        value = field_of(message, test.path)
+        try:
+            if value is None or not _OPERATORS[test.operator](value, test.constant):
+                return None if value is None else False
+        except TypeError:
+            return None
+    return True
+
+
+def distance(one: Pose | None, other: Pose | None, time: int) -> float | None:
+    """The distance (m) of two positions; None in different frames, and for one that is older than `STALE`."""
+    if one is None or other is None or one.frame != other.frame:
+        return None
+    if any(each.time is not None and time - each.time > STALE for each in (one, other)):
+        return None
+    return math.dist(one[:3], other[:3])
+
+
+# ---- compile ---------------------------------------------------------------------------------------------------------
+
+
+def conditions_of(made: Property, vocabulary: Vocabulary, binding: Mapping[str, str]) -> list[Condition]:
+    """The conditions of a property for the robots of a binding: one, or one for any two robots of a pool.
+
+    Raises ConfigError for values that the vocabulary does not have.
+    """
+    pairs = [dict[int, tuple[str, str]]()]
+    for value in (value for part in made.condition for value in (part.left, part.right)):
+        if value.kind == "distance" and value.other is None:
+            robots = vocabulary.robots_of(value.subject, made)
+            pairs = [{**pair, id(value): (a, b)} for pair in pairs for a in robots for b in robots if a < b]
+    return [_condition(made, vocabulary, binding, pair) for pair in pairs]
+
+
+def _condition(
+    made: Property, vocabulary: Vocabulary, binding: Mapping[str, str], pair: Mapping[int, Sequence[str]]
+) -> Condition:
+    sources: set[Source] = set()
+    names: dict[str, Get] = {}
+
+    def get(value: Value) -> Get:
+        robots = pair.get(id(value))
+        if value.kind == "distance" and robots is None:
+            robots = tuple(binding.get(name.text, name.text) for name in (value.subject, value.other) if name)
+        elif robots is None:
+            robots = (binding.get(value.subject.text, value.subject.text),)
+        found, getter = _getter(value, robots, made, vocabulary)
+        sources.update(found)
+        if found:
+            names[_name(value, robots)] = getter
+        return getter
+
+    parts = [(get(part.left), part.operator, get(part.right)) for part in made.condition]
+    return Condition(parts, frozenset(sources), made.pattern == "never", list(names.items()))
+
+
+def _name(value: Value, robots: Sequence[str]) -> str:
+    """A value in words, with the robots that it belongs to."""
+    if value.kind == "distance":
+        return f"distance({', '.join(robots)})"
+    path = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in value.path)
+    return f"{robots[0]}{'.battery' if value.kind == 'battery' else path}"
+
+
+def _getter(
+    value: Value, robots: Sequence[str], made: Property, vocabulary: Vocabulary
+) -> tuple[Sequence[Source], Get]:
+    """Sources and getter of a value. Raises ConfigError."""
+    if value.kind == "constant":
+        constant = value.constant
+        return (), lambda values, time: constant
+    if value.kind == "distance":
+        if not vocabulary.poses:
+            raise made.error("distance needs a world: the positions of robots are not known here", value.subject.offset)
+        one, other = (Source("pose", robot) for robot in robots)
+        return (one, other), lambda values, time: distance(values.get(one), values.get(other), time)
+    if value.kind == "topic":
+        vocabulary.check_topic_field(value.subject.text, value.path, made, value.subject.offset)
+        topic, path = Source("topic", value.subject.text), value.path
+        return (topic,), lambda values, time: field_of(values.get(topic), path)
+    if value.kind == "battery":
+        battery = Source("battery", robots[0])
+        return (battery,), lambda values, time: values.get(battery)
+    vocabulary.check_variable(robots[0], value.path, made, value.subject.offset)
+    variable, rest = Source("variable", robots[0], str(value.path[0])), value.path[1:]
+    return (variable,), lambda values, time: field_of(values.get(variable), rest)
+
+
+def subjects(made: Property) -> Iterator[Value]:
+    """The values in the condition of a property that belong to robots."""
+    for value in (value for part in made.condition for value in (part.left, part.right)):
+        if value.kind in ("variable", "battery", "distance"):
+            yield value

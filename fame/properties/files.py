@@ -1,0 +1,33 @@
+"""Read properties from YAML: the key ``properties`` of a scenario, or a file of its own beside a model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fame.config.loader import read_document
+from fame.config.values import ConfigValue
+from fame.properties.grammar import parse
+from fame.properties.sentence import Place, Property
+
+SUFFIX = ".properties.yaml"
+
+
+def read_properties(path: str | Path) -> tuple[Property, ...]:
+    """The properties of a file with the key ``properties``. Raises ConfigError with file, line and column."""
+    document = read_document(path)
+    document.mapping(("properties",))
+    return properties_of(document.required("properties", "{NAME: SENTENCE}"))
+
+
+def properties_of(value: ConfigValue) -> tuple[Property, ...]:
+    """The properties of a mapping from names to sentences. Raises ConfigError with file, line and column."""
+    return tuple(
+        parse(sentence.text(), Place(value.source.file, sentence.line, sentence.column), name)
+        for name, sentence in value.mapping().items()
+    )
+
+
+def beside(model: Path) -> tuple[Property, ...]:
+    """The properties of the file ``NAME.properties.yaml`` beside a model ``NAME.bpmn``, if there is one."""
+    path = model.with_name(model.stem + SUFFIX)
+    return read_properties(path) if path.is_file() else ()

@@ -1,0 +1,305 @@
+"""Judge a team by many monitors: give it the events and values of a run, ask it for judgements.
+
+What happens is given in order. All of an instant comes first; its values count as they are at its end, which is when
+something later is given, or `advance` is called. A message that a robot throws comes before the event that threw it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from fame.properties.conditions import Source
+from fame.properties.monitor import OPEN, SECOND, VIOLATED, Monitor, PartState, Verdict, VerdictWord, overall
+
+if TYPE_CHECKING:
+    from fame.engine.state import Trail
+
+HEADS = ("property", "verdict", "slack", "why")
+"""Columns of a table of judgements (`Judgement.row`)."""
+_Place = tuple[int, int]
+"""The number of a monitor, and that of one of its parts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """A verdict about a property. `slack` is in s, or in the unit of its condition; `time` in s as in `Verdict`.
+
+    `text` says why; `robots` are those of its pools that it is about, `began` (s) when what was violated or is pending
+    began; `elements` are (robot, id) of the events that broke it.
+    """
+
+    name: str
+    sentence: str
+    verdict: VerdictWord
+    slack: float | None = None
+    time: float | None = None
+    text: str = ""
+    robots: tuple[str, ...] = ()
+    began: float | None = None
+    elements: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def row(self) -> tuple[str, str, str, str]:
+        """Its cells in a table with the columns `HEADS`."""
+        return self.name, self.verdict, "" if self.slack is None else f"{self.slack:.3g}", self.text
+
+    def __str__(self) -> str:
+        return f"property {self.name} {_SAID.get(self.verdict, 'is')} {self.verdict}: {self.text or self.sentence}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything, JSON-serialisable."""
+        return {
+            "property": self.name,
+            "sentence": self.sentence,
+            "verdict": self.verdict,
+            "slack": self.slack,
+            "time": self.time,
+            "text": self.text,
+            "robots": list(self.robots),
+            "began": self.began,
+            "elements": [list(each) for each in self.elements],
+        }
+
+
+_SAID: Mapping[str, str] = {"holds": "", "not triggered": "was"}
+
+
+class Judge:
+    """Monitors and their states. `on_violation` is called once for each property that is violated, at once."""
+
+    def __init__(self, monitors: Sequence[Monitor], on_violation: Callable[[Judgement], object] | None = None) -> None:
+        self.monitors = monitors
+        self.sources: frozenset[Source] = frozenset(source for one in monitors for source in one.sources)
+        self.topics: frozenset[str] = frozenset(_topics(monitors))
+        self.values: dict[Source, Any] = {}
+        self._states: list[list[PartState]] = [list(one.initial) for one in monitors]
+        self._now, self._due = 0, None if not any(one.timed for one in monitors) else 0
+        self._watched: dict[str, dict[str, dict[str, list[int]]]] = {}
+        self._readers: dict[Source, list[_Place]] = defaultdict(list)
+        self._dirty: dict[_Place, None] = {}
+        self._messages: dict[tuple[str, str], deque[Any]] = defaultdict(deque)
+        self._began: dict[_Place, tuple[int, str, str]] = {}
+        self._broken: dict[_Place, tuple[str, str]] = {}
+        self._reasons: dict[int, str] = {}
+        self._on_violation, self._told = on_violation, set[int]()
+        for number, monitor in enumerate(monitors):
+            self._index(number, monitor)
+
+    def _index(self, number: int, monitor: Monitor) -> None:
+        for robot, element, what in monitor.events:
+            words = self._watched.setdefault(robot, {}).setdefault(element, {})
+            words.setdefault(what, []).append(number)
+        for part, one in enumerate(monitor.parts):
+            for source in one.condition.sources if one.condition else ():
+                self._readers[source].append((number, part))
+            if one.condition:
+                self._dirty[number, part] = None
+
+    # ---- what happens ------------------------------------------------------------------------------------------------
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """Take what happened in an engine at one instant."""
+        watched = self._watched.get(robot)
+        if watched is None:
+            return
+        for _, marks in trail:
+            for element, what, detail in marks:
+                if element in watched and what in watched[element]:
+                    self.event(time, robot, element, what, detail)
+
+    def event(self, time: int, robot: str, element: str, what: str, detail: Any = None) -> None:
+        """Take an event; what concerns no property costs little."""
+        element = "" if what == "log" else element
+        numbers = self._watched.get(robot, {}).get(element, {}).get(what)
+        if numbers is None:
+            return
+        if time > self._now:
+            self.advance(time)
+        happening, message = (robot, element, what, detail), self._message_of(numbers[0], robot, element, what)
+        for number in numbers:
+            monitor = self.monitors[number]
+            for part, roles, key in monitor.roles(happening, message):
+                if roles:
+                    self._step((number, part), time, roles, key, robot, element)
+                else:
+                    self._lose(number, part, "the message that an event threw is not known")
+
+    def _message_of(self, number: int, robot: str, element: str, what: str) -> Any:
+        """The message that an event threw: the first of this instant that is not taken."""
+        topic = next((one.topic for one in self.monitors[number].events[robot, element, what] if one.topic), "")
+        for other in self._watched[robot][element][what] if not topic else ():
+            topic = topic or next((one.topic for one in self.monitors[other].events[robot, element, what]), "")
+        waiting = self._messages.get((robot, topic))
+        return waiting.popleft() if waiting else None
+
+    def message(self, time: int, robot: str, topic: str, message: Any) -> None:
+        """Take a message on a topic (full name) of `topics`; `robot` published it, empty: somebody else."""
+        if time > self._now:
+            self.advance(time)
+        self._messages[robot, topic].append(message)
+        source = Source("topic", topic)
+        if source in self._readers:
+            self.sample(time, source, message)
+
+    def sample(self, time: int, source: Source, value: Any) -> None:
+        """Take the value of a source; None if it is lost."""
+        if time > self._now:
+            self.advance(time)
+        self.values[source] = value
+        self._dirty.update(dict.fromkeys(self._readers.get(source, ())))
+
+    def lose(self, robot: str, reason: str) -> None:
+        """Events of a robot were lost: what needs them is not known."""
+        for number, monitor in enumerate(self.monitors):
+            if any(key[0] == robot for key in monitor.events) or any(one.subject == robot for one in monitor.sources):
+                for part in range(len(monitor.parts)):
+                    self._lose(number, part, reason)
+
+    def _lose(self, number: int, part: int, reason: str) -> None:
+        self._reasons.setdefault(number, reason)
+        self._states[number][part] = self.monitors[number].parts[part].lose(self._states[number][part])
+
+    # ---- time --------------------------------------------------------------------------------------------------------
+
+    @property
+    def due(self) -> int | None:
+        """The next time (ns) after which `advance` has to be called even if nothing happens; None: never."""
+        found = (one.deadline(tuple(state)) for one, state in zip(self.monitors, self._states, strict=True))
+        return min((time for time in found if time is not None), default=None)
+
+    def advance(self, time: int) -> None:
+        """All instants before `time` (ns) are over."""
+        if time <= self._now:
+            return
+        if self._dirty:
+            self._read()
+        if self._messages:
+            self._messages.clear()
+        if self._due is not None and self._due < time:
+            self._expire(time - 1)
+        self._now = time
+
+    def _read(self) -> None:
+        dirty, self._dirty = self._dirty, {}
+        for number, part in dirty:
+            one, state = self.monitors[number].parts[part], self._states[number][part]
+            if state[0] == OPEN and one.condition is not None:
+                reading = one.condition.read(self.values, self._now)
+                self._put((number, part), one.sample(state, self._now, reading), "", "")
+
+    def _expire(self, time: int) -> None:
+        """Tell monitors with a bound that `time` is over."""
+        for number, monitor in enumerate(self.monitors):
+            for part, one in enumerate(monitor.parts) if monitor.timed else ():
+                state = self._states[number][part]
+                new = one.expire(state, time)
+                if new is not state:
+                    self._put((number, part), new, "", "")
+        self._due = self.due
+
+    def _step(self, place: _Place, time: int, roles: int, key: Any, robot: str, element: str) -> None:
+        number, part = place
+        one, state = self.monitors[number].parts[part], self._states[number][part]
+        new = one.step(state, time, roles, key)
+        if one.condition is not None:
+            self._dirty[place] = None
+        if new is not state:
+            self._put(place, new, robot, element)
+            if one.bound is not None and new[0] == OPEN and (self._due is None or new[1] + one.bound < self._due):
+                self._due = new[1] + one.bound
+
+    def _put(self, place: _Place, new: PartState, robot: str, element: str) -> None:
+        """Keep a new state, and the event that led to it."""
+        number, part = place
+        old, self._states[number][part] = self._states[number][part], new
+        if new[0] == VIOLATED:
+            self._broken[place] = robot, element
+            if self._on_violation is not None and number not in self._told:
+                self._told.add(number)
+                self._on_violation(self._judgement(number, self.monitors[number].parts[part].verdict(new, part)))
+        elif new[0] == OPEN and (old[0] != OPEN or old[1] != new[1]):
+            self._began[place] = new[1], robot, element
+
+    # ---- judgements --------------------------------------------------------------------------------------------------
+
+    def finish(self, time: int, *, complete: bool) -> list[Judgement]:
+        """The judgements at the end of a run at `time` (ns). `complete`: nothing can come any more.
+
+        Otherwise the run was cut, and what is pending stays so.
+        """
+        self.advance(time)
+        self.advance(self._now + 1)
+        for number, monitor in enumerate(self.monitors):
+            for part, one in enumerate(monitor.parts) if complete else ():
+                state = self._states[number][part]
+                new = one.finish(state, time)
+                if new is not state:
+                    self._put((number, part), new, "", "")
+        return self.judgements()
+
+    def judgements(self) -> list[Judgement]:
+        """The judgements so far, in the order of the properties."""
+        return [self._judgement(number, self._verdict(number)) for number in range(len(self.monitors))]
+
+    def _verdict(self, number: int) -> Verdict:
+        parts, states = self.monitors[number].parts, self._states[number]
+        return overall([one.verdict(state, part) for part, (one, state) in enumerate(zip(parts, states, strict=True))])
+
+    def _judgement(self, number: int, verdict: Verdict) -> Judgement:
+        made, parts = self.monitors[number].spec, self.monitors[number].parts
+        place = number, verdict.part
+        began = self._began.get(place) if verdict.word in ("violated", "pending") else None
+        ends = [each[-2:] for each in (began, self._broken.get(place)) if each is not None]
+        decides = verdict.word in ("violated", "pending")
+        return Judgement(
+            made.name,
+            made.sentence,
+            verdict.word,
+            verdict.slack,
+            None if verdict.time is None else verdict.time / SECOND,
+            self._why(number, verdict, began),
+            tuple(parts[verdict.part].binding.values()) if decides and parts else (),
+            None if began is None else began[0] / SECOND,
+            tuple(each for each in dict.fromkeys(ends) if each[1]),
+        )
+
+    def _why(self, number: int, verdict: Verdict, began: tuple[int, str, str] | None) -> str:
+        """Why a property is violated, pending or not known."""
+        made = self.monitors[number].spec
+        part = self.monitors[number].parts[verdict.part] if self.monitors[number].parts else None
+        if verdict.word == "not known":
+            return self._reasons.get(number) or (
+                "its values were not sampled" if made.condition else "events were lost"
+            )
+        if verdict.word not in ("violated", "pending") or part is None:
+            return ""
+        robots = f" ({', '.join(part.binding.values())})" if part.binding else ""
+        at = "" if verdict.time is None else f"{verdict.time / SECOND:g} s"
+        after = ""
+        if began is not None and part.opens:
+            opened = made.opens.text if made.opens is not None else f"{began[1]} starts"
+            after = f"{opened} at {began[0] / SECOND:g} s, and "
+        event = made.main.text if made.main is not None else ""
+        if made.pattern == "exists":
+            text = f"{after}not: {event}" + (f" by {at}" if at else "")
+        elif made.condition:
+            text = f"{after}at {at} {self._shown(number, verdict.part)}"
+        else:
+            robot = self._broken.get((number, verdict.part), ("", ""))[0]
+            text = f"{after}{event} at {at}" + (f" ({robot})" if robot and made.main and made.main.some else "")
+        return text + robots
+
+    def _shown(self, number: int, part: int) -> str:
+        """The values of a condition, as they are now."""
+        condition = self.monitors[number].parts[part].condition
+        assert condition is not None
+        return " and ".join(condition.shown(self.values, self._now))
+
+
+def _topics(monitors: Iterable[Monitor]) -> Iterable[str]:
+    for monitor in monitors:
+        yield from (source.subject for source in monitor.sources if source.kind == "topic")
+        yield from (each.topic for reactions in monitor.events.values() for each in reactions if each.topic)

@@ -1,0 +1,164 @@
+"""What sentences can name: the robots of a collaboration, their elements, topics and variables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from fame.bpmn.library import Library
+from fame.bpmn.model import Definitions, Event, Process
+from fame.bpmn.pools import Pool
+from fame.bpmn.topics import topics_of
+from fame.errors import display_name
+from fame.properties.sentence import Occurrence, Property, Word
+from fame.text import suggestion
+
+Path = tuple[str | int, ...]
+CheckField = Callable[[str, Path], str]
+"""Takes the full name of a topic and a path in its messages, and gives what is wrong with it, or an empty text."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotTerms:
+    """What one robot can do.
+
+    process    the id of its process
+    own        label of each element of its process by id; `called` those of the processes that it calls
+    throws     the elements that throw on each topic; `catches` those that catch on it
+    ambiguous  catching elements with several triggers: no mark says which one came
+    variables  names of its process variables; None: not known
+    """
+
+    process: str
+    own: Mapping[str, str]
+    called: Mapping[str, str]
+    throws: Mapping[str, tuple[str, ...]]
+    catches: Mapping[str, tuple[str, ...]]
+    ambiguous: frozenset[str] = frozenset()
+    variables: Collection[str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Vocabulary:
+    """The robots of a collaboration, and the robots of its multi-instance pools.
+
+    check_field  what is wrong with a field of a topic's messages; `poses`: whether the positions of robots are known
+    """
+
+    robots: Mapping[str, RobotTerms]
+    pools: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    check_field: CheckField = lambda topic, path: ""
+    poses: bool = True
+
+    def robots_of(self, name: Word, at: Property) -> tuple[str, ...]:
+        """The robots that a name means: one, or those of a pool. Raises ConfigError for an unknown name."""
+        if name.text in self.robots:
+            return (name.text,)
+        if name.text in self.pools:
+            return self.pools[name.text]
+        text = f"unknown robot or pool {name.text!r}; {suggestion(name.text, [*self.robots, *self.pools])}"
+        raise at.error(text, name.offset)
+
+    def elements(self, robot: str, event: Occurrence, at: Property) -> tuple[str, ...]:
+        """The ids of the elements of a robot where this event can occur. Raises ConfigError if there are none."""
+        terms = self.robots[robot]
+        if event.verb in ("throws", "catches"):
+            return self._topic_ends(robot, event, at)
+        if event.verb == "reports":
+            return ("",)
+        if not event.target.text:
+            return (terms.process,)
+        return (self._element(robot, event.target, at),)
+
+    def _element(self, robot: str, target: Word, at: Property) -> str:
+        terms, name = self.robots[robot], target.text
+        for labels in (terms.own, terms.called):
+            if name in labels:
+                return name
+            found = [id for id, label in labels.items() if label == name]
+            if len(found) > 1:
+                text = f"{robot} has {len(found)} elements labelled {name!r}; expected an id: {', '.join(found)}"
+                raise at.error(text, target.offset)
+            if found:
+                return found[0]
+        known = [label or id for labels in (terms.own, terms.called) for id, label in labels.items()]
+        raise at.error(f"{robot} has no element {name!r}; {suggestion(name, dict.fromkeys(known))}", target.offset)
+
+    def _topic_ends(self, robot: str, event: Occurrence, at: Property) -> tuple[str, ...]:
+        terms = self.robots[robot]
+        ends = terms.throws if event.verb == "throws" else terms.catches
+        topic = qualified(event.target.text, robot)
+        if topic not in ends:
+            text = f"no event of {robot} {event.verb} {event.target.text}; {suggestion(event.target.text, ends)}"
+            raise at.error(text, event.target.offset)
+        unclear = [id for id in ends[topic] if id in terms.ambiguous and event.verb == "catches"]
+        if unclear:
+            label = display_name(unclear[0], {**terms.called, **terms.own}[unclear[0]])
+            text = (
+                f"{label} has several triggers, and no event says which came: expected its element instead of a topic"
+            )
+            raise at.error(text, event.target.offset)
+        return ends[topic]
+
+    def check_variable(self, robot: str, path: Path, at: Property, offset: int) -> None:
+        """Raise ConfigError for a variable that the process of a robot does not have."""
+        known = self.robots[robot].variables
+        if known is not None and path[0] not in known:
+            hint = suggestion(str(path[0]), [*sorted(known), "battery"])
+            raise at.error(f"{robot} has no variable {path[0]!r}; {hint}", offset)
+
+    def check_topic_field(self, topic: str, path: Path, at: Property, offset: int) -> None:
+        """Raise ConfigError for a topic without a known type, and for a field that its messages do not have."""
+        wrong = self.check_field(topic, path)
+        if wrong:
+            raise at.error(wrong, offset)
+
+
+def qualified(topic: str, robot: str) -> str:
+    """The name of a topic in the model: that of a robot's own topic begins with ``~``."""
+    return f"~/{topic.removeprefix(f'/{robot}/')}" if topic.startswith(f"/{robot}/") else topic
+
+
+def vocabulary_of(
+    definitions: Definitions,
+    library: Library,
+    cast: Mapping[str, Pool],
+    *,
+    variables: Mapping[str, Collection[str]] = MappingProxyType({}),
+    check_field: CheckField = lambda topic, path: "",
+    poses: bool = True,
+) -> Vocabulary:
+    """The vocabulary of a collaboration with these robots. `variables`: names of process variables by robot.
+
+    Raises ModelError for a called process that is not found.
+    """
+    terms: dict[str, RobotTerms] = {}
+    pools: dict[str, list[str]] = {}
+    made: dict[str, RobotTerms] = {}
+    for robot, pool in cast.items():
+        if pool.process.id not in made or robot in variables:
+            made[pool.process.id] = _terms(library.closure(definitions, pool.process), variables.get(robot))
+        terms[robot] = made[pool.process.id]
+        if pool.multi_instance:
+            pools.setdefault(pool.name, []).append(robot)
+    for participant in definitions.participants:
+        if participant.multi_instance:
+            pools.setdefault(participant.label, [])
+    return Vocabulary(terms, {name: tuple(robots) for name, robots in pools.items()}, check_field, poses)
+
+
+def _terms(closure: Iterable[tuple[Definitions, Process]], variables: Collection[str] | None) -> RobotTerms:
+    process, *called = (one for _, one in closure)
+    own = {node.id: node.label for node in process.body.walk()}
+    throws: dict[str, tuple[str, ...]] = {}
+    catches: dict[str, tuple[str, ...]] = {}
+    ambiguous: set[str] = set()
+    for node in (node for one in (process, *called) for node in one.body.walk()):
+        for topic, thrown in topics_of(node):
+            ends = throws if thrown else catches
+            ends[topic.qualified] = (*ends.get(topic.qualified, ()), node.id)
+        if isinstance(node, Event) and node.place not in ("throw", "end") and len(node.definitions) > 1:
+            ambiguous.add(node.id)
+    others = {node.id: node.label for one in called for node in one.body.walk()}
+    return RobotTerms(process.id, own, others, throws, catches, frozenset(ambiguous), variables)

@@ -1,0 +1,148 @@
+"""Properties: their grammar, what they may name, and that monitors judge as docs/properties.md says."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from compare_properties import VOCABULARY, Item, differences, judged
+
+from fame.config.loader import parse_document
+from fame.errors import ConfigError
+from fame.properties import Judge, Place, Property, Vocabulary, compile, parse
+from fame.properties.files import properties_of
+
+PAGE = (Path(__file__).parent.parent / "docs" / "properties.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```yaml\n(properties:.*?)```", PAGE, re.DOTALL)
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_each_example_of_the_documentation_can_be_read(block: str) -> None:
+    found = properties_of(parse_document(block).mapping()["properties"])
+    assert [each.name for each in found] == re.findall(r"^  (\w+):", block, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    "pattern", re.findall(r"^\| `(?!after E, \.|\.|between E and G, \.)(.*?)`(?: or `(.*?)`)? \|", PAGE, re.MULTILINE)
+)
+def test_each_pattern_of_the_table_can_be_read(pattern: tuple[str, str]) -> None:
+    events = {"E": "A starts x", "F": "B completes y", "G": "A fails", "C": "A.v > 1"}
+    for sentence in filter(None, pattern):
+        compile(parse(re.sub(r"\b[EFGC]\b", lambda letter: events[letter[0]], sentence)), VOCABULARY)
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_monitors_say_what_the_sentences_mean(seed: int) -> None:
+    assert list(differences(seed)) == []
+
+
+WRONG = {
+    "alwys A.v > 1": (1, "between or an event, got 'alwys'; did you mean 'always'?"),
+    "after A starts x B starts y": (18, "expected ',' and what has to hold after this event, got 'B'"),
+    "A strts x": (3, "expected what A does"),
+    "A completes within 5": (21, "expected a unit (ms, s, min, h), got the end of the sentence"),
+    "A completes within soon": (20, "expected a time, as in 12 s, got 'soon'"),
+    "A completes within 0 s": (20, "expected a time above 0, got 0"),
+    "A completes wihtin 5 s": (13, "did you mean 'within'?"),
+    "A.v > 1": (1, "expected an event here; a condition follows always or never"),
+    "distance(A, B) > 1": (1, "expected an event here; a condition follows always or never"),
+    "always A.v": (11, "expected one of < <= > >= == !=, got the end of the sentence"),
+    "always A.v = 1": (12, "unexpected '='"),
+    "always 1 < 2": (8, "expected a value of the team in this comparison, got two constants"),
+    "always A > 1": (10, "expected '.' and a variable of A, got '>'"),
+    "always distance(A) > 1": (18, "expected ',' and a second robot, got ')'"),
+    "always distance(A, A) > 1": (20, "expected another robot, or distance(any two A) for those of a pool"),
+    "always distance(A, C) > 1": (20, "unknown robot or pool 'C'; known are: A, B, T_1, T_2, T"),
+    "always A.speed > 1": (8, "A has no variable 'speed'; known are: v, w, battery"),
+    "always /found > 1": (15, "expected '.' and a field of the message, got '>'"),
+    "never": (6, "expected a robot or pool, got the end of the sentence"),
+    "": (1, "expected a robot or pool, got the end of the sentence"),
+    "never some": (11, "expected a robot or pool, got the end of the sentence"),
+    'A starts "X': (10, "expected a closing quotation mark"),
+    "A starts z": (10, "A has no element 'z'; known are: X, Y, found, done"),
+    'A starts "Xx"': (10, "A has no element 'Xx'; did you mean 'X'?"),
+    "Aa starts x": (1, "unknown robot or pool 'Aa'; did you mean 'A'?"),
+    "A throws found": (10, "expected a topic, as in /weed_found, got 'found'"),
+    "A throws /fond": (10, "no event of A throws /fond; did you mean '/found'?"),
+    "A catches /done": (11, "no event of A catches /done; known are: /found"),
+    "A catches /found where id > 1": (18, "only throws takes a condition: which message was caught is not recorded"),
+    "A throws /found where > 1": (23, "expected a field of the message, got '>'"),
+    "A throws /found where id": (25, "expected one of < <= > >= == !=, got the end of the sentence"),
+    "A throws /found where id > big": (28, "expected a number, a text in quotation marks, true or false, got 'big'"),
+    "A throws /found where name > 1": (23, "name is no field"),
+    "A starts x at most two times": (20, "expected a whole number of times, got 'two'"),
+    "A starts x at most 2": (21, "expected 'times', got the end of the sentence"),
+    "A starts x each time after B starts y": (22, "expected 'time only after', got 'after'"),
+    "between A starts x, B starts y": (19, "expected 'and', got ','"),
+    "between A starts x and B starts y, never A starts until B starts": (51, "expected the end of the sentence"),
+    "A starts x only after B starts y with the same id": (34, "expected the end of the sentence, got 'with'"),
+    "after A starts x, B throws /done with the same id": (34, "needs two events that throw a message"),
+    "A fails at": (11, "expected an element, by label or id, got the end of the sentence"),
+    "A completes x B": (15, "expected the end of the sentence, got 'B'"),
+    "always A.v[x] > 1": (12, "expected the index of a list, got 'x'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("sentence", WRONG)
+def test_a_wrong_sentence_is_refused_where_it_is_wrong(sentence: str) -> None:
+    column, text = WRONG[sentence]
+    with pytest.raises(ConfigError) as error:
+        compile(parse(sentence, Place("team.yaml", 7, 1), "p"), checked())
+    assert str(error.value).startswith(f"team.yaml:7:{column}: properties.p: ")
+    assert text in str(error.value)
+
+
+def checked() -> Vocabulary:
+    wrong = lambda topic, path: "" if path == ("id",) else f"{path[0]} is no field"  # noqa: E731
+    return replace(VOCABULARY, check_field=wrong)
+
+
+def test_a_label_that_occurs_twice_is_refused_with_the_ids() -> None:
+    twice = replace(VOCABULARY.robots["A"], own={"x": "Go To", "y": "Go To"})
+    with pytest.raises(ConfigError, match="A has 2 elements labelled 'Go To'; expected an id: x, y"):
+        compile(parse('A starts "Go To"'), replace(VOCABULARY, robots={"A": twice}))
+
+
+def test_the_state_of_a_monitor_is_plain_data_that_can_be_kept() -> None:
+    monitor = compile(parse("after A starts x, B completes y within 5 s"), VOCABULARY)
+    before = monitor.step(monitor.initial, 10**9, ("A", "x", "enter", None))
+    assert (monitor.verdict(before).word, monitor.deadline(before)) == ("pending", 6 * 10**9)
+    for _ in range(2):  # from the same state twice
+        state = monitor.step(before, 3 * 10**9, ("B", "y", "leave", None))
+        assert monitor.verdict(state)[:2] == ("holds", 3.0)
+    assert monitor.verdict(monitor.step(before, 6 * 10**9 - 1)).word == "pending"
+    assert monitor.verdict(monitor.step(before, 6 * 10**9)).word == "violated"
+    assert len({before, monitor.initial, before}) == 2
+
+
+def test_a_bound_is_closed() -> None:
+    made = parse("after A starts x, B completes y within 5 s")
+    assert judged(made, [event(1, "A", "x", "enter"), event(6, "B", "y", "leave")], 10**10, True) == (
+        "holds",
+        0.0,
+        None,
+    )
+
+
+def event(second: int, *what: str) -> Item:
+    return Item(second * 10**9, (*what, None))
+
+
+def test_lost_events_make_what_needs_them_not_known() -> None:
+    sentences = ("after A starts x, B completes y", "never A starts x", "never B starts y", "never A fails")
+    judge = Judge([compile(parse(each, name=each), VOCABULARY) for each in sentences])
+    judge.event(1, "A", "x", "enter")
+    judge.lose("A", "2 batches of A were lost")
+    words = [(each.verdict, each.text) for each in judge.finish(10, complete=True)]
+    lost = "2 batches of A were lost"
+    assert words == [
+        ("not known", lost), ("violated", "A starts x at 1e-09 s"), ("holds", ""), ("not known", lost)
+    ]  # fmt: skip
+
+
+def test_places_of_sentences_are_those_of_the_file() -> None:
+    document = parse_document('properties:\n  one: A starts\n  two: "B starts"\n', "f.yaml")
+    found: tuple[Property, ...] = properties_of(document.mapping()["properties"])
+    assert [each.place for each in found] == [("f.yaml", 2, 8), ("f.yaml", 3, 9)]
