@@ -16,7 +16,7 @@ from fame.bpmn.reader import read_text
 from fame.clock import EPOCH, SECOND
 from fame.deploy import STRING, EngineNode, Envelope, model_hash
 from fame.deploy.late_joiners import LateJoiners
-from fame.deploy.requests import TaskRequest
+from fame.deploy.requests import AbortClient, TaskRequest
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.simulated_time import ClockFollower
@@ -550,6 +550,37 @@ def test_a_promise_that_the_disk_refuses_is_answered_refused(field: Durable) -> 
     answer = next(report for report in field.said if report.deployment == "d2" and report.answer)
     assert (answer.answer, "its promise cannot be written" in answer.reason) == ("refused", True)
     assert (field.engine.deployed, field.engine.state) == ("d1", "running")
+
+
+def test_only_what_is_on_the_disk_is_said_to_have_started(field: Durable) -> None:
+    field.deploy(MISSION)
+    told(field, "d2", 2, patrol(7), "load")
+    field.pass_time(1)
+    field.disk.full = True
+    told(field, "d2", 2, "", "start")
+    told(field, "d3", 3, patrol(8), "load")
+    field.pass_time(2)
+    now = field.said[-1]
+    assert (now.state, now.deployed, now.candidate) == ("suspended", "d1", "d2")
+    assert now.error == "its state cannot be written: No space left on device"
+    assert [said.answer for said in field.said if said.deployment == "d2" and said.answer] == ["ready"]
+    assert [said.answer for said in field.said if said.deployment == "d3"] == ["refused"]
+    answers: list[tuple[str, str]] = []
+    end = AbortClient("A", node=field.person, scheduler=field.scheduler, ended=lambda *said: answers.append(said))
+    field.pass_time(1)
+    end.close()
+    assert answers == [("ready", "it starts as soon as its state can be written")]
+    field.crash()
+    field.disk.full = False
+    field.start()
+    field.pass_time(1)
+    assert (field.engine.deployed, field.said[-1].candidate, field.said[-1].state) == ("d1", "d2", "ready")
+    field.disk.full = True
+    told(field, "d2", 2, "", "start")
+    field.pass_time(1)
+    field.disk.full = False
+    field.pass_time(2)
+    assert (field.engine.deployed, field.engine.state, field.variables("A")) == ("d2", "running", {"mark": 7})
 
 
 def test_what_began_before_an_engine_was_born_is_unknown_to_it() -> None:

@@ -36,6 +36,7 @@ from fame.deploy.robot_state import (
     RunCandidate,
     ScheduleLoad,
     SetAside,
+    Started,
     Stopped,
 )
 from fame.deploy.termination import NONE_STARTED, PeerAnswered, Silence
@@ -60,11 +61,13 @@ def told(phase: str, envelope: Envelope = FIRST, **options) -> Received:
 
 LOADED = (Received(FIRST), LoadDue(), Loaded())
 READY = (*LOADED, Matched(), Promised())
-RUNS = (*READY, told("start"), Replaced())
+STARTING = (*READY, told("start"), Replaced())
+RUNS = (*STARTING, Started())
 MIGRATES = (Received(replace(SECOND, migrate=True)), LoadDue(), Loaded(), Matched())
 PREVIEWS = (Received(replace(SECOND, migrate=True, preview=True)), LoadDue(), Loaded(), Matched())
 UNDER_WAY = "another deployment is under way; ask again when it is over"
 REBORN = "the engine was started after that deployment began; what the one before promised is not known"
+WHEN_WRITTEN = "it starts as soon as its state can be written"
 NOT_READY = "the sender fell silent; it was not ready here"
 HOLDS = (*READY, Silence(), Silence())
 WHY = "the sender fell silent, and what became of it at B is not known"
@@ -73,7 +76,7 @@ ASKS = [AskOthers(), AwaitSender(1.0), Reply("asking", "d1", WHY)]
 ASIDE = (*HOLDS, Received(SECOND), LoadDue())
 AWAY = "its sender fell silent, and a newer deployment is under way"
 REPLACED = "the newer deployment d2 was started in its place"
-NEWER = (*ASIDE, Loaded(), Matched(), Promised(), told("start", SECOND), Replaced())
+NEWER = (*ASIDE, Loaded(), Matched(), Promised(), told("start", SECOND), Replaced(), Started())
 AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched())
 
 
@@ -110,7 +113,7 @@ AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched()
         ((*AGAIN, Received(SECOND)), [Reply("aborted", "d2", repeated=True)]),
         ((*AGAIN, Received(THIRD), LoadDue()), [SetAside(), Load(THIRD)]),
         ((*NEWER, told("ask")), [Reply("asking", "d1", REPLACED)]),
-        ((*NEWER[:-1], Replaced()), [RunCandidate(), Reply("started", "d2"), Reply("stale", "d1", REPLACED)]),
+        ((*NEWER[:-1], Started()), [Reply("started", "d2"), Reply("stale", "d1", REPLACED)]),
         ((*ASIDE, Stopped()), [Reply("aborted", "d2", "the engine ends"), Reply("left", "d1", "the engine ends")]),
         (
             (Received(FIRST), told("ask", born=7)),
@@ -125,7 +128,15 @@ AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched()
         ((*LOADED, PREVIEWS[0]), [Reply("refused", "d2", UNDER_WAY)]),
         ((Received(FIRST), PREVIEWS[0]), [Reply("refused", "d2", UNDER_WAY)]),
         ((*READY, told("start")), [Replace()]),
-        ((*READY, told("start"), Replaced()), [RunCandidate(), Reply("started", "d1")]),
+        (STARTING, [RunCandidate()]),
+        (RUNS, [Reply("started", "d1")]),
+        ((*STARTING, told("ask")), []),
+        ((*STARTING, told("start")), [Reply("ready", "d1", WHEN_WRITTEN)]),
+        ((*STARTING, told("abort")), [Reply("ready", "d1", WHEN_WRITTEN)]),
+        ((*STARTING, Received(SECOND), LoadDue()), [Reply("refused", "d2", f"d1: {WHEN_WRITTEN}")]),
+        ((*READY, told("start"), Received(SECOND), LoadDue(), Replaced()), [RunCandidate(), ScheduleLoad()]),
+        ((*READY, told("start"), Received(SECOND), LoadDue(), *RUNS[-2:]), [Reply("started", "d1"), ScheduleLoad()]),
+        ((*STARTING, Stopped()), [Drop(), Reply("left", "d1", "the engine ends")]),
         ((*READY, told("abort")), [Drop(), Reply("aborted", "d1")]),
         ((*LOADED, told("abort")), [Drop(), Reply("aborted", "d1")]),
         ((Received(FIRST), told("abort")), [Reply("aborted", "d1")]),
@@ -140,7 +151,7 @@ AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched()
         ((*READY, told("start"), Stopped()), [Drop(), Reply("left", "d1", "the engine ends")]),
         ((*LOADED, Stopped()), [Drop(), Reply("aborted", "d1", "the engine ends")]),
         ((*READY, told("ask")), [Reply("ready", "d1")]),
-        ((*READY, told("start"), Replaced(), told("ask")), [Reply("started", "d1")]),
+        ((*RUNS, told("ask")), [Reply("started", "d1")]),
         ((*HOLDS, PeerAnswered("B", "started")), [Replace()]),
         ((*HOLDS, PeerAnswered("B", "asking")), [Drop(), Reply("aborted", "d1", NONE_STARTED)]),
     ],
@@ -208,6 +219,8 @@ def possible(state: RobotDeployment) -> Iterator[RobotEvent]:
         )
     if stage == "replacing":
         yield Replaced()
+    if stage == "starting":
+        yield Started()
 
 
 @cache
@@ -240,14 +253,15 @@ def test_every_transition_keeps_what_the_protocol_promises():
         assert following.loading is None or following.candidate is None, about
         answers = [action for action in actions if isinstance(action, Reply) and not action.repeated]
         if state.running != following.running:
-            assert RunCandidate() in actions, about
+            assert event == Started(), about
             assert state.candidate is not None, about
-            assert state.candidate.stage == "replacing", about
+            assert state.candidate.stage == "starting", about
         promised = state.candidate is not None and state.candidate.has_promised
         said = {answer.answer for answer in answers}
         if "ready" in said:
-            on_disk = event == Promised() or bool(state.promises)
-            assert on_disk or event.envelope.phase == "ask", about  # only what is on the disk is promised
+            assert event == Promised() or promised or state.promises, about  # only what is on the disk is promised
+        if "started" in said:
+            assert event == Started() or state.answer_to(event.envelope.deployment).answer == "started", about
         if isinstance(event, Received) and event.envelope.born and "aborted" in said:
             assert state.waiting or state.candidate or state.loading or state.answer_to("d1"), about
         for kept in state.promises:
@@ -302,4 +316,6 @@ def next_result(state: RobotDeployment) -> RobotEvent | None:
         return Promised()
     if state.candidate.stage == "replacing":
         return Replaced()
+    if state.candidate.stage == "starting":
+        return Started()
     return None if state.candidate.holds else Silence()

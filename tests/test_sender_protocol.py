@@ -145,6 +145,10 @@ def test_with_keys_every_robot_is_heard_before_it_is_loaded():
             (*READY, answered("A", "started"), PatienceEnded(10.0)),
             ("", "was ready, and did not answer the start"),
         ),
+        (
+            (*READY, answered("A", "started"), RobotAnswered("B", "ready", "its disk is full", 0), PatienceEnded(10.0)),
+            ("", "its disk is full"),
+        ),
         ((*LOAD, TimerFired(LATE)), ("this command was stopped for 100 s and starts no robot",) * 2),
     ],
 )
@@ -204,6 +208,7 @@ def robot_events(team: Team, robot: RobotDeployment) -> Iterator[robot_state.Rob
         "promising": robot_state.Promised(),
         "ready": termination.Silence(),
         "replacing": robot_state.Replaced(),
+        "starting": robot_state.Started(),
     }
     if stage:
         yield results[stage]

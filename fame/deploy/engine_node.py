@@ -62,6 +62,7 @@ from fame.deploy.robot_state import (
     RunCandidate,
     ScheduleLoad,
     SetAside,
+    Started,
     Stopped,
     resumed,
 )
@@ -225,6 +226,8 @@ class EngineNode:
         if protocol.candidate is None:
             at_rest = "suspended" if self._why_suspended else state_of(self.running)
             return "loading" if protocol.loading is not None else at_rest
+        if protocol.candidate.stage == "starting" and self._trouble:
+            return "suspended"
         if protocol.candidate.stage != "ready":
             return "loading"
         return "holding" if protocol.candidate.asks else "ready"
@@ -376,18 +379,25 @@ class EngineNode:
                 self._run(candidate)
 
     def _run(self, candidate: LoadedCandidate) -> None:
-        """Start the candidate's process, or let it take over the state of what runs."""
+        """Start the candidate's process, or let it take over the state of what runs, when that is on the disk."""
         before, self._before = self._before, candidate.envelope.hash
         migrates = self._migrates(candidate)
         go_on = self._take_over(candidate, before) if migrates else candidate.process.start
         self._close_running("suspended" if migrates else "terminated")
-        self.running, self.candidate = candidate.process, None
+        self.running = None
+        start = partial(self._start, candidate, go_on, migrates)
         if self._keeper is not None:
             self._trouble = self._lost_promise = ""
-            self._keeper.begin(candidate.envelope, self.running)
+            self._keeper.begin(candidate.envelope, candidate.process, start)
+        else:
+            start()
+
+    def _start(self, candidate: LoadedCandidate, go_on: Callable[[], object], migrates: bool) -> None:
+        self.running, self.candidate = candidate.process, None
         if self._feed is not None:
             self._feed.begin(self.running, resumed=migrates)
         go_on()
+        self._protocol.handle(Started())
 
     def _migrates(self, candidate: LoadedCandidate) -> bool:
         """Whether what runs goes over to a candidate."""
@@ -550,12 +560,11 @@ class EngineNode:
     def _on_disk_trouble(self, reason: str) -> None:
         """Hold the mission while its state cannot be written."""
         running, self._trouble = self.running, reason
-        if running is None:
-            return
         self._note(
             f"holds: its state cannot be written: {reason}" if reason else "continues: its state can be written again"
         )
-        self.scheduler.soon(partial(running.hold if reason else running.release, _DISK), Kind.RESUMPTION)
+        if running is not None:
+            self.scheduler.soon(partial(running.hold if reason else running.release, _DISK), Kind.RESUMPTION)
 
     # ---- the end ---------------------------------------------------------------------------------------------------
 

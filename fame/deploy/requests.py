@@ -223,8 +223,8 @@ class AbortClient:
     """Abort what a robot holds: it keeps what it had, whatever became of the deployment at the others.
 
     The request is repeated until `ended` has been called with answer and reason, or `close`. The answer is ``aborted``,
-    ``refused``, ``started`` if the robot has meanwhile started a deployment, or ``idle`` if none is loading or ready
-    there.
+    ``refused``, ``ready`` if it starts as soon as its disk lets it, ``started`` if the robot has meanwhile started a
+    deployment, or ``idle`` if none is loading or ready there.
     """
 
     def __init__(
@@ -256,7 +256,8 @@ class AbortClient:
         report = self._reader.read(message.data)
         if report is None:
             return
-        if self._deployment and report.deployment == self._deployment and report.answer in ("aborted", "refused"):
+        answered = report.answer in ("aborted", "refused") or (report.answer == "ready" and report.reason)
+        if self._deployment and report.deployment == self._deployment and answered:
             self._end(report.answer, report.reason)
         elif not report.candidate and self._deployment and report.deployed != self._before:
             self._end("started", f"it runs deployment {report.deployed} now")

@@ -155,8 +155,8 @@ class StateKeeper:
         else:
             self.directory.remove_file(_PROMISE)
 
-    def begin(self, envelope: Envelope, process: RobotNode) -> None:
-        """Record a process that is about to start."""
+    def begin(self, envelope: Envelope, process: RobotNode, start: Callable[[], object]) -> None:
+        """Record a process, and `start` it when its beginning is on the disk."""
         from fame.robot.durable import Recorder
         from fame.robot.journal import Journal
 
@@ -175,7 +175,7 @@ class StateKeeper:
         journal = Journal(self.directory, header, partial(process.scheduler.worker, "fame journal"))
         self.recorder = Recorder(process, journal, on_trouble=self._on_trouble)
         clean = partial(self._remove_all_but, name, envelope.order)
-        self.recorder.begin_with(lambda: self.directory.write_file(name, data), clean)
+        self.recorder.begin_with(lambda: self.directory.write_file(name, data), clean, start)
 
     def _remove_all_but(self, name: str, order: tuple[int, str]) -> None:
         """Remove the deployments of before, as soon as no journal names them, and their promises."""

@@ -3,7 +3,7 @@
 Theory of operation. A robot has at most one process that runs, one *candidate* to replace it, and one envelope that
 waits to be loaded::
 
-    waiting ──> loading ──> matching ──topics are matched──> ready ──start──> replacing ──> running
+    waiting ──> loading ──> matching ──topics are matched──> ready ──start──> replacing ──> starting ──> running
        │           │           └──abort, newer one,            └──abort, or no robot was started
        │           │              topic without other end
        └───────────┴──abort, newer one, model is wrong
@@ -20,6 +20,8 @@ Invariants, checked for every reachable state in ``tests/test_robot_protocol.py`
   here, the older one is ``stale``; if not, the robot holds for the older one again. It never takes a plain ``start``.
 - Of the envelopes that wait only the newest is loaded; the others are answered ``superseded``.
 - A promise that the disk refuses is not made: the answer is ``refused``.
+- Only what is on the disk is answered ``started``: an engine that is killed before is ready again, and nobody was told
+  otherwise. What is starting is not replaced meanwhile.
 - What began before this engine was born, and was never received by it, is ``unknown``, never ``aborted``.
 - The same deployment is never loaded twice: the last answer to it is repeated.
 - Every model is answered in the end.
@@ -64,6 +66,7 @@ from fame.deploy.robot_state import (
     RunCandidate,
     ScheduleLoad,
     SetAside,
+    Started,
     Stopped,
 )
 from fame.deploy.termination import Instruction, PeerAnswered, Ready, Silence
@@ -80,6 +83,7 @@ _ENDS = "the engine ends"
 _UNDER_WAY = "another deployment is under way; ask again when it is over"
 _SET_ASIDE = "its sender fell silent, and a newer deployment is under way"
 _REPLACED = "the newer deployment {} was started in its place"
+_STARTING = "it starts as soon as its state can be written"
 
 
 # ---- transitions -----------------------------------------------------------------------------------------------------
@@ -105,6 +109,8 @@ def step(state: RobotDeployment, event: RobotEvent) -> tuple[RobotDeployment, tu
             move.decide(event)
         case Replaced():
             move.replaced()
+        case Started():
+            move.started()
         case Stopped():
             move.stop()
     return move.state, tuple(move.actions)
@@ -206,20 +212,23 @@ class _Transition:
 
     def _receive_decision(self, candidate: Candidate, instruction: Instruction) -> None:
         """Follow the sender's word on the candidate; one that is being started already needs none."""
+        deployment = candidate.envelope.deployment
         if candidate.stage == "ready":
             self.decide(instruction)
             self._ask_sender_for_room()
         elif not candidate.has_promised and instruction.phase == "abort":
             self._drop("aborted")
         elif not candidate.has_promised and instruction.phase == "start":
-            self._do(Reply("refused", candidate.envelope.deployment, _NOT_READY))
+            self._do(Reply("refused", deployment, _NOT_READY))
+        elif candidate.stage == "starting":
+            self._do(Reply("ready", deployment, _STARTING))
 
     def _answer_peer(self, envelope: Envelope) -> None:
         """Tell another robot, whose sender is silent, the outcome of the deployment here."""
         deployment = envelope.deployment
         candidate = self.state.candidate_of(deployment)
-        if candidate is not None and candidate.stage == "replacing":
-            return  # `started` follows in a moment
+        if candidate is not None and candidate.stage in ("replacing", "starting"):
+            return  # `started` follows as soon as that is on the disk
         answered = self.state.answer_to(deployment)
         running = self.state.running is not None and self.state.running.deployment == deployment
         started = running or (answered is not None and answered.answer == "started")
@@ -260,6 +269,10 @@ class _Transition:
                 self.state, promises=(*self.state.promises, Kept(candidate.envelope, candidate.commit))
             )
             self._set_aside()
+        elif candidate is not None and candidate.stage == "starting":
+            self.state = replace(self.state, waiting=None)
+            self._answer("refused", envelope.deployment, f"{candidate.envelope.deployment}: {_STARTING}")
+            return
         elif candidate is not None and candidate.has_promised:
             self._ask_sender_for_room()
             return
@@ -401,11 +414,17 @@ class _Transition:
 
     def replaced(self) -> None:
         candidate = self.state.candidate
-        if candidate is None or candidate.stage != "replacing":
+        if candidate is not None and candidate.stage == "replacing":
+            self.state = replace(self.state, candidate=replace(candidate, stage="starting"))
+            self._do(RunCandidate())
+            self._load_next()
+
+    def started(self) -> None:
+        candidate = self.state.candidate
+        if candidate is None or candidate.stage != "starting":
             return
         envelope, promises = candidate.envelope, self.state.promises
         self.state = replace(self.state, candidate=None, running=replace(envelope, model=""), promises=())
-        self._do(RunCandidate())
         reason = "it had this process before, and takes it up again from the start" if envelope.again else ""
         if reason:
             self._do(Observe(reason))

@@ -29,7 +29,7 @@ class Candidate:
     """
 
     envelope: Envelope
-    stage: Literal["matching", "promising", "ready", "replacing"] = "matching"
+    stage: Literal["matching", "promising", "ready", "replacing", "starting"] = "matching"
     commit: Ready | None = None
     asked: bool = False
     holds: bool = False
@@ -37,7 +37,7 @@ class Candidate:
     @property
     def has_promised(self) -> bool:
         """Whether it was answered `ready`."""
-        return self.stage in ("ready", "replacing")
+        return self.stage in ("ready", "replacing", "starting")
 
     @property
     def asks(self) -> bool:
@@ -180,11 +180,18 @@ class Replaced:
 
 
 @dataclass(frozen=True, slots=True)
+class Started:
+    """The candidate's process runs, and that is on the disk (after `RunCandidate`)."""
+
+
+@dataclass(frozen=True, slots=True)
 class Stopped:
     """The engine ends."""
 
 
-RobotEvent = Received | LoadDue | Loaded | Matched | Mapped | Promised | Silence | PeerAnswered | Replaced | Stopped
+RobotEvent = (
+    Received | LoadDue | Loaded | Matched | Mapped | Promised | Silence | PeerAnswered | Replaced | Started | Stopped
+)
 
 
 # ---- actions ---------------------------------------------------------------------------------------------------------
@@ -283,7 +290,10 @@ class Replace:
 
 @dataclass(frozen=True, slots=True)
 class RunCandidate:
-    """Start the candidate's process, or let it take over the state of what ran."""
+    """Start the candidate's process, or let it take over the state of what ran; then give `Started`.
+
+    A robot with a state directory does so when that is on the disk.
+    """
 
 
 RobotAction = (

@@ -269,11 +269,17 @@ def _answered(state: SenderState, event: RobotAnswered) -> tuple[SenderState, tu
         return _end(state, failed=states != {"previewed"}) if "silent" not in states else (state, ())
     if state.phase in ("load", "approval") and event.answer in _VOTES:
         return _vote(_progress(state, event, took), event.now)
-    if state.phase == "start" and event.answer in _RESULTS:
+    if state.phase == "start" and (event.answer in _RESULTS or _why_not_yet(state, event)):
         state = _progress(state, event, took)
         states = {each.state for each in state.robots}
         return _end(state, failed=states != {"started"}) if "ready" not in states else (state, ())
     return state, ()
+
+
+def _why_not_yet(state: SenderState, event: RobotAnswered) -> bool:
+    """Whether a robot says why it has not started yet."""
+    waits = any(each.robot == event.robot and each.state == "ready" for each in state.robots)
+    return waits and event.answer == "ready" and event.reason != ""
 
 
 def _vote(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderAction, ...]]:
@@ -316,7 +322,7 @@ def _impatient(state: SenderState, each: RobotProgress, patience: float) -> Robo
     if each.state == "silent" and (state.phase != "discovery" or each.robot not in state.reported):
         return replace(each, reason=f"did not answer within {patience:g} s")
     if state.phase == "start" and each.state == "ready":
-        return replace(each, reason="was ready, and did not answer the start")
+        return replace(each, reason=each.reason or "was ready, and did not answer the start")
     return each
 
 

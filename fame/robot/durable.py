@@ -92,6 +92,7 @@ class Recorder:
         self._reported: set[tuple[str, str]] = set()
         self._note = ""
         self._before: Callable[[], object] = _nothing
+        self._start: Callable[[], object] = _nothing
         self._after: Callable[[], object] = _nothing
         self._trouble = ""
         self._quiet = False
@@ -108,13 +109,21 @@ class Recorder:
         self._after()
         self._before = self._after = _nothing
 
-    def begin_with(self, before: Callable[[], object], after: Callable[[], object]) -> None:
-        """The same, and something before and after it; if the disk cannot be written, all of it is tried again."""
+    def begin_with(
+        self, before: Callable[[], object], after: Callable[[], object], start: Callable[[], object]
+    ) -> None:
+        """The same, and something before and after it; if the disk cannot be written, all of it is tried again.
+
+        `start` is called when it has been written.
+        """
         self._before, self._after = before, after
         try:
             self.begin()
         except OSError as error:
+            self._start = start
             self._fail(error)
+        else:
+            start()
 
     def settled(self) -> None:
         """Record the changes of a stimulus that has run to completion, then send its effects."""
@@ -302,6 +311,8 @@ class Recorder:
         for batch in list(self._leaving):
             self._let_leave(batch)
         self._on_trouble("")
+        start, self._start = self._start, _nothing
+        start()
 
     def _report_unstorable(self, name: str, reason: str) -> None:
         if (name, reason) in self._reported:

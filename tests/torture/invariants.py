@@ -106,8 +106,7 @@ def broken_promises(team: Team) -> Iterator[str]:
         return said.robot if robot.durable and not robot.spoilt else said.process
 
     ready: set[tuple[str, str]] = set()
-    written = [said for said in team.said if said.process not in team.unwritten]
-    started = {said.deployment for said in written if said.answer == "started"}
+    started = {said.deployment for said in team.said if said.answer == "started"}
     for said in team.said:
         key = engine(said), said.deployment
         ready |= {key} if said.answer == "ready" else set()
@@ -126,8 +125,7 @@ def undecided(team: Team) -> Iterator[str]:
 def forgotten(team: Team) -> Iterator[str]:
     """A robot with a directory runs what it ran, or something newer, or holds for it."""
     for robot in team.robots.values():
-        written = [said for said in team.said if said.robot == robot.name and said.process not in team.unwritten]
-        began = [said.deployment for said in written if said.answer == "started"]
+        began = [said.deployment for said in team.said if (said.robot, said.answer) == (robot.name, "started")]
         engine = robot.engine
         knows = engine is not None and (engine.deployed or engine.state == "holding")
         if robot.durable and not robot.spoilt and began and not knows:

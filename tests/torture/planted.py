@@ -163,11 +163,21 @@ def _changes_forgotten(original: Any) -> Any:
 def _promise_removed_at_start(original: Any) -> Any:
     """A promise is forgotten when its process starts, before that is on the disk."""
 
-    def begin(self: StateKeeper, envelope: Envelope, process: Any) -> None:
+    def begin(self: StateKeeper, envelope: Envelope, *rest: Any) -> None:
         self.forget_promises(envelope.order)
-        original(self, envelope, process)
+        original(self, envelope, *rest)
 
     return begin
+
+
+def _start_unwritten(original: Any) -> Any:
+    """A process starts, and is said to be started, before that is on the disk."""
+
+    def begin_with(self: Recorder, before: Any, after: Any, start: Callable[[], object]) -> None:
+        original(self, before, after, lambda: None)
+        start()
+
+    return begin_with
 
 
 def _set_aside_is_dropped(original: Any) -> Any:
@@ -220,6 +230,7 @@ BUGS: dict[str, Bug] = {
     "a promise that is not read again": (EngineNode, "_read_promises", _promise_not_resumed),
     "a promise that hides the next one": (StateKeeper, "promise", _promise_overwrites_nothing),
     "a promise that is removed too early": (StateKeeper, "begin", _promise_removed_at_start),
+    "a start before its record": (Recorder, "begin_with", _start_unwritten),
     "an effect before its record": (Journal, "sync", _effect_before_record),
     "a record that claims too much": (Journal, "append", _claims_too_much),
     "a change that is not recorded": (Journal, "append", _changes_forgotten),

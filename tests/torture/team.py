@@ -128,7 +128,6 @@ class Team:
             "server", Machine("server", self.scheduler, self.plan.seed), self._begin_server
         )
         self.goals: list[tuple[str, int]] = []  # (process of the server, count), as they were accepted
-        self.unwritten: set[str] = set()  # engines that were killed while they said that their state cannot be written
         self.unserved = 0  # how often the server was not there
         self.senders: list[Sender] = []
         self.key: Ed25519PrivateKey | None = None  # of the team, if it has one
@@ -441,8 +440,6 @@ class Team:
         disk = robot.machine.disk
         if robot.wire is None or (kind != "kill" and not robot.durable):
             return False
-        if robot.process is not None and robot.engine is not None and robot.engine._trouble:
-            self.unwritten.add(robot.process.name)
         self._end(robot)
         if kind == "power":
             disk.lose_power()
