@@ -109,7 +109,7 @@ def measure(case: str) -> dict[str, float | None]:
 
     explore(MODELS / "ground_vehicles.bpmn", delivery="run")  # everything is imported then, and its types are read
     options = CASES[case]()
-    for name in ("start", "_new_step", "chosen"):
+    for name in ("start", "_new_step", "decisions"):
         setattr(local.Local, name, timed(getattr(local.Local, name), "steps", "count"))
     local.Local._explored = timed(local.Local._explored, "engine", "by engine")  # type: ignore[method-assign, assignment]
     exploration.explore = search  # type: ignore[assignment, attr-defined]

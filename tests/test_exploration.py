@@ -326,11 +326,6 @@ def test_an_accepted_loss_hides_no_deadlock_at_the_same_elements() -> None:
     assert [bool(one.accepted) for one in result.findings if one.kind in ("deadlock", "lost")] == [True]
 
 
-def test_messages_kept_in_a_bag_are_not_lost() -> None:
-    robots: dict[str, Steps] = {"A": ["throw go", "catch done"], "B": ["work", "catch go", "throw done"]}
-    assert not kinds(found(robots, network="bag", delivery="any"))
-
-
 # ---- shipped missions ------------------------------------------------------------------------------------------------
 
 
@@ -378,7 +373,7 @@ def test_a_single_fault_that_leaves_another_robot_waiting() -> None:
 
 
 def test_bad_requests_are_refused() -> None:
-    for options in ({"limit": 0}, {"delivery": "slow"}, {"network": "lifo"}, {"timers": "late"}, {"seconds": 0}):
+    for options in ({"limit": 0}, {"delivery": "slow"}, {"timers": "late"}, {"seconds": 0}):
         with pytest.raises(ConfigError):
             found({"A": ["work"]}, **options)
     with pytest.raises(ConfigError, match="unknown multi-instance pool 'Crane'"):

@@ -228,8 +228,7 @@ def test_json_says_that_not_all_was_explored(capsys: pytest.CaptureFixture[str])
         (["--robots", "Tractor=99999999"], "robots of Tractor: expected 1 to 1000, got 99999999"),
         (["--robots", "Tractor=0"], "robots of Tractor: expected 1 to 1000, got 0"),
         (["--trace", "/proc/nothing"], "cannot be written"),
-        (["--trace", "x", "--network", "bag"], "--trace drives real engines: expected no --network bag"),
-        (["--fairness", "some"], "--fairness: got 'some'; known are: strong, weak"),
+        (["--timers", "some"], "--timers: got 'some'; known are: any, ordered"),
     ],
 )
 def test_bad_options(options: list[str], text: str, capsys: pytest.CaptureFixture[str], broken: Path) -> None:

@@ -51,7 +51,7 @@ def test_a_message_that_nothing_listens_to_has_the_outcome_that_the_engine_gives
         for state, view in enumerate(local.views):
             for topic in local.topics - view.listens:
                 stimulus = ("hear", topic, local.host.blank(topic))
-                assert local.step(state, stimulus) == local.computed(state, stimulus)
+                assert local.step(state, stimulus) == local.step_by_engine(state, stimulus)
                 unheard += 1
     assert unheard > 100
 
@@ -61,10 +61,10 @@ def test_a_step_goes_by_its_footprint_as_by_an_engine(mission: str) -> None:
     for local in explored(MODELS / f"{mission}.bpmn"):
         for state, view in enumerate(local.views[:200]):
             for stimulus in view.own:
-                assert local.step(state, stimulus) == local.computed(state, stimulus), f"{state} {stimulus}"
+                assert local.step(state, stimulus) == local.step_by_engine(state, stimulus), f"{state} {stimulus}"
             for topic in view.listens & local.topics:
                 stimulus = ("hear", topic, local.host.blank(topic))
-                assert local.step(state, stimulus) == local.computed(state, stimulus), f"{state} {stimulus}"
+                assert local.step(state, stimulus) == local.step_by_engine(state, stimulus), f"{state} {stimulus}"
 
 
 def test_values_of_variables_make_no_control_states() -> None:
@@ -74,8 +74,10 @@ def test_values_of_variables_make_no_control_states() -> None:
 
 def test_an_engine_runs_a_step_once_for_each_footprint(monkeypatch: pytest.MonkeyPatch) -> None:
     runs = []
-    computed = Local.computed
-    monkeypatch.setattr(Local, "computed", lambda self, *arguments: runs.append(self) or computed(self, *arguments))
+    computed = Local.step_by_engine
+    monkeypatch.setattr(
+        Local, "step_by_engine", lambda self, *arguments: runs.append(self) or computed(self, *arguments)
+    )
     robots = explored(MODELS / "agriculture_resilient.bpmn", "run", 50_000)
     assert 5 * len(runs) < sum(local.steps for local in robots)
 

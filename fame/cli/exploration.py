@@ -23,11 +23,7 @@ if TYPE_CHECKING:
 _ONLY = (
     "robots",
     "delivery",
-    "network",
     "timers",
-    "tasks",
-    "ends",
-    "fairness",
     "faults",
     "limit",
     "seconds",
@@ -61,25 +57,8 @@ def add_arguments(parser: Parser) -> None:
              "May be given several times (default: run, then fast)",
     )  # fmt: skip
     group.add_argument(
-        "--network", default=None, choices=("fifo", "bag"),
-        help="fifo (default): each sender's messages on a topic arrive in order, and a robot that is not listening "
-             "misses them; bag: they are kept until it listens, in any order",
-    )  # fmt: skip
-    group.add_argument(
         "--timers", default=None, choices=("any", "ordered"),
         help="order in which the timers of a robot fire: any (default), or by their durations",
-    )  # fmt: skip
-    group.add_argument(
-        "--tasks", default=None, choices=("instant", "timed"),
-        help="plain and send tasks complete at once (default, as in fame run), or take time",
-    )  # fmt: skip
-    group.add_argument(
-        "--ends", default=None, choices=("any", "once"),
-        help="once: report a second token that comes to an end event (default: any number may)",
-    )  # fmt: skip
-    group.add_argument(
-        "--fairness", default=None, choices=("strong", "weak"),
-        help="weak: report that a mission may loop forever although it could leave the loop (default: strong)",
     )  # fmt: skip
     group.add_argument("--faults", action="store_true", help="also explore the consequences of each single fault")
     group.add_argument(
@@ -111,8 +90,6 @@ def run(arguments: Namespace) -> int:
     from fame.scenario.exploration import explore
 
     robots = _robots(arguments.robots)
-    if arguments.trace is not None and (arguments.network == "bag" or arguments.tasks == "timed"):
-        raise ConfigError("--trace drives real engines: expected no --network bag and no --tasks timed beside it")
     results = []
     for path in dict.fromkeys(arguments.models):
         with _progress(path) as show:
@@ -121,11 +98,7 @@ def run(arguments: Namespace) -> int:
                 robots=robots,
                 library=arguments.library,
                 delivery=tuple(dict.fromkeys(arguments.delivery)) or ("run", "fast"),
-                network=arguments.network or "fifo",
                 timers=arguments.timers or "any",
-                tasks=arguments.tasks or "instant",
-                ends=arguments.ends or "any",
-                fairness=arguments.fairness or "strong",
                 faults=arguments.faults,
                 limit=200_000 if arguments.limit is None else arguments.limit,
                 seconds=arguments.seconds,

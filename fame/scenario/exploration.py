@@ -32,11 +32,7 @@ def explore(
     robots: Mapping[str, int] = MappingProxyType({}),
     library: str | Path | Sequence[str | Path] = (),
     delivery: str | Sequence[str] = ("run", "fast"),
-    network: str = "fifo",
     timers: str = "any",
-    tasks: str = "instant",
-    ends: str = "any",
-    fairness: str = "strong",
     faults: bool = False,
     reduced: bool = True,
     limit: int = 200_000,
@@ -50,11 +46,7 @@ def explore(
     robots    number of robots of a multi-instance pool, by its name; else as many as the scenario has, else the minimum
               of the multiplicity, at least 2
     delivery  ``run``, ``fast`` or ``any``, or several of them
-    network   ``fifo``, or ``bag``, which has delivery ``any`` in the place of ``run``
     timers    ``any`` order, or ``ordered`` by their durations
-    tasks     ``instant``: plain and send tasks complete at once; ``timed``: they take time
-    ends      ``once``: report a second token that comes to an end event; ``any``: do not
-    fairness  ``strong``: a mission that can leave a loop does so; ``weak``: report that it may go round forever
     faults    also what single faults lead to
     reduced   leave out orders of steps that make no difference
     limit     states of all deliveries together
@@ -68,19 +60,9 @@ def explore(
     for one in deliveries:
         expect(one in ("run", "fast", "any"), "delivery", one, "run, fast or any")
     expect(bool(deliveries), "delivery", delivery, "run, fast or any")
-    expect(network in ("fifo", "bag"), "network", network, "fifo or bag")
     expect(timers in ("any", "ordered"), "timers", timers, "any or ordered")
-    expect(tasks in ("instant", "timed"), "tasks", tasks, "instant or timed")
-    expect(ends in ("any", "once"), "ends", ends, "any or once")
-    expect(fairness in ("strong", "weak"), "fairness", fairness, "strong or weak")
-    if network == "bag" and "run" in deliveries:  # at once means not kept; any order includes all others
-        deliveries = ("any",)
     request = Request(
-        timed=tasks == "timed",
-        once=ends == "once",
-        weak=fairness == "weak",
         delivery=deliveries,  # type: ignore[arg-type]  # checked above
-        network=network,  # type: ignore[arg-type]
         ordered=timers == "ordered",
         faults=faults,
         reduced=reduced,

@@ -17,7 +17,6 @@ from fame.bpmn.pools import Pool
 from fame.bpmn.topics import TopicUse, topics_of
 from fame.check.events import raised_codes
 from fame.check.explore.script_effects import list_uses, may_change, script_writes, without_items
-from fame.check.explore.semantics import with_counts, with_time
 from fame.check.explore.slicing import assignments, links, sliced, unknown_part, without_operations
 from fame.check.expressions import cover_all, expressions_in, names_of
 from fame.engine.data import variable_name
@@ -27,8 +26,6 @@ from fame.scripting import script_topics
 Home = tuple[model.Definitions, model.Process]
 STEP = "explored step "
 """Begins the names of the services that take the place of behaviours."""
-TIMED = f"{STEP}task"
-"""The service that takes the place of tasks, if they take time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +57,6 @@ class Abstraction:
     counted  variables with lists of which only the length is read
     unknown  variables whose values are certainly unknown
     needed   variables without which a script or expression that decides something could not run; None: not yet known
-    timed    plain and send tasks take time
-    once     a second token that comes to an end event of a process fails
     caught   scripts with an error event at their task, at a sub-process around it, or in one
     """
 
@@ -75,8 +70,6 @@ class Abstraction:
     counted: frozenset[str] = frozenset()
     unknown: frozenset[str] = frozenset()
     needed: frozenset[str] | None = None
-    timed: bool = False
-    once: bool = False
     caught: set[str] = field(default_factory=set)
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _reduced: dict[tuple[str, str], model.Process] = field(default_factory=dict)
@@ -86,8 +79,7 @@ class Abstraction:
         key = (home.file, process.id)
         if key not in self._reduced:
             self._homes[home.file] = home
-            body = self._body(process.body, home)
-            self._reduced[key] = replace(process, body=with_counts(body) if self.once else body)
+            self._reduced[key] = replace(process, body=self._body(process.body, home))
         return self._reduced[key]
 
     def forget(self) -> None:
@@ -135,11 +127,7 @@ class Abstraction:
                     self.caught.add(node.id)
                 node = replace(node, script=self._script(node.script, node.id in self.caught))
             nodes.append(node)
-        made = replace(body, nodes=tuple(nodes))
-        if self.timed:
-            self.steps.setdefault(TIMED, Step())
-            made = with_time(made, TIMED)
-        return made
+        return replace(body, nodes=tuple(nodes))
 
     def _script(self, script: model.Expression, caught: bool) -> model.Expression:
         """A script without what decides nothing; `caught`: what it raises may decide something."""
@@ -180,11 +168,9 @@ def abstraction(
     library: Library,
     types: Mapping[str, TopicUse],
     *,
-    timed: bool = False,
-    once: bool = False,
     given: bool = False,
 ) -> Abstraction:
-    """The abstraction of a team; options as of `Abstraction`. Raises ModelError for calls of unknown processes.
+    """The abstraction of a team. Raises ModelError for calls of unknown processes.
 
     `given`: some robots go on from snapshots, so that variables may have values which nothing in the model gives them.
     """
@@ -193,7 +179,7 @@ def abstraction(
         for home, process in library.closure(definitions, pool.process):
             for topic, throws in _ends(home, process):
                 (thrown if throws else caught).add(topic)
-    found = Abstraction(library, types, timed=timed, once=once)
+    found = Abstraction(library, types)
     found.shared = frozenset(topic for topic in thrown & caught if topic[0] == "/")
     found.outside = frozenset(topic for topic in caught if topic[0] == "~" or topic not in thrown)
     processes = {id(one): one for pool in pools for _, one in library.closure(definitions, pool.process)}
@@ -358,42 +344,28 @@ class _Flow:
 
 def _needed(found: Abstraction, bodies: Sequence[model.Body]) -> frozenset[str]:
     """What `_keep_what_decides` will keep of any pool, if each statement of a script is looked at by itself."""
-    names, matters = set[str](), set[str]()
-    flow = _flow_of(found, bodies, divided=True)
-    grew = True
-    names |= flow.needed
-    while grew:
-        before = len(names) + len(matters)
-        _follow(flow, names, matters)
-        grew = len(names) + len(matters) > before
-    return frozenset(names)
-
-
-def _follow(flow: _Flow, names: set[str], matters: set[str]) -> None:
-    """Add what leads to these variables, and the topics whose payloads do."""
-    for reads, writes in flow.links:
-        if writes & names:
-            names |= reads
-    for topic, reads, targets in flow.takes:
-        if targets & names:
-            matters.add(topic)
-            names |= reads - {"msg"}
-    for topic, reads in flow.payloads:
-        if topic in matters:
-            names |= reads
+    return _decisive({"": _flow_of(found, bodies, divided=True)})[0][""]
 
 
 def _keep_what_decides(found: Abstraction, bodies: Mapping[str, Sequence[model.Body]]) -> None:
     """A variable decides something if a condition, a time, a loop or a script that throws reads it, or leads to one."""
-    flows = {pool: _flow_of(found, inside) for pool, inside in bodies.items()}
-    kept = {pool: set(flow.needed) for pool, flow in flows.items()}
-    grew = True
-    while grew:
-        before = sum(map(len, kept.values())) + len(found.matters)
+    found.kept, found.matters = _decisive({pool: _flow_of(found, inside) for pool, inside in bodies.items()})
+
+
+def _decisive(flows: Mapping[str, _Flow]) -> tuple[dict[str, frozenset[str]], set[str]]:
+    """Pool -> its variables that decide something or lead to one that does; the topics whose payloads do."""
+    kept, matters = {pool: set(flow.needed) for pool, flow in flows.items()}, set[str]()
+    size = -1
+    while size < (size := sum(map(len, kept.values())) + len(matters)):
         for pool, flow in flows.items():
-            _follow(flow, kept[pool], found.matters)
-        grew = sum(map(len, kept.values())) + len(found.matters) > before
-    found.kept = {pool: frozenset(names) for pool, names in kept.items()}
+            names = kept[pool]
+            names.update(*(reads for reads, writes in flow.links if writes & names))
+            for topic, reads, targets in flow.takes:
+                if targets & names:
+                    matters.add(topic)
+                    names |= reads - {"msg"}
+            names.update(*(reads for topic, reads in flow.payloads if topic in matters))
+    return {pool: frozenset(names) for pool, names in kept.items()}, matters
 
 
 def _flow_of(found: Abstraction, bodies: Sequence[model.Body], *, divided: bool = False) -> _Flow:

@@ -21,7 +21,6 @@ from fame.check.explore.graph import Explored
 from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
 from fame.check.explore.host import OutOfTimeError, field_names, never
 from fame.check.explore.local import Local
-from fame.check.explore.network import Kind as NetworkKind
 from fame.check.explore.product import Delivery, Options, Product, silent
 from fame.check.explore.reduction import Reduction
 from fame.check.explore.running_states import as_explored, real_program
@@ -55,13 +54,9 @@ class Request:
     """What to explore.
 
     delivery  ways of delivery, see `fame.check.explore.product`
-    network   ``fifo``, or ``bag``: messages are kept until they are listened to, and may overtake
     ordered   timers of a robot fire in the order of their durations, where that is known; else in any order
     faults    also explore what single faults lead to
     reduced   leave out orders of steps that make no difference
-    timed     plain and send tasks take time, as in verifiers of BPMN
-    once      report a second token at an end event (``unsafe``)
-    weak      report that a mission may go round forever, though it could leave (``endless``)
     limit     states, of all deliveries together
     seconds   time for all deliveries together, None for no bound
     sources   topics on which somebody outside of the team publishes
@@ -70,13 +65,9 @@ class Request:
     """
 
     delivery: tuple[Delivery, ...] = DELIVERIES
-    network: NetworkKind = "fifo"
     ordered: bool = False
     faults: bool = False
     reduced: bool = True
-    timed: bool = False
-    once: bool = False
-    weak: bool = False
     limit: int = LIMIT
     seconds: float | None = None
     sources: frozenset[str] = frozenset()
@@ -179,9 +170,7 @@ class Team:
         observed = any(data["observed"] for data in snapshots.values())
         self.pools = list({pool.name: pool for pool in cast.values()}.values())
         types = dict(shared_topics(definitions, self.pools, library))
-        self.model: Abstraction = abstraction(
-            definitions, self.pools, library, types, timed=request.timed, once=request.once, given=bool(snapshots)
-        )
+        self.model: Abstraction = abstraction(definitions, self.pools, library, types, given=bool(snapshots))
         self.values = Values()
         self.received = set[tuple[str, str]]()  # (process, topic) in any search so far
         self.robots: tuple[str, ...] = tuple(cast)
@@ -254,10 +243,9 @@ class Team:
         """Explore parts that a search may not have reached, each with its name, and what was found in it."""
         request = self.request
         steps = max(STEPS, request.limit // 20)
-        if request.network == "fifo":
-            bound, told = self._sampled("run", Sampler.schedule, steps, stop)
-            followed = f", followed for {steps:,} steps" if bound and not stop() else ""
-            yield f"the order of fame run{followed}", told
+        bound, told = self._sampled("run", Sampler.schedule, steps, stop)
+        followed = f", followed for {steps:,} steps" if bound and not stop() else ""
+        yield f"the order of fame run{followed}", told
         counts = Counter(pool.name for pool in self.cast.values() if pool.multi_instance)
         for number in range(1, 1 if self.given else max(counts.values(), default=1)):
             if stop():
@@ -277,7 +265,7 @@ class Team:
         self, delivery: Delivery, follow: Callable[[Sampler], Explored], steps: int, stop: Callable[[], bool]
     ) -> tuple[bool, list[Finding]]:
         """What happens in some runs, and whether they would go on."""
-        options = Options(delivery=delivery, network=self.request.network, reduced=False, stop=stop, given=self.given)
+        options = Options(delivery=delivery, reduced=False, stop=stop, given=self.given)
         product = Product(self.robots, self.locals, options)
         bodies = (_elements(process) for _, process in _closure(self.definitions, self.pools, self.library))
         sampler = Sampler(product, durations(bodies), stop, steps)
@@ -324,7 +312,7 @@ class Team:
         """What the states of the team say, and what was left out."""
         request = self.request
         options = Options(
-            delivery=delivery, network=request.network, reduced=request.reduced, faults=faults, limit=limit,
+            delivery=delivery, reduced=request.reduced, faults=faults, limit=limit,
             groups=self.groups() if request.reduced else (), stop=stop, given=self.given,
             required=() if self.given else self.required(), progress=request.progress,
         )  # fmt: skip
@@ -332,7 +320,7 @@ class Team:
         if request.reduced:
             reduction = Reduction(product)
             product.alone, product.first_arrivals = reduction.alone, reduction.first_arrivals
-            if not faults and not request.weak:  # a fault may happen between, and a loop may be there
+            if not faults:  # which may happen between
                 product.settled, product.between = reduction.settled, reduction.between
         if faults:
             product.add_faults = Faults(product).add
@@ -350,7 +338,6 @@ class Team:
             accepts=_accepted(self.definitions, self.pools, self.library),
             elements=tuple(frozenset(local.program.elements) & self.places.keys() for local in self.locals),
             exhaustive=exhaustive,
-            weak=self.request.weak,
             sourceless=tuple(self._sourceless()),
         )
 

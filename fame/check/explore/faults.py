@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from fame.check.explore.graph import Explored
-from fame.check.explore.local import Way
+from fame.check.explore.local import Successor
 from fame.check.explore.product import Fault, Product
 from fame.check.explore.stimuli import Stimulus
 from fame.check.explore.transitions import BITS, DEAD, FAULTS, Move, Reactions, Transition
@@ -47,13 +47,13 @@ class Faults:
                 found += self._loss(state, robot, move)
         for robot, old in enumerate(product.locals_of(state)):
             if product.locals[robot].views[old].instances:
-                died = Move(robot, old, Way(DEAD, (), (), False), 0, ("die", None, None))
+                died = Move(robot, old, Successor(DEAD, (), (), False), 0, ("die", None, None))
                 fault = self._happens(("engine", product.robots[robot]))
                 found.append((state + died.difference + fault, robot, died, ()))
             found += self._blocks(state, robot, old)
 
     def _failure(self, robot: int, move: Move) -> Fault:
-        text = next(what for kind, what in move.way.flags if kind == "error")
+        text = next(what for kind, what in move.successor.flags if kind == "error")
         element, _, error = text.partition("\n")
         code = error.partition(";")[0].removeprefix("error ").removesuffix(" was not caught")
         return ("behaviour", self.product.robots[robot], element, code)
@@ -64,7 +64,7 @@ class Faults:
         for place, (receiver, reaction) in enumerate(reactions):
             _, topic, message = reaction.stimulus
             fault = self._happens(("message", str(topic), product.robots[receiver]))
-            lost = Move(receiver, 0, Way(0, (), (), False), 0, ("loss", topic, message))
+            lost = Move(receiver, 0, Successor(0, (), (), False), 0, ("loss", topic, message))
             for after, others in product.broadcast.spread(state + move.difference | move.mark, move.sending, place):
                 yield after + fault, robot, move, (*others[:place], (receiver, lost), *others[place:])
 
@@ -72,7 +72,7 @@ class Faults:
         """A message under way is lost."""
         product, (_, topic, message) = self.product, move.stimulus
         old = state >> (robot * BITS) & DEAD
-        lost = Move(robot, old, Way(old, (), (), False), 0, ("loss", topic, message))
+        lost = Move(robot, old, Successor(old, (), (), False), 0, ("loss", topic, message))
         fault = self._happens(("message", str(topic), product.robots[robot]))
         for receiver, other, number, less in product.network.heads(state >> product.top):
             if (receiver, other, number) == (robot, topic, message):

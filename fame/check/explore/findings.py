@@ -21,12 +21,11 @@ from typing import Literal
 from fame.check.explore.faults import outcomes
 from fame.check.explore.graph import Explored
 from fame.check.explore.product import Fault, Product
-from fame.check.explore.semantics import SECOND_TOKEN, counted, cycle
 from fame.check.explore.trace import Place, Run, Runs, Step, waiting
 
 Kind = Literal[
     "deadlock", "never", "lost", "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition",
-    "growth", "fault", "unneeded", "unsafe", "endless", "fewer",
+    "growth", "fault", "unneeded", "fewer",
 ]  # fmt: skip
 FAILING: tuple[Kind, ...] = ("deadlock", "never", "lost")
 """The kinds that always make a check fail: robots wait forever."""
@@ -34,11 +33,9 @@ LEVELS = ("error", "warning", "note")
 """How bad a finding is, the worst first."""
 Cause = frozenset[tuple[str, str]]
 """At which elements robots of which pool wait forever; "" for those that go on."""
-_ERROR: Kind = "error"
-_UNSAFE: Kind = "unsafe"
 KINDS: tuple[Kind, ...] = (
     *FAILING, "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition", "growth", "fault",
-    "unsafe", "endless", "fewer", "unneeded",
+    "fewer", "unneeded",
 )  # fmt: skip
 
 
@@ -101,7 +98,6 @@ class Report:
     elements: tuple[frozenset[str], ...] = ()
     sourceless: tuple[tuple[int, str], ...] = ()
     exhaustive: bool = True
-    weak: bool = False
 
     @property
     def product(self) -> Product:
@@ -124,7 +120,6 @@ class Report:
             *self._growth(),
             *self._from_nowhere(),
         ]
-        found += self._circles() if self.weak else ()
         found += self._unreachable() if self.exhaustive and self.explored.states else ()
         delivery = self.product.options.delivery
         found = [one if one.kind in FAILING else self._judged(replace(one, delivery=delivery)) for one in found]
@@ -360,13 +355,9 @@ class Report:
                 key=lambda one: one.at,
             )
             who = _names([self.product.robots[robot] for robot, _ in found])
-            place, kind = self.runs.place(element), _ERROR
+            place = self.runs.place(element)
             text = f"{who}: {place.display_name} fails: {_together(why for _, why in found)}"
-            if any(SECOND_TOKEN in why for _, why in found):
-                place, kind = self.runs.place(counted(element)), _UNSAFE
-                text = f"{who}: a second token comes to the end event {place.display_name}"
-            made = Finding(kind, text, (place,), (self.processes[found[0][0]],),
-                           certain=kind == _ERROR and (pool, element) in fatal)  # fmt: skip
+            made = Finding("error", text, (place,), (self.processes[found[0][0]],), certain=(pool, element) in fatal)
             after = consequence((pool, element))
             if after is None:
                 yield replace(made, run=tuple(self.runs.seen(first)))
@@ -416,18 +407,6 @@ class Report:
             return self._waiting("deadlock" if at in explored.stuck else "never", at, good, run)
 
         return consequence
-
-    def _circles(self) -> Iterator[Finding]:
-        """A mission that may go round forever, though it could leave."""
-        found = cycle(self.explored)
-        if found:
-            states = [self.product.locals_of(self.explored.states[at]) for at in found]
-            moving = [robot for robot, seen in enumerate(zip(*states, strict=True)) if len(set(seen)) > 1]
-            everybody = range(self.product.count)
-            who = _names(self.pools[robot] for robot in moving) or "the mission"
-            text = f"{who} can loop forever, though it could leave the loop"
-            processes = tuple(dict.fromkeys(self.processes[robot] for robot in moving or everybody))
-            yield Finding("endless", text, (), processes, tuple(self.runs.to(found[0]).steps))
 
     def _growth(self) -> Iterator[Finding]:
         locals_ = {id(local): local for local in self.product.locals}.values()

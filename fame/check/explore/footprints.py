@@ -1,4 +1,4 @@
-"""What a step of a robot reads and writes of its variables: its footprint.
+"""A cache of steps by the variables that they read: where these have the same values, a step does the same.
 
 What a step does depends on the control state, the timers, the stimulus, and the values of the variables that it reads.
 In all states that agree on these it goes the same ways and writes the same values; every other variable keeps its own.
@@ -72,7 +72,7 @@ class Effect(NamedTuple):
 
     control, timers       of the new state
     changes               the variables that it has written; None if their instance has ended
-    sent ... quiet        as of `fame.check.explore.local.Way`
+    sent ... quiet        as of `fame.check.explore.local.Successor`
     """
 
     control: int

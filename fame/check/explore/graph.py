@@ -4,8 +4,27 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
-from collections.abc import Container, Iterable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass, field
+
+
+def shortest(starts: Iterable[int], goals: Container[int], after: Callable[[int], Iterable[int]]) -> list[int]:
+    """A shortest way through a graph from a start to a goal, both included; empty if no goal can be reached."""
+    before: dict[int, int | None] = dict.fromkeys(starts)
+    pending = list(before)
+    for at in pending:
+        if at in goals:
+            way, last = [at], before[at]
+            while last is not None:
+                way.append(last)
+                last = before[last]
+            return way[::-1]
+        for target in after(at):
+            if target not in before:
+                before[target] = at
+                pending.append(target)
+    return []
+
 
 Errors = tuple[tuple[int, str], ...]
 """What fails in a step, and nothing catches it: (robot, element)."""
@@ -27,8 +46,6 @@ class Explored:
     """How many of the first states follow from the start."""
     final: list[int] = field(default_factory=list)
     stuck: list[int] = field(default_factory=list)
-    loops: list[int] = field(default_factory=list)
-    """States in which a robot did something by itself that changed nothing."""
     failures: list[tuple[int, Errors, tuple[int, ...]]] = field(default_factory=list)
     """(state, errors that nothing catches, states after them): not among the targets."""
     layers: list[int] = field(default_factory=list)
@@ -95,19 +112,7 @@ class Explored:
 
     def shortest(self, starts: Iterable[int], goals: Container[int]) -> list[int]:
         """A shortest way from a start to a goal, both included; empty if no goal can be reached."""
-        before = dict.fromkeys(starts, -1)
-        pending = list(before)
-        for at in pending:
-            if at in goals:
-                way = [at]
-                while before[way[-1]] >= 0:
-                    way.append(before[way[-1]])
-                return way[::-1]
-            for target in self._after(at):
-                if target not in before:
-                    before[target] = at
-                    pending.append(target)
-        return []
+        return shortest(starts, goals, self._after)
 
     def bottoms(self, inside: Iterable[int]) -> list[list[int]]:
         """The sets of states that are never left again and in which each reaches all (path-based, Gabow 2000).

@@ -36,8 +36,8 @@ MOST_ENDLESS = 4
 """Ways of one step that never end, after which no more are tried."""
 
 
-class Way(NamedTuple):
-    """One way that a step may go: the new state, what was sent, what is to be reported, whether an instance begins.
+class Successor(NamedTuple):
+    """A result of a step: the new state, what was sent, what is to be reported, whether an instance begins.
 
     `quiet`: nothing was published, not even for the robot itself.
     """
@@ -88,18 +88,18 @@ class Local:
         self.cut: bool = False
         """Whether ways were left out, because one step makes too many decisions."""
         self.steps = 0
-        self._memo: dict[tuple[int, Stimulus], tuple[Way, ...]] = {}
+        self._memo: dict[tuple[int, Stimulus], tuple[Successor, ...]] = {}
         self._footprints = Footprints(self.forms.contents.codes)
         self._watched: Watched | None = None
 
     def __len__(self) -> int:
         return len(self.states.all)
 
-    def start(self, given: Data | None = None) -> tuple[Way, ...]:
+    def start(self, given: Data | None = None) -> tuple[Successor, ...]:
         """The ways in which the robot may start, or go on from a snapshot of this program."""
         return self._explored(*self._first(given))
 
-    def step(self, state: int, stimulus: Stimulus) -> tuple[Way, ...]:
+    def step(self, state: int, stimulus: Stimulus) -> tuple[Successor, ...]:
         """The ways that a stimulus may go in a state."""
         key = (state, stimulus)
         found = self._memo.get(key)
@@ -107,32 +107,32 @@ class Local:
             found = self._memo[key] = self._new_step(state, stimulus)
         return found
 
-    def computed(
-        self, state: int, stimulus: Stimulus, keep: Callable[[Way, Outcome], object] | None = None
-    ) -> tuple[Way, ...]:
+    def step_by_engine(
+        self, state: int, stimulus: Stimulus, keep: Callable[[Successor, Outcome], object] | None = None
+    ) -> tuple[Successor, ...]:
         """The same, by an engine."""
         return self._explored(lambda: self.revived(state), lambda engine: apply(engine, stimulus, self.host), keep)
 
-    def _new_step(self, state: int, stimulus: Stimulus) -> tuple[Way, ...]:
+    def _new_step(self, state: int, stimulus: Stimulus) -> tuple[Successor, ...]:
         """The ways of a step: by its footprint if that is known, else by an engine."""
         kind, topic, _ = stimulus
         view = self.views[state]
         if kind == "hear" and topic not in view.listens:  # the engine would drop the message
             self.steps += 1
-            return (Way(state, (), (("lost" if view.instances else "unneeded", topic),), False),)
+            return (Successor(state, (), (("lost" if view.instances else "unneeded", topic),), False),)
         (control, contents), timers = self.states.all[state]
         if not self._is_watched(contents):
-            return self.computed(state, stimulus)
+            return self.step_by_engine(state, stimulus)
         content, step = contents[0], (control, timers, stimulus)
         known = self._footprints.find(step, content)
         if known is not None:
             self.steps += len(known)
             after = self.states.after
-            ways = [Way(after(content, one), one.sent, one.flags, False, one.quiet) for one in known]
+            ways = [Successor(after(content, one), one.sent, one.flags, False, one.quiet) for one in known]
             return tuple(dict.fromkeys(ways))
         reads, effects, before = set[str](), list[Effect](), self.steps
 
-        def note(way: Way, outcome: Outcome) -> None:
+        def note(way: Successor, outcome: Outcome) -> None:
             if way.state == CUT:
                 return
             watched, ((after, left), rest) = self._watched, self.states.all[way.state]
@@ -141,7 +141,7 @@ class Local:
                 changes = self.forms.contents.difference(content, left[0], watched.writes) if left else None
                 effects.append(Effect(after, rest, changes, way.sent, way.flags, way.quiet))
 
-        found = self.computed(state, stimulus, note)
+        found = self.step_by_engine(state, stimulus, note)
         if len(effects) == self.steps - before and found[-1].state != CUT:  # all was noted
             self._footprints.add(step, content, reads, effects)
         return found
@@ -150,8 +150,8 @@ class Local:
         """Whether footprints of steps are noted: of one instance, without variables of inner scopes."""
         return len(contents) == 1 and self.host.traceable and not self.forms.contents.is_empty(contents[0])
 
-    def chosen(
-        self, state: int | None, stimulus: Stimulus | None, way: Way, given: Data | None = None
+    def decisions(
+        self, state: int | None, stimulus: Stimulus | None, way: Successor, given: Data | None = None
     ) -> list[tuple[str, int, int]]:
         """The decisions by which a step goes that way: (element, chosen, ways), for a trace.
 
@@ -159,14 +159,14 @@ class Local:
         """
         found: list[list[tuple[str, int, int]]] = []
 
-        def keep(one: Way, outcome: Outcome) -> None:
+        def keep(one: Successor, outcome: Outcome) -> None:
             if one == way:
                 found.append(outcome.choices)
 
         if state is None or stimulus is None:
             self._explored(*self._first(given), keep)
         else:
-            self.computed(state, stimulus, keep)
+            self.step_by_engine(state, stimulus, keep)
         return found[0] if found else []
 
     def _first(self, given: Data | None) -> tuple[Callable[[], Engine], Callable[[Engine], object]]:
@@ -211,10 +211,10 @@ class Local:
         self,
         make: Callable[[], Engine],
         act: Callable[[Engine], object],
-        keep: Callable[[Way, Outcome], object] | None = None,
-    ) -> tuple[Way, ...]:
+        keep: Callable[[Successor, Outcome], object] | None = None,
+    ) -> tuple[Successor, ...]:
         """All ways of a step: run it with each list of decisions. Raises OutOfTimeError."""
-        host, found, cut, endless = self.host, dict[Way, None](), False, 0
+        host, found, cut, endless = self.host, dict[Successor, None](), False, 0
         pending: list[tuple[int, ...]] = [()]
         while pending:
             host.decisions = pending.pop()
@@ -241,7 +241,7 @@ class Local:
                 self.states.note_begun(outcome.begun)
             number = self.states.number(engine)
             sent, flags = tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags))
-            way = Way(CUT if number is None else number, sent, flags, bool(outcome.begun), outcome.quiet)
+            way = Successor(CUT if number is None else number, sent, flags, bool(outcome.begun), outcome.quiet)
             found[way] = None
             if keep is not None:
                 keep(way, outcome)
@@ -249,4 +249,4 @@ class Local:
                 cut = True
                 break
         self.cut |= cut
-        return (*found, Way(CUT, (), (), False)) if cut else tuple(found)
+        return (*found, Successor(CUT, (), (), False)) if cut else tuple(found)

@@ -1,20 +1,17 @@
 """Messages in transit: contents of the network, by number.
 
-It holds messages by channel (sender, topic, receiver), first in first out; as a `bag`, messages of a channel may
-overtake.
+It holds messages by channel (sender, topic, receiver), first in first out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 MOST_MESSAGES = 6
 """Messages in a channel beyond which it counts as growing without bound."""
 BEYOND = 1
 """The number of all contents with more messages than that."""
 
-Kind = Literal["fifo", "bag"]
 Channel = tuple[int, str, int]
 """Places of sender and receiver, with the topic between them."""
 Content = tuple[tuple[Channel, tuple[int, ...]], ...]
@@ -32,8 +29,8 @@ class Network:
 
     piles: set[Channel]
 
-    def __init__(self, kind: Kind, receivers: Receivers) -> None:
-        self.kind, self.piles = kind, set()
+    def __init__(self, receivers: Receivers) -> None:
+        self.piles = set()
         self._receivers = receivers
         self._contents: list[Content] = [(), ()]
         self._numbers: dict[Content, int] = {(): 0}
@@ -78,8 +75,6 @@ class Network:
                 for receiver in self._receivers(sender, topic, only):
                     channel = (sender, topic, receiver)
                     waiting = (*content.get(channel, ()), message)
-                    if self.kind == "bag":
-                        waiting = tuple(sorted(waiting))
                     if len(waiting) > MOST_MESSAGES:
                         self.piles.add(channel)
                     content[channel] = waiting
@@ -93,14 +88,11 @@ class Network:
         if found is None:
             found = self._heads[number] = []
             for channel, waiting in self._contents[number]:
-                for place in range(1 if self.kind == "fifo" else len(waiting)):
-                    if place and waiting[place] == waiting[place - 1]:
-                        continue
-                    content = dict(self._contents[number])
-                    content[channel] = waiting[:place] + waiting[place + 1 :]
-                    if not content[channel]:
-                        del content[channel]
-                    found.append((channel[2], channel[1], waiting[place], self.number(content) - number))
+                content = dict(self._contents[number])
+                content[channel] = waiting[1:]
+                if not content[channel]:
+                    del content[channel]
+                found.append((channel[2], channel[1], waiting[0], self.number(content) - number))
         return found
 
     def renamed(self, number: int, places: dict[int, int]) -> int:

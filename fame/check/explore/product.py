@@ -8,8 +8,6 @@ Delivery (`Options.delivery`)::
     run   a message reaches all its receivers at once, in the order of sending, as in `fame run`
     fast  messages arrive in any order, but before anything that takes time
     any   messages arrive whenever they like
-
-In a `bag` network a message waits until its receiver listens.
 """
 
 from __future__ import annotations
@@ -20,8 +18,8 @@ from typing import Literal
 
 from fame.check.explore.broadcast import Broadcast
 from fame.check.explore.host import never
-from fame.check.explore.local import Local, Way
-from fame.check.explore.network import BEYOND, Kind, Network
+from fame.check.explore.local import Local, Successor
+from fame.check.explore.network import BEYOND, Network
 from fame.check.explore.stimuli import Stimulus
 from fame.check.explore.symmetry import Symmetry
 from fame.check.explore.transitions import BITS, CUT, DEAD, FAULT_BITS, FAULTS, MASK, Move, Reactions, Seen, Transition
@@ -47,7 +45,6 @@ class Options:
     """
 
     delivery: Delivery = "run"
-    network: Kind = "fifo"
     reduced: bool = True
     faults: bool = False
     limit: int = 200_000
@@ -85,7 +82,7 @@ class Product:
         }
         self.hearers: dict[tuple[int, str], tuple[int, ...]] = {}
         self.faults: list[Fault] = [()]
-        self.network = Network(options.network, self.receivers)
+        self.network = Network(self.receivers)
         self.broadcast: Broadcast = Broadcast(self.network, self.receivers, self.receive, options.groups)
         self.symmetry: Symmetry = Symmetry(options.groups, self.network, self.top)
         self.index: dict[int, int] = {}
@@ -118,11 +115,11 @@ class Product:
         found = self._hears[robot].get(key)
         if found is None:
             stimulus = ("hear", topic, message)
-            ways = self.locals[robot].step(state, stimulus) if state < CUT else (Way(state, (), (), False),)
+            ways = self.locals[robot].step(state, stimulus) if state < CUT else (Successor(state, (), (), False),)
             found = self._hears[robot][key] = self.moves(robot, state, stimulus, ways)
         return found
 
-    def moves(self, robot: int, state: int, stimulus: Stimulus, ways: Sequence[Way]) -> tuple[Move, ...]:
+    def moves(self, robot: int, state: int, stimulus: Stimulus, ways: Sequence[Successor]) -> tuple[Move, ...]:
         mark = self.marks.get(robot, 0)
         found = tuple(
             Move(robot, state, way, self.network.sending(robot, way.sent), stimulus, mark if way.begins else 0)
@@ -175,11 +172,8 @@ class Product:
 
     def _arrivals(self, state: int, network: int, found: list[Transition]) -> None:
         """Messages arrive."""
-        bag = self.options.network == "bag"
         for receiver, topic, message, less in self.network.heads(network):
             old = state >> (receiver * BITS) & MASK
-            if bag and old != DEAD and topic not in self.locals[receiver].views[old].listens:
-                continue
             for move in self.receive(receiver, old, topic, message):
                 new = state + (less << self.top) + move.difference | move.mark
                 if move.sending:
@@ -217,7 +211,7 @@ class Product:
 
     def is_final(self, state: int) -> bool:
         """Whether every instance has ended, and no message is under way."""
-        if state >> self.top and self.options.network == "fifo":
+        if state >> self.top:
             return False
         for robot in range(self.count):
             old = state & MASK

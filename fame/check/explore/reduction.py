@@ -18,7 +18,9 @@ With delivery ``fast``, messages that wait for several robots arrive at one of t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
+from fame.check.explore.graph import shortest
 from fame.check.explore.independence import Structure
 from fame.check.explore.product import Product
 from fame.check.explore.transitions import BITS, CUT, DEAD, MASK, Move, Transition
@@ -168,18 +170,8 @@ class Reduction:
 
     def _path(self, robot: int, state: int, end: int) -> list[Move]:
         """The steps from a state to one of its `ends`."""
-        before: dict[int, tuple[int, Move]] = {}
-        pending = [state]
-        for at in pending:
-            for move in self.moves(robot, at) if end not in before else ():
-                if move.state not in before and move.state != state:
-                    before[move.state] = at, move
-                    pending.append(move.state)
-        found = list[Move]()
-        while end != state:
-            end, last = before[end]
-            found.append(last)
-        return found[::-1]
+        way = shortest([state], {end}, lambda at: (move.state for move in self.moves(robot, at)))
+        return [next(move for move in self.moves(robot, at) if move.state == new) for at, new in pairwise(way)]
 
     # ---- of one robot ----------------------------------------------------------------------------------
 
@@ -198,7 +190,7 @@ class Reduction:
 
     def _is_silent(self, robot: int, state: int, move: Move) -> bool:
         """Whether nobody notices the move."""
-        if move.sending or move.way.flags or move.way.begins or move.state >= CUT:
+        if move.sending or move.successor.flags or move.successor.begins or move.state >= CUT:
             return False
         before, after = (self.product.locals[robot].views[at] for at in (state, move.state))
         return before.instances == after.instances
@@ -214,7 +206,7 @@ class Reduction:
         for kind, key in candidates:
             own = tuple(move for move in moves if move.stimulus[:2] == (kind, key))
             element = elements[own[0].stimulus]
-            if any(move not in silent or not move.way.quiet for move in own):
+            if any(move not in silent or not move.successor.quiet for move in own):
                 continue
             if any(
                 (views[move.state].hears, views[move.state].listeners) != (view.hears, view.listeners) for move in own

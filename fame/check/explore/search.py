@@ -95,8 +95,6 @@ def _follow(product: Product, explored: Explored, at: int, transition: Transitio
         number = _number(product, explored, at, new)
         if at >= 0:
             explored.targets.append(number)
-        if number == at and move.stimulus[0] not in ("outside", "hear"):
-            explored.loops.append(at)
 
 
 def _number(product: Product, explored: Explored, at: int, state: int) -> int:

@@ -11,7 +11,7 @@ from collections.abc import Container, Iterator, Sequence, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from fame.check.explore.graph import Explored
+from fame.check.explore.graph import Explored, shortest
 from fame.check.explore.product import Product
 from fame.check.explore.transitions import BITS, CUT, MASK, Move, Seen, Transition
 from fame.check.explore.views import element_of
@@ -122,25 +122,21 @@ class Runs:
 
         It leads through the states that were explored without an uncaught error.
         """
-        product, before = self.product, dict[int, int]()
-        pending = [-1]
-        for at in pending:
-            if at in goals:
-                way = [at]
-                while before[way[-1]] >= 0:
-                    way.append(before[way[-1]])
-                return way[::-1]
-            state = self.explored.states[at] if at >= 0 else None
-            for transition in product.transitions(state) if state is not None else product.initial():
+        product = self.product
+
+        def after(at: int) -> Iterator[int]:
+            for transition in product.transitions(self.explored.states[at]) if at >= 0 else product.initial():
                 for end in self._settled(transition):
-                    new = product.index.get(product.symmetry.canonical(end))
-                    if new is None or new in before or self.explored.layer(new):
-                        continue
+                    new = product.number(end)
                     between = product.between(transition[0], end) if product.between else ()
-                    if not any(_misses(one, topics) for one in (transition, *between)):
-                        before[new] = at
-                        pending.append(new)
-        return []
+                    if (
+                        new is not None
+                        and not self.explored.layer(new)
+                        and not any(_misses(one, topics) for one in (transition, *between))
+                    ):
+                        yield new
+
+        return shortest([-1], goals, after)[1:]
 
     def chain(self, at: int) -> list[int]:
         """The numbers of the states on the shortest way to one."""
@@ -245,22 +241,22 @@ class Runs:
                 code = what
                 text = f"{what} is lost on its way to {robot}"
             case "hear":
-                missed = any(one in ("lost", "unneeded") for one, _ in move.way.flags)
+                missed = any(one in ("lost", "unneeded") for one, _ in move.successor.flags)
                 kind, code = ("miss" if missed else "receive"), what
                 text = f"{robot} misses {what}: it does not listen" if missed else f"{robot} receives {what}"
             case _:
                 text = f"{robot} starts" if given is None else f"{robot} continues"
-        throws = tuple((topic, local.values.text(number)) for topic, number, _ in move.way.sent)
+        throws = tuple((topic, local.values.text(number)) for topic, number, _ in move.successor.sent)
         if throws:
             text += ", " + ", ".join(f"throws {topic}" for topic, _ in throws)
-        failures = [what.partition("\n") for one, what in move.way.flags if one == "error"]
+        failures = [what.partition("\n") for one, what in move.successor.flags if one == "error"]
         for failed, _, why in failures:
             text += f"; {self._label(failed)} fails: {why}" if failed != element else ""
         start = kind == "start"
         choices = (
             ()
             if kind == "loss"
-            else local.chosen(None if start else old, None if start else move.stimulus, move.way, given)
+            else local.decisions(None if start else old, None if start else move.stimulus, move.successor, given)
         )
         if start and not throws and not failures and not choices:
             return None
@@ -276,7 +272,7 @@ def _misses(transition: Transition, topics: Set[str] | None = None) -> bool:
     return any(
         done.stimulus[0] == "hear"
         and (topics is None or done.stimulus[1] in topics)
-        and any(kind in ("lost", "unneeded") for kind, _ in done.way.flags)
+        and any(kind in ("lost", "unneeded") for kind, _ in done.successor.flags)
         for done in (move, *(done for _, done in reactions))
     )
 

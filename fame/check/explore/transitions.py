@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fame.check.explore.local import Way
+from fame.check.explore.local import Successor
 from fame.check.explore.states import BITS as BITS, CUT as CUT, MASK as MASK
 from fame.check.explore.stimuli import Stimulus
 
@@ -20,7 +20,7 @@ FAULTS = (1 << FAULT_BITS) - 1
 
 
 class Move:
-    """A way that a robot may go, ready to be added to a state of the team.
+    """A successor of a robot's state, ready to be added to a state of the team.
 
     difference  of the team's state, without what is sent
     sending     number of what is sent, 0 for nothing
@@ -35,15 +35,26 @@ class Move:
     sending: int
     state: int
     stimulus: Stimulus
-    way: Way
+    successor: Successor
     certain: bool
 
-    __slots__ = ("certain", "difference", "ends", "failed", "flags", "mark", "sending", "state", "stimulus", "way")
+    __slots__ = (
+        "certain",
+        "difference",
+        "ends",
+        "failed",
+        "flags",
+        "mark",
+        "sending",
+        "state",
+        "stimulus",
+        "successor",
+    )
 
-    def __init__(self, robot: int, old: int, way: Way, sending: int, stimulus: Stimulus, mark: int = 0) -> None:
+    def __init__(self, robot: int, old: int, way: Successor, sending: int, stimulus: Stimulus, mark: int = 0) -> None:
         self.mark = mark
         self.difference: int = (way.state - old) << (robot * BITS)
-        self.sending, self.state, self.stimulus, self.way = sending, way.state, stimulus, way
+        self.sending, self.state, self.stimulus, self.successor = sending, way.state, stimulus, way
         self.flags = way.flags or None
         self.failed: tuple[str, ...] = tuple(what.partition("\n")[0] for kind, what in way.flags if kind == "error")
         self.certain = False
