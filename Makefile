@@ -7,6 +7,7 @@
 # make fuzz       an hour of damaged input for every reader; FUZZ has other options (--minutes N, --target NAME)
 # make attack  attacks on live engines: each has to be held
 # make lint    style, format and types
+# make test-fastdds   the tests beside rclpy on Fast DDS, the default of ROS 2, which PyPI has for Python 3.12
 # make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
 #
 # The last four end with an error if a test is skipped. What fails in processes is repeated once, alone (.ci/stage.py).
@@ -27,7 +28,13 @@ ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test
 MODELER := camunda-bpmn-js@5.35.0
 MODELER_PARTS := @bpmn-io/element-templates-validator bpmn-moddle camunda-bpmn-moddle
 
-.PHONY: demo test torture fuzz test-processes test-browser test-node test-ros attack lint clean
+# The middleware of Jazzy, as PyPI has it: rclpy on Fast DDS. PYTHON312 names its interpreter.
+PYTHON312 ?= python3.12
+FASTDDS := ros-rclpy==7.1.6 ros-rmw-fastrtps-cpp==8.4.3 ros-fastrtps==2.14.5 ros-std-msgs==5.3.6 ros-std-srvs==5.3.6 \
+	ros-geometry-msgs==5.3.6 ros-sensor-msgs==5.3.6 ros-nav-msgs==5.3.6 ros-test-msgs==2.0.3
+FASTDDS_TESTS := $(addprefix tests/,test_fastdds.py test_middleware_contract.py test_node_parameters.py)
+
+.PHONY: demo test torture fuzz test-processes test-browser test-node test-fastdds test-ros attack lint clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/ground_vehicles.yaml --picture $(DEMO).png --animate $(DEMO).gif \
@@ -62,6 +69,15 @@ out/node/installed:
 attack: $(VENV)/dev.installed
 	$(BIN)/python benchmarks/attack.py --again
 
+test-fastdds: .venv-fastdds/installed
+	ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST RMW_IMPLEMENTATION=rmw_fastrtps_cpp PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 \
+		.venv-fastdds/bin/python .ci/stage.py $@ --no-skips -W default -- -m "fastdds or ros" $(FASTDDS_TESTS) $(PYTEST)
+
+.venv-fastdds/installed: pyproject.toml Makefile
+	$(PYTHON312) -m venv .venv-fastdds
+	.venv-fastdds/bin/pip install --quiet --disable-pip-version-check $(FASTDDS) --editable '.[sim,dds,view]' 'cryptography>=42' 'pytest>=8'
+	@touch $@
+
 test-ros: $(ROS_PYTHON)
 	cmake -S tests/ros_workspace/farm_msgs -B out/ros/build -DCMAKE_INSTALL_PREFIX=$(CURDIR)/out/ros/install
 	cmake --build out/ros/build --target install
@@ -74,7 +90,7 @@ lint: $(VENV)/dev.installed
 	$(BIN)/mypy --strict fame robots sim2d
 
 clean:
-	rm -rf $(VENV) .venv-ros out dist
+	rm -rf $(VENV) .venv-ros .venv-fastdds out dist
 
 $(VENV)/%.installed: pyproject.toml | $(BIN)/python
 	$(PIP) install --editable '.[$*]'

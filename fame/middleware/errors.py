@@ -12,6 +12,12 @@ from fame.text import NAMES, is_ros_name
 _MAX_LENGTH = 247
 """Characters of a name, as in ROS 2 (`RMW_TOPIC_MAX_NAME_LENGTH`); Cyclone ends the process at far longer ones."""
 
+FOREIGN = (
+    "which is on another DDS than Cyclone. No two understand each other's services and actions: "
+    "start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or FAME with --middleware ros"
+)
+"""Why a service or action cannot be called, after the name of the node."""
+
 
 def check_name(name: str) -> None:
     """Raise MessageError if ROS 2 refuses a full name."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Iterator, Set
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence, Set
 from typing import TYPE_CHECKING, Any
 
 from fame.errors import MessageError
@@ -24,7 +24,6 @@ from fame.middleware.errors import (
     type_conflict,
     unanswered_warning,
     unavailable_error,
-    unfit_text,
     unheard_warning,
     unreadable_text,
 )
@@ -238,7 +237,7 @@ class WireClient(ServiceEndpoint):
     def mismatch(self) -> str:
         """Why it is not connected to a service of its name that is there."""
         offers = () if self.available else self.node.middleware.offers(self.name)
-        return unfit_text(self.name, self.request_type, (type for type, _ in offers))
+        return str(self.unavailable(offers)) if offers else ""
 
     @abstractmethod
     def servers(self) -> Set[Hashable]:
@@ -258,8 +257,7 @@ class WireClient(ServiceEndpoint):
     ) -> None:
         """Send a request. Raises MessageError if it does not fit, or if no node offers the service with this type."""
         if not self.available:
-            offers = self.node.middleware.offers(self.name)
-            raise unavailable_error(self.name, self.request_type, (type for type, _ in offers))
+            raise self.unavailable(self.node.middleware.offers(self.name))
         key = self.send(messages.create(self.request_type, request))
         self.pending.add(key, self.servers(), callback, lost, or_new)
 
@@ -271,6 +269,10 @@ class WireClient(ServiceEndpoint):
         if self.pending.servers_changed(servers):
             self.warn_unanswered()
         self.insistent.on_servers_changed(servers)
+
+    def unavailable(self, offers: Sequence[tuple[str, str]]) -> MessageError:
+        """Why it cannot be called, from type and node of each service of its name."""
+        return unavailable_error(self.name, self.request_type, (type for type, _ in offers))
 
     def insist(self, request: Any) -> None:
         self.insistent.add(request, self.servers())

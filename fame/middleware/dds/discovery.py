@@ -37,6 +37,7 @@ _RECEIVED = QoS(durability="transient_local", history="keep_all")
 """Not keep last 1: the topic has no key, so that it would hold one sample of all participants."""
 
 _GID = 16  # bytes
+_CYCLONE = bytes((1, 16))
 _MANY = 256
 """Samples taken at a time."""
 
@@ -52,6 +53,11 @@ class Endpoint:
     writes: bool
     qos: QoS
     type_hash: str
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether it is of another DDS than Cyclone: its GUID begins with the vendor (RTPS 2.5, 9.3.1.5)."""
+        return self.gid[: len(_CYCLONE)] != _CYCLONE
 
 
 @dataclass(frozen=True, slots=True)

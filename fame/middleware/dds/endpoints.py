@@ -9,7 +9,7 @@ USER_DATA of both endpoints of a client or service holds one id, which shows tha
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import count
 from typing import Any, Literal
@@ -21,9 +21,10 @@ from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import codec, messages
 from fame.middleware.dds import wire
+from fame.middleware.dds.discovery import Endpoint
 from fame.middleware.dds.participant import Participant
 from fame.middleware.dds.wire import matched, user_data
-from fame.middleware.errors import dropped_warning
+from fame.middleware.errors import FOREIGN, dropped_warning
 from fame.middleware.interface import EndpointWarning, Message, QoS
 from fame.middleware.qos import one_deeper
 from fame.middleware.wire_base import Warnings, WireNode
@@ -308,14 +309,19 @@ class DdsClient(WireClient):
 
     @property
     def available(self) -> bool:
-        """Whether a node offers the service now, and both topics are matched."""
+        """Whether a node on Cyclone offers the service now, and both topics are matched."""
         ends = self.exchange
-        return not ends.closed and bool(matched(ends.writer) and matched(ends.reader))
+        return not ends.closed and bool(matched(ends.writer) and matched(ends.reader) and self.servers())
 
     def servers(self) -> frozenset[bytes]:
-        participant = self.exchange.participant
-        participant.refresh()  # Cyclone connects endpoints before it tells of them
-        return frozenset(server.gid for server in participant.servers(self.name))
+        return frozenset(server.gid for server in self._found() if not server.is_foreign)
+
+    def unavailable(self, offers: Sequence[tuple[str, str]]) -> MessageError:
+        foreign = next((server for server in self._found() if server.is_foreign), None)
+        if foreign is None:
+            return super().unavailable(offers)
+        server = self.exchange.participant.owner(foreign.gid)
+        return MessageError(f"the service {self.name} is offered by {server}, {FOREIGN}", type=self.type)
 
     def send(self, request: Message) -> int:
         number = next(self._numbers)
@@ -325,6 +331,12 @@ class DdsClient(WireClient):
     def release(self) -> None:
         self.exchange.close()
         self.node.middleware.on_endpoints_changed()
+
+    def _found(self) -> list[Endpoint]:
+        """The servers of its name in the domain."""
+        participant = self.exchange.participant
+        participant.refresh()  # Cyclone connects endpoints before it tells of them
+        return participant.servers(self.name)
 
     def _on_message(self, response: Message, numbers: Numbers, service: int) -> None:
         guid, number = numbers

@@ -28,7 +28,7 @@ from fame.middleware.dds.discovery import Discovery, Endpoint, NodeEntry
 from fame.middleware.dds.domain import confined, open_domain
 from fame.middleware.dds.waitset import DataWaiter, delete
 from fame.middleware.dds.wire import Entities
-from fame.middleware.errors import mismatch_warning
+from fame.middleware.errors import FOREIGN, mismatch_warning
 from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, QoS
 from fame.middleware.qos import compatible, mismatch
 from fame.middleware.wire_base import NAMING_DELAY
@@ -126,6 +126,8 @@ class Participant:
             for writer, reader in self._pairs(endpoint):
                 if (reason := mismatch(writer, reader)) is not None:
                     self.scheduler.after(NAMING_DELAY, partial(self._report, writer, reader, reason))
+            if service := self._served_to_another_dds(endpoint):
+                self.scheduler.after(NAMING_DELAY, partial(self._report_foreign, service, endpoint))
         changed = {name for each in (*came, *went) if not each.writes and (name := wire.service_of(each.topic))}
         if changed:
             self.scheduler.soon(partial(self._on_servers_changed, changed))
@@ -149,6 +151,18 @@ class Participant:
                 other.participant,
             ):
                 yield (endpoint, other) if endpoint.writes else (other, endpoint)
+
+    def _served_to_another_dds(self, endpoint: Endpoint) -> str:
+        """The service of this participant that an endpoint of another DDS is a client of; an action's, once."""
+        service = wire.service_of(endpoint.topic) if endpoint.writes and endpoint.is_foreign else ""
+        own = service and any(server.participant == self.discovery.participant for server in self.servers(service))
+        return service if own and ("/_action/" not in service or service.endswith("/send_goal")) else ""
+
+    def _report_foreign(self, service: str, client: Endpoint) -> None:
+        """Warn that a client of another DDS calls a service here, and gets no response."""
+        name = service.removesuffix("/_action/send_goal")
+        node = self.discovery.owners().get(client.gid, UNKNOWN_NODE)
+        self._warn(EndpointWarning(name, f"cannot be called by {node}, {FOREIGN}", "mismatch"))
 
     def _report(self, writer: Endpoint, reader: Endpoint, reason: str) -> None:
         """Warn that two endpoints do not match, unless they are of one node, or one of them is gone."""

@@ -30,7 +30,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 
 from fame.clock import SECOND
-from fame.errors import MissingTypeError
+from fame.errors import MessageError, MissingTypeError
 from fame.middleware import codec
 from fame.middleware.interface import UNKNOWN_NODE, Message, QoS, resolve
 from fame.middleware.qos import compatible, one_deeper
@@ -368,7 +368,11 @@ class RosClient(WireClient):
     def __init__(self, node: WireNode, ros: RosHandle, name: str, type: str) -> None:
         super().__init__(node, ros.node.resolve_service_name(name), type)
         self._ros, self._class = ros, ros_class(self.request_type.removesuffix("_Request"))
-        self._end = ros.node.create_client(self._class, name)
+        try:
+            self._end = ros.node.create_client(self._class, name)
+        except RuntimeError as error:  # Fast DDS: a process knows one type of a service
+            offers = node.middleware.offers(self.name)
+            raise self.unavailable(offers) if offers else MessageError(f"{self.name}: {error}", type=type) from None
         self._servers: list[int] = []
         self._numbers = count(1)
         self._polls = False
