@@ -20,7 +20,7 @@ from fame.bpmn.model import Definitions
 from fame.cli import main
 from fame.errors import ConfigError
 from fame.log import COLUMNS, logging_to, outcomes, visits
-from fame.log.elements import element_info, tag_of
+from fame.log.elements import element_info
 from fame.log.reading import run_outcomes
 from fame.robot import Event
 from fame.scenario import Scenario
@@ -221,7 +221,7 @@ def test_kinds_are_the_tags_of_bpmn() -> None:
     ]  # fmt: skip
     text = process("".join(f'<{tag} id="{tag}"/>' for tag in tags))
     nodes = read_text(text, file="tags.bpmn").processes[0].body.nodes
-    assert [tag_of(node) for node in nodes] == tags
+    assert [node.tag for node in nodes] == tags
 
 
 def test_of_equal_ids_in_several_files_the_first_counts() -> None:

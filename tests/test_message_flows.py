@@ -9,7 +9,6 @@ import pytest
 from fame.bpmn import read_bytes, read_text
 from fame.bpmn.model import Definitions
 from fame.bpmn.split import split
-from fame.bpmn.topics import topics_of
 from fame.check import check
 from fame.scenario import Scenario
 
@@ -44,7 +43,7 @@ def waits(reference: str = "") -> str:
 
 def names(definitions: Definitions) -> dict[str, str]:
     nodes = [node for process in definitions.processes for node in process.body.walk()]
-    return {node.id: topic.qualified for node in nodes for topic, _ in topics_of(node)}
+    return {node.id: topic.qualified for node in nodes for topic, _ in node.topics()}
 
 
 ROOT = '<message id="M" name="mine"/><message id="N" name="yours"/>'

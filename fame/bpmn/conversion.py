@@ -15,14 +15,13 @@ from lxml import etree
 
 from fame.bpmn import merging
 from fame.bpmn.merging import full_tree
-from fame.bpmn.model import Definitions, Process, SubProcess, Task
+from fame.bpmn.model import TASKS, Definitions, Process
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects import ELEMENT_ADAPTERS, is_original_fame, original_fame
 from fame.bpmn.reader.dialects.camunda7 import SHARED_ATTRIBUTES, SHARED_ELEMENTS
 from fame.bpmn.reader.dialects.extensions import Extensions
 from fame.bpmn.reader.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local_name, text_of
 from fame.bpmn.split import update_type_prefixes
-from fame.bpmn.topics import topics_of
 
 Semantics = Literal["standard", "original"]
 
@@ -142,9 +141,9 @@ def _rename_vendors(root: Node) -> None:
 def _name_signals(root: Node, process: Process, by_id: Mapping[str, Node]) -> None:
     """Make every event and task refer to a signal or message with the name of its topic."""
     for node in process.body.walk():
-        topics = [topic for topic, _ in topics_of(node)]
+        topics = [topic for topic, _ in node.topics()]
         drawn = [one for one in by_id[node.id] if one.tag in _KINDS]
-        if isinstance(node, Task) and by_id[node.id].get("messageRef"):
+        if node.tag in TASKS and by_id[node.id].get("messageRef"):
             drawn = [by_id[node.id]]
         for topic, element in zip(topics, drawn, strict=False):
             kind = _KINDS.get(element.tag, "message")
@@ -179,9 +178,7 @@ def _add_to_root(root: Node, element: Node) -> None:
 
 def _write_rules(root: Node, process: Process, element: Node, semantics: Semantics | None) -> None:
     """Write the rules that the reader inferred from the dialect as properties of the process."""
-    if semantics not in (None, process.semantics) and any(
-        isinstance(node, SubProcess) and node.triggered_by_event for node in process.body.walk()
-    ):
+    if semantics not in (None, process.semantics) and any(node.triggered_by_event for node in process.body.walk()):
         _drop_property(element, "semantics")
         merging.add_property(element, "semantics", str(semantics))
     _drop_property(element, "topics")

@@ -213,8 +213,7 @@ def identity(definitions: Definitions) -> str | bytes:
 
 def calls_of(process: Process) -> Iterator[CallActivity]:
     """The call activities of a process that name what they call."""
-    nodes = (node for node in process.body.walk() if isinstance(node, CallActivity))
-    return (node for node in nodes if node.called and not node.refused)
+    return (call for call in process.body.calls() if call.called and not call.refused)
 
 
 def _why_no_call(call: CallActivity) -> str:

@@ -23,7 +23,6 @@ from fame.bpmn.reader.dialects.extensions import Extensions
 from fame.bpmn.reader.document import read_tree
 from fame.bpmn.reader.preparation import prepare
 from fame.bpmn.reader.xml import BPMN, BPMNDI, CAMUNDA, Node, is_reference, local_name, parse, resolve, text_of
-from fame.bpmn.topics import topics_of
 
 _B, _C = f"{{{BPMN}}}", f"{{{CAMUNDA}}}"
 EXTENSION_ELEMENTS = f"{_B}extensionElements"
@@ -304,7 +303,7 @@ def _references(element: Node) -> Iterator[str]:
 def _write_types(element: Node, process: Process, types: Mapping[str, str]) -> None:
     by_id = {one.get("id"): one for one in element.iter("*") if one.tag.startswith(_B)}
     for node in process.body.walk():
-        topics = [topic for topic, _ in topics_of(node)]
+        topics = [topic for topic, _ in node.topics()]
         if all(topic.type is not None or topic.qualified not in types for topic in topics):
             continue
         holders = _holders(by_id[node.id], node, len(topics))

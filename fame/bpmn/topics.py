@@ -6,21 +6,11 @@ default type is std_msgs/msg/Empty.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from fame.bpmn.model import (
-    Definitions,
-    Event,
-    Expression,
-    FlowNode,
-    MessageDefinition,
-    Process,
-    SignalDefinition,
-    Task,
-    Topic,
-)
+from fame.bpmn.model import Definitions, FlowNode, Process, SignalDefinition, Topic
 from fame.errors import ModelError
 
 EMPTY_TYPE = "std_msgs/msg/Empty"
@@ -38,9 +28,7 @@ class TopicEnd:
     @property
     def is_message(self) -> bool:
         """Whether it throws or catches a message rather than a signal."""
-        if not isinstance(self.node, Event):
-            return True
-        return any(one.topic is self.topic for one in self.node.definitions if isinstance(one, MessageDefinition))
+        return all(one.topic is not self.topic for one in self.node.defined(SignalDefinition))
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,27 +97,9 @@ def topics_of_processes(
     return MappingProxyType({name: _use(name, ends, types.get(name)) for name, ends in ends_by_topic.items()})
 
 
-def topics_of(node: FlowNode) -> Iterator[tuple[Topic, bool]]:
-    """(topic, whether it is thrown) for each topic of a flow node. ROS services are not topics."""
-    if isinstance(node, Event):
-        for definition in node.definitions:
-            if isinstance(definition, SignalDefinition | MessageDefinition):
-                yield definition.topic, node.place in ("throw", "end")
-    elif isinstance(node, Task) and node.topic is not None and node.kind in ("send", "receive"):
-        yield node.topic, node.kind == "send"
-
-
-def keys_of(node: FlowNode, topic: Topic) -> tuple[tuple[str, Expression], ...]:
-    """The correlation keys of a caught message: variable -> expression over ``msg``."""
-    if isinstance(node, Event):
-        found = (one for one in node.definitions if isinstance(one, MessageDefinition) and one.topic is topic)
-        return next((one.keys for one in found), ())
-    return node.keys if isinstance(node, Task) else ()
-
-
 def _gather(file: Definitions, process: Process, ends_by_topic: dict[str, _Ends]) -> None:
     for node in process.body.walk():
-        for topic, throws in topics_of(node):
+        for topic, throws in node.topics():
             ends = ends_by_topic.setdefault(topic.qualified, _Ends())
             end = TopicEnd(file.file, process.id, node, topic)
             (ends.throws if throws else ends.catches).append(end)

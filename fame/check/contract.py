@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, FlowNode, Process, Task
+from fame.bpmn.model import Definitions, FlowNode, Process
 from fame.bpmn.pools import Pool, pools_of, shared_topics
 from fame.bpmn.topics import EMPTY_TYPE, topics_of_processes
 from fame.check.scope import Finding
@@ -105,17 +105,17 @@ def _of_pool(
 
 
 def _services(node: FlowNode) -> Iterator[tuple[Direction, str, str]]:
-    if isinstance(node, Task) and node.kind == "service" and node.topic is not None:
-        type = node.topic.type or ""
-        yield "calls the action" if messages.is_action(type) else "calls the service", _own(node.topic.name), type
-    for topic in script_topics(node.script) if isinstance(node, Task) and node.script is not None else ():
+    if node.service is not None:
+        type = node.service.type or ""
+        yield "calls the action" if messages.is_action(type) else "calls the service", _own(node.service.name), type
+    for topic in script_topics(node.script) if node.script is not None else ():
         if topic.direction in ("call", "act"):
             kind: Direction = "calls the service" if topic.direction == "call" else "calls the action"
             yield kind, _own(topic.name), topic.type or ""
 
 
 def _scripted(node: FlowNode) -> Iterator[tuple[Direction, str, str]]:
-    for topic in script_topics(node.script) if isinstance(node, Task) and node.script is not None else ():
+    for topic in script_topics(node.script) if node.script is not None else ():
         if topic.direction in ("publish", "subscribe"):
             direction: Direction = "publishes" if topic.direction == "publish" else "subscribes to"
             type = topic.type or ""

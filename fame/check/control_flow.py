@@ -15,22 +15,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import islice
 
-from fame.bpmn.model import (
-    Activity,
-    Body,
-    CallActivity,
-    Event,
-    Expression,
-    FlowNode,
-    Gateway,
-    SequenceFlow,
-    SubProcess,
-    Task,
-)
+from fame.bpmn.model import Activity, Body, Expression, FlowNode, Gateway, SequenceFlow, SubProcess
 from fame.check.expressions import cover_all
-from fame.check.graph import Graph, ends_all, graph_of, is_event, link_of, may_stop, passes_at_once, passes_in_time
+from fame.check.graph import Graph, ends_all, graph_of, link_of, may_stop, passes_at_once, passes_in_time
 from fame.check.scope import CheckedProcess, CheckScope, Finding
-from fame.engine.scope_compiler import is_handler
 
 Passes = Callable[[FlowNode], bool]
 """Whether a token certainly passes a node."""
@@ -54,7 +42,7 @@ def _unreached(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
     """The first node of each unreachable part."""
     reached: set[str] = set()
     graph.reach((node.id for node in graph.beginnings()), reached)
-    apart = [node for node in graph.body.nodes if node.id not in reached and not is_handler(node)]
+    apart = [node for node in graph.body.nodes if node.id not in reached and not node.triggered_by_event]
     entered = {id for node in apart for id in graph.following[node.id]}
     for node in sorted(apart, key=lambda one: one.id in entered):  # a circle of nodes has no first: any will do
         part = graph.reach([node.id], reached)
@@ -65,14 +53,14 @@ def _unreached(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
 
 def _loose_ends(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
     """Paths without an end event, in a scope that has end events (standard 10.5.3)."""
-    if not any(is_event(node, "end") for node in graph.body.nodes):
+    if not any(node.place == "end" for node in graph.body.nodes):
         return
     reached = graph.reach((node.id for node in graph.beginnings()), set())
     compensation = {id for association in graph.body.associations for id in association}
-    left = {node.attached_to for node in graph.body.nodes if isinstance(node, Event) and node.interrupting}
+    left = {node.attached_to for node in graph.body.nodes if node.interrupting}
     for node in graph.body.nodes:
         last = not node.outgoing and node.id in reached and node.id not in compensation | left
-        if last and not (is_event(node, "end") or link_of(node) or is_handler(node) or isinstance(node, Gateway)):
+        if last and not (node.place == "end" or link_of(node) or node.triggered_by_event or isinstance(node, Gateway)):
             yield process.finding("warning", "has no outgoing flow, although other paths lead to an end event", node)
 
 
@@ -81,10 +69,9 @@ def _loose_ends(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
 
 def _conditions(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterator[Finding]:
     """Conditions that are never evaluated or always true."""
-    default = node.default if isinstance(node, Activity | Gateway) else ""
-    blind = isinstance(node, Gateway) and node.kind in ("parallel", "event")
+    blind = node.tag in ("parallelGateway", "eventBasedGateway")
     for flow in graph.leaving(node):
-        if flow.condition is not None and flow.id == default:
+        if flow.condition is not None and flow.id == node.default:
             yield process.finding("warning", "is the default flow: its condition is never evaluated", flow)
         elif flow.condition is not None and _is_quoted(flow.condition):
             text = f"its condition is a text in quotes, always true: expected {flow.condition.text[1:-1]}"
@@ -134,9 +121,7 @@ def check_start_and_end_events(scope: CheckScope) -> Iterator[Finding]:
     """Check the start and end events of every process and sub-process."""
     for process in scope.processes:
         unordered = {
-            id(node.body)
-            for node in process.bpmn.body.walk()
-            if isinstance(node, SubProcess) and node.kind in ("adhoc", "event")
+            id(node.body) for node in process.nodes() if node.triggered_by_event or node.tag == "adHocSubProcess"
         }
         for graph in map(graph_of, process.bodies()):
             yield from _wrong_way(process, graph)
@@ -147,17 +132,17 @@ def check_start_and_end_events(scope: CheckScope) -> Iterator[Finding]:
 def _wrong_way(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
     for flow in graph.body.flows:
         source, target = graph.nodes[flow.source], graph.nodes[flow.target]
-        if is_event(source, "end"):
+        if source.place == "end":
             text = f"leaves the end event {source.display_name}, where every token ends: this flow is never taken"
             yield process.finding("warning", text, flow)
-        elif is_event(target, "start"):
+        elif target.place == "start":
             text = f"leads into the start event {target.display_name}, but start events have no incoming flows"
             yield process.finding("warning", text, flow)
 
 
 def _no_start(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
     beginnings = graph.beginnings()
-    if any(is_event(node, "end") for node in graph.body.nodes) and beginnings and not graph.starts():
+    if any(node.place == "end" for node in graph.body.nodes) and beginnings and not graph.starts():
         text = "has no start event before it, although there are end events: add a start event"
         yield process.finding("warning", text, beginnings[0])
 
@@ -181,17 +166,17 @@ def check_joins(scope: CheckScope) -> Iterator[Finding]:
 
 def _mismatch(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterator[Finding]:
     """Flows that are split by one kind of gateway and joined by another."""
-    joins = isinstance(node, Gateway) and node.kind == "parallel"
-    merges = isinstance(node, Activity) or (isinstance(node, Gateway) and node.kind == "exclusive")
+    joins = node.tag == "parallelGateway"
+    merges = isinstance(node, Activity) or node.tag == "exclusiveGateway"
     origins = Counter(_origin(graph, node, flow) for flow in node.incoming)
     for origin, number in origins.items():
         gateway = graph.nodes[origin]
-        if number < 2 or not isinstance(gateway, Gateway):
+        if number < 2:
             continue
-        if joins and gateway.kind in ("exclusive", "event"):
+        if joins and gateway.tag in ("exclusiveGateway", "eventBasedGateway"):
             text = f"waits for {number} flows from {gateway.display_name}, which takes only one: it may wait forever"
             yield process.finding("warning", text, node)
-        elif merges and gateway.kind == "parallel":
+        elif merges and gateway.tag == "parallelGateway":
             text = f"is reached {number} times from {gateway.display_name}, so what follows it runs {number} times"
             yield process.finding("warning", f"{text}: use a parallel gateway to join the flows", node)
 
@@ -208,10 +193,10 @@ def _origin(graph: Graph, node: FlowNode, flow: str) -> str:
 
 def _incomplete_join(process: CheckedProcess, graph: Graph, join: FlowNode) -> Iterator[Finding]:
     """A parallel join of a fork whose branches a token may leave."""
-    if not (isinstance(join, Gateway) and join.kind == "parallel"):
+    if join.tag != "parallelGateway":
         return
     before = (graph.nodes[id] for id in graph.before(join.id))
-    forks = (node for node in before if isinstance(node, Gateway) and node.kind == "parallel" and node is not join)
+    forks = (node for node in before if node.tag == "parallelGateway" and node is not join)
     for fork in islice((one for one in forks if len(one.outgoing) > 1), _NEAREST):
         branches = _branches(graph, fork, join)
         for node in _leaving(graph, join, branches):
@@ -257,17 +242,15 @@ def _chooses(graph: Graph, node: FlowNode) -> bool:
     if isinstance(node, Gateway):
         return node.kind != "parallel"
     ways = (graph.nodes[id] for id in graph.following[node.id])
-    boundary = (way for way in ways if isinstance(way, Event) and way.place == "boundary")
+    boundary = (way for way in ways if way.place == "boundary")
     return any(event.interrupting for event in boundary) or any(flow.condition for flow in graph.leaving(node))
 
 
 def _acts(node: FlowNode) -> bool:
     """Whether it may affect other branches: an event with a result, a script that throws or publishes, a call."""
-    if isinstance(node, Event):
-        return bool(node.definitions) and node.place in ("throw", "end")
-    if isinstance(node, Task) and node.kind == "script":
+    if node.tag == "scriptTask":
         return node.script is not None and any(word in node.script.text for word in ("signal", "publish", "raise"))
-    return isinstance(node, Activity)
+    return isinstance(node, Activity) or (bool(node.definitions) and node.place in ("throw", "end"))
 
 
 # ---- loops -----------------------------------------------------------------------------------------------------------
@@ -284,16 +267,15 @@ def check_loops(scope: CheckScope) -> Iterator[Finding]:
 
 def _guarded(process: CheckedProcess) -> set[str]:
     """The ids of activities that a boundary event may interrupt."""
-    events = (node for node in process.bpmn.body.walk() if isinstance(node, Event))
-    return {event.attached_to for event in events if event.place == "boundary" and event.interrupting}
+    return {node.attached_to for node in process.nodes() if node.place == "boundary" and node.interrupting}
 
 
 def _may_be_ended(process: CheckedProcess) -> bool:
     """Whether another token, a handler or a boundary event may end a scope of the process."""
     guarded = _guarded(process)
     return any(
-        ends_all(node) or (isinstance(node, SubProcess) and (node.triggered_by_event or node.id in guarded))
-        for node in process.bpmn.body.walk()
+        ends_all(node) or node.triggered_by_event or (node.body is not None and node.id in guarded)
+        for node in process.nodes()
     )
 
 
@@ -311,10 +293,8 @@ def _passes(node: FlowNode) -> bool:
     """Whether every token passes the node without waiting and without an error."""
     if isinstance(node, Gateway) and node.kind != "exclusive":
         return len(node.incoming) < 2 and passes_at_once(node)
-    if isinstance(node, CallActivity):
-        return False
-    if isinstance(node, SubProcess):
-        return node.kind != "adhoc" and all(_passes(each) for each in node.body.nodes)
+    if node.body is not None:
+        return node.tag != "adHocSubProcess" and all(_passes(each) for each in node.body.nodes)
     return passes_at_once(node)
 
 
@@ -357,9 +337,9 @@ def _calls(process: CheckedProcess, endless: set[CheckedProcess]) -> set[str]:
 def _meets_always(body: Body, calls: set[str], passes: Passes) -> bool:
     """Whether every path through the body leads to one of the calls."""
     graph = graph_of(body)
-    if any(isinstance(node, SubProcess) and node.triggered_by_event for node in body.nodes):
+    if any(node.triggered_by_event for node in body.nodes):
         return False
-    guarded = {node.attached_to for node in body.nodes if isinstance(node, Event) and node.place == "boundary"}
+    guarded = {node.attached_to for node in body.nodes}
     cut_short = any(ends_all(node) for node in body.nodes)
     meeting: set[str] = set()
 

@@ -8,16 +8,8 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
-from fame.bpmn.model import (
-    Activity,
-    CallActivity,
-    DataObject,
-    Definitions,
-    Element,
-    SubProcess,
-)
+from fame.bpmn.model import Activity, CallActivity, DataObject, Definitions, Element
 from fame.bpmn.pools import pools_of
-from fame.bpmn.topics import topics_of
 from fame.check.expressions import expressions_in
 from fame.check.scope import CheckedProcess, CheckScope, Finding, of_error
 from fame.check.variables import sets_something
@@ -74,10 +66,10 @@ def check_names(scope: CheckScope) -> Iterator[Finding]:
     yield from _namespaces(scope.definitions)
     for process in scope.processes:
         yield from _misspelt(process, process.bpmn, _OF_PROCESSES)
-        for node in process.bpmn.body.walk():
-            if isinstance(node, SubProcess) and node.triggered_by_event:
+        for node in process.nodes():
+            if node.triggered_by_event:
                 yield from _misspelt(process, node, ("resume",))
-            elif any(True for _ in topics_of(node)):
+            elif list(node.topics()):
                 yield from _misspelt(process, node, _OF_TOPICS)
 
 
@@ -114,7 +106,7 @@ def check_data_objects(scope: CheckScope) -> Iterator[Finding]:
     """Check the values of data objects and their associations."""
     for process in scope.processes:
         yield from _idle_data(process)
-        used = {id for node in process.bpmn.body.walk() for id in node.data_inputs}
+        used = {id for node in process.nodes() for id in node.data_inputs}
         for body in process.bodies():
             objects = {item.id: item for item in body.data_objects}
             for item in body.data_objects:
@@ -149,7 +141,7 @@ def _reversed(process: CheckedProcess, activity: Activity, item: DataObject) -> 
 def _read(process: CheckedProcess, activity: Activity) -> set[str]:
     """The variables that an activity reads, or the process that it calls without a mapping."""
     if isinstance(activity, CallActivity):
-        callee = next((callee for call, callee in process.calls if call is activity), None)
+        callee = process.called_by(activity)
         bodies = callee.bodies() if callee is not None and activity.io is None else ()
         return {name for body in bodies for text in expressions_in(body) for name in text.reads}
     return {name for text in expressions_in(process.bpmn.body) if text.element is activity for name in text.reads}
@@ -159,7 +151,7 @@ def _read(process: CheckedProcess, activity: Activity) -> set[str]:
 
 
 def _idle_data(process: CheckedProcess) -> Iterator[Finding]:
-    used = {id for node in process.bpmn.body.walk() for id in (*node.data_inputs, *node.data_outputs)}
+    used = {id for node in process.nodes() for id in (*node.data_inputs, *node.data_outputs)}
     for body in process.bodies():
         for item in body.data_objects:
             values = [name for name, expression in item.values if sets_something(name, expression)]

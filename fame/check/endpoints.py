@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from fame.bpmn.model import Expression, FlowNode, Task, Topic
-from fame.bpmn.topics import topics_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.engine.data import match, match_prefix, unfilled, variable_name
 from fame.errors import MessageError, ModelError
@@ -66,21 +65,19 @@ def _by_name(ends: Iterable[TopicEndpoint]) -> Topics:
 
 
 def endpoints_of(process: CheckedProcess) -> Iterator[TopicEndpoint]:
-    for node in process.bpmn.body.walk():
+    for node in process.nodes():
         yield from _drawn(process, node)
         yield from _scripted(process, node)
 
 
 def _drawn(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:
-    for topic, throws in topics_of(node):
-        sent = topic.payload or (node.payload if isinstance(node, Task) else None)
-        yield TopicEndpoint(
-            process, node, topic.qualified, topic.type, throws, node.line, topic, sent if throws else None
-        )
+    for topic, throws in node.topics():
+        sent = topic.payload if throws else None
+        yield TopicEndpoint(process, node, topic.qualified, topic.type, throws, node.line, topic, sent)
 
 
 def _scripted(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:
-    if not isinstance(node, Task) or node.script is None:
+    if node.script is None:
         return
     try:
         named = script_topics(node.script)
@@ -117,7 +114,7 @@ def level_of(team: Sequence[CheckScope]) -> Level:
     configuration), or if it is part of a mission whose other files may be missing.
     """
     pools = [pool for one in team for pool in one.definitions.participants]
-    nodes = (node for one in team for process in one.processes for node in process.bpmn.body.walk())
+    nodes = (node for one in team for process in one.processes for node in process.nodes())
     monitored = any(isinstance(node, Task) and node.operation in SERVICES for node in nodes)
     return (
         "warning" if len(team) == 1 < len(pools) and all(pool.process for pool in pools) and not monitored else "note"

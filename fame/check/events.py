@@ -11,7 +11,7 @@ import ast
 import difflib
 from collections.abc import Callable, Iterator, Mapping
 
-from fame.bpmn.model import Activity, CallActivity, ErrorDefinition, Event, FlowNode, SubProcess, Task, TimerDefinition
+from fame.bpmn.model import CallActivity, ErrorDefinition, FlowNode, Task, TimerDefinition
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.errors import ModelError
 from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
@@ -29,17 +29,16 @@ def check_timers(scope: CheckScope) -> Iterator[Finding]:
     for process in scope.processes:
         handled = {
             node.id
-            for handler in process.bpmn.body.walk()
-            if isinstance(handler, SubProcess) and handler.triggered_by_event
+            for handler in process.nodes()
+            if handler.triggered_by_event and handler.body is not None
             for node in handler.body.nodes
         }
-        for node in process.bpmn.body.walk():
-            for timer in node.definitions if isinstance(node, Event) else ():
-                if isinstance(node, Event) and isinstance(timer, TimerDefinition):
-                    yield from _timer(process, node, timer, node.id in handled)
+        for node in process.nodes():
+            for timer in node.defined(TimerDefinition):
+                yield from _timer(process, node, timer, node.id in handled)
 
 
-def _timer(process: CheckedProcess, event: Event, timer: TimerDefinition, handler: bool) -> Iterator[Finding]:
+def _timer(process: CheckedProcess, event: FlowNode, timer: TimerDefinition, handler: bool) -> Iterator[Finding]:
     expression = timer.expression
     if (
         expression is not None
@@ -69,12 +68,12 @@ def check_error_handling(scope: CheckScope) -> Iterator[Finding]:
         for body in process.bodies():
             nodes = {node.id: node for node in body.nodes}
             for event in body.nodes:
-                if isinstance(event, Event) and event.place == "boundary":
+                if event.place == "boundary":
                     yield from _caught(process, event, nodes[event.attached_to])
 
 
-def _caught(process: CheckedProcess, event: Event, activity: FlowNode) -> Iterator[Finding]:
-    codes = [one.code for one in event.definitions if isinstance(one, ErrorDefinition) and one.code]
+def _caught(process: CheckedProcess, event: FlowNode, activity: FlowNode) -> Iterator[Finding]:
+    codes = [one.code for one in event.defined(ErrorDefinition) if one.code]
     thrown = _thrown(process, activity, set()) if codes else None
     if thrown is None:
         return
@@ -90,20 +89,20 @@ def _caught(process: CheckedProcess, event: Event, activity: FlowNode) -> Iterat
 
 def _thrown(process: CheckedProcess, node: FlowNode, seen: set[CheckedProcess]) -> set[str] | None:
     """The codes that an element and everything in it may throw; None if they are unknown."""
-    if isinstance(node, SubProcess):
+    if node.body is not None:
         return _together(_thrown(process, one, seen) for one in node.body.nodes)
     if isinstance(node, CallActivity):
-        callee = next((callee for call, callee in process.calls if call is node), None)
+        callee = process.called_by(node)
         if callee is None or callee in seen:
             return set() if callee is not None else None
         seen.add(callee)
         return _together(_thrown(callee, one, seen) for one in callee.bpmn.body.nodes)
-    if isinstance(node, Event):
-        ends = [one for one in node.definitions if isinstance(one, ErrorDefinition) and node.place == "end"]
+    if node.place == "end":
+        ends = node.defined(ErrorDefinition)
         return None if any(one.computed for one in ends) else {one.code for one in ends if one.code}
     if isinstance(node, Task) and (node.operation or node.kind in ("service", "send")):
         return None
-    return raised_codes(node) if isinstance(node, Activity) else set()
+    return raised_codes(node)
 
 
 def _together(found: Iterator[set[str] | None]) -> set[str] | None:
@@ -115,9 +114,9 @@ def _together(found: Iterator[set[str] | None]) -> set[str] | None:
     return codes
 
 
-def raised_codes(activity: Activity) -> set[str] | None:
-    """The error codes in a script: ``raise BpmnError("lost")``."""
-    script = activity.script if isinstance(activity, Task) else None
+def raised_codes(node: FlowNode) -> set[str] | None:
+    """The error codes in a script: ``raise BpmnError("lost")``; None if they are unknown."""
+    script = node.script
     if script is None or script.language not in ("python", "javascript"):
         return set()
     if script.language == "javascript" or "robot.act" in script.text:

@@ -20,11 +20,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import DataObject, Definitions, Element, Expression, FlowNode, Task
+from fame.bpmn.model import DataObject, Definitions, Element, Expression, FlowNode
 from fame.bpmn.reader.dialects import dialects_of
 from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.reader.xml import children, parse
-from fame.bpmn.topics import EMPTY_TYPE, keys_of, topics_of
+from fame.bpmn.topics import EMPTY_TYPE
 from fame.check.endpoints import TopicEndpoint, by_topic, declared_type, message_fields, taken_by_prefix
 from fame.check.expressions import expressions_in
 from fame.check.guidelines import suspending
@@ -106,7 +106,7 @@ def _topic(end: TopicEndpoint, type: str) -> str:
     if end.throws:
         sent = f"payload {_shown(end.payload)}" if end.payload is not None else "a message of default values"
         return f"{head}, {sent}"
-    keys = [f", correlates {name} = {source.text}" for name, source in keys_of(end.node, end.topic)]
+    keys = [f", correlates {name} = {source.text}" for name, source in end.node.keys_of(end.topic)]
     return f"{head}, {_where_to(end, type)}{''.join(keys)}"
 
 
@@ -125,11 +125,12 @@ def _where_to(end: TopicEndpoint, type: str) -> str:
 
 
 def _services(process: CheckedProcess) -> Iterator[Reading]:
-    for node in process.bpmn.body.walk():
-        if isinstance(node, Task) and node.kind == "service" and node.topic is not None:
-            sent = f"request {_shown(node.payload)}" if node.payload is not None else "a request of default values"
-            kind = "action" if messages.is_action(node.topic.type or "") else "service"
-            text = f"calls the {kind} {node.topic.name}, {node.topic.type or 'no type'}, {sent}"
+    for node in process.nodes():
+        if node.service is not None:
+            payload, type = node.service.payload, node.service.type
+            sent = f"request {_shown(payload)}" if payload is not None else "a request of default values"
+            kind = "action" if messages.is_action(type or "") else "service"
+            text = f"calls the {kind} {node.service.name}, {type or 'no type'}, {sent}"
             yield _at(process, "topic", text, node)
         for used in _script_topics(node):
             text = f"its script calls the service {used.name}, {used.type or 'no type'}"
@@ -138,7 +139,7 @@ def _services(process: CheckedProcess) -> Iterator[Reading]:
 
 def _script_topics(node: FlowNode) -> Iterator[ScriptTopic]:
     """The services that a script calls by a literal name."""
-    if isinstance(node, Task) and node.script is not None:
+    if node.script is not None:
         with suppress(ModelError):  # the compiler reports it
             yield from (one for one in script_topics(node.script) if one.direction == "call")
 
@@ -226,8 +227,8 @@ Quirk = tuple[str, Element, int]
 
 def _quirks(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[Quirk]:
     """The habits in one process. `types`: the types of topics by qualified name."""
-    for node in process.bpmn.body.walk():
-        for topic, throws in topics_of(node):
+    for node in process.nodes():
+        for topic, throws in node.topics():
             taken = {} if throws else taken_by_prefix(process, node, topic, types.get(topic.qualified, ""))
             for name, field in taken.items():
                 yield (

@@ -15,36 +15,14 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any
 
-from fame.bpmn.model import (
-    Activity,
-    Body,
-    CallActivity,
-    ConditionalDefinition,
-    DataObject,
-    Element,
-    ErrorDefinition,
-    Event,
-    Expression,
-    FlowNode,
-    Gateway,
-    MultiInstance,
-    SequenceFlow,
-    StandardLoop,
-    SubProcess,
-    Task,
-    TimerDefinition,
-)
-from fame.bpmn.topics import topics_of
+from fame.bpmn.model import Body, DataObject, Element, Expression, Use
 from fame.errors import ModelError
 from fame.scripting import code_names, script_names
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.languages import parse_expression
 from fame.scripting.python import called_name
-
-Use = Literal["script", "condition", "payload", "timer", "mapping", "value"]
-Found = tuple[Expression | None, Use]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +44,10 @@ def expressions_in(body: Body) -> Iterator[ExpressionUse]:
     """Every script and expression of a body; those of its sub-processes belong to their own bodies."""
     elements: list[Element] = [*body.data_objects, *body.flows, *body.nodes]
     for element in elements:
-        for expression, use in _texts(element):
-            if expression is not None:
-                reads, writes = names_of(expression, use == "script")
-                code = _code_of(expression) if use == "script" else frozenset[str]()
-                yield ExpressionUse(expression, element, use, reads - _own(element, expression), writes, code)
+        for expression, use in element.texts():
+            reads, writes = names_of(expression, use == "script")
+            code = _code_of(expression) if use == "script" else frozenset[str]()
+            yield ExpressionUse(expression, element, use, reads - _own(element, expression), writes, code)
 
 
 def _own(element: Element, value: Expression) -> set[str]:
@@ -116,58 +93,6 @@ def constant(expression: Expression) -> tuple[Any, str]:
         except Exception:  # reported when the element is reached
             value = None
     return None if names else value, ""
-
-
-def _texts(element: Element) -> Iterator[Found]:
-    if isinstance(element, DataObject):
-        yield from ((expression, "value") for _, expression in element.values)
-    elif isinstance(element, SequenceFlow):
-        yield element.condition, "condition"
-    elif isinstance(element, Gateway):
-        yield element.activation, "condition"
-    elif isinstance(element, Event):
-        yield from _of_event(element)
-    elif isinstance(element, Activity):
-        yield from _of_activity(element)
-    if isinstance(element, FlowNode):
-        yield from ((item.source, "mapping") for item in (*element.copies_in, *element.copies_out))
-        yield from ((topic.payload, "payload") for topic, _ in topics_of(element))
-        yield from ((topic.to, "value") for topic, _ in topics_of(element))
-
-
-def _of_event(event: Event) -> Iterator[Found]:
-    if event.io is not None:
-        yield from ((item.source, "mapping") for item in (*event.io.inputs, *event.io.outputs))
-    for definition in event.definitions:
-        if isinstance(definition, TimerDefinition):
-            yield definition.expression, "timer"
-        elif isinstance(definition, ConditionalDefinition):
-            yield definition.condition, "condition"
-        elif isinstance(definition, ErrorDefinition):
-            yield definition.message, "mapping"
-
-
-def _of_activity(activity: Activity) -> Iterator[Found]:
-    if activity.io is not None:
-        yield from ((item.source, "mapping") for item in activity.io.inputs)
-        if not isinstance(activity, CallActivity):  # those of a call see the variables of what was called
-            yield from ((item.source, "mapping") for item in activity.io.outputs)
-    if isinstance(activity, Task):
-        script = activity.script is not None and activity.script.language in ("python", "javascript")
-        yield activity.script, "script" if script else "mapping"
-        if activity.payload is not None and not list(topics_of(activity)):
-            yield activity.payload, "payload"
-    elif isinstance(activity, CallActivity):
-        yield activity.called_expression, "mapping"
-    elif isinstance(activity, SubProcess):
-        yield activity.completion, "condition"
-        yield activity.active, "mapping"
-    if isinstance(activity.loop, StandardLoop):
-        yield activity.loop.condition, "condition"
-    elif isinstance(activity.loop, MultiInstance):
-        loop = activity.loop
-        yield from ((one, "mapping") for one in (loop.cardinality, loop.collection, loop.output_element))
-        yield loop.completion, "condition"
 
 
 # ---- conditions of which one is always true --------------------------------------------------------------------------

@@ -145,7 +145,7 @@ def _openings(body: Body, depth: int) -> Iterator[tuple[SubProcess | CallActivit
     for node in body.nodes:
         if isinstance(node, SubProcess | CallActivity):
             yield node, depth
-        if isinstance(node, SubProcess):
+        if node.body is not None:
             yield from _openings(node.body, depth + 1)
 
 

@@ -6,19 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from fame.bpmn.model import (
-    Activity,
-    Body,
-    CallActivity,
-    ErrorDefinition,
-    Event,
-    FlowNode,
-    Gateway,
-    LinkDefinition,
-    SequenceFlow,
-    Task,
-    TerminateDefinition,
-)
+from fame.bpmn.model import Body, ErrorDefinition, FlowNode, LinkDefinition, SequenceFlow, TerminateDefinition
 from fame.engine.scope_compiler import begins, instantiates
 
 
@@ -46,7 +34,7 @@ class Graph:
 
     def starts(self) -> list[FlowNode]:
         """Its start events, and the gateways and receive tasks that start a process."""
-        return [node for node in self.body.nodes if is_event(node, "start") or instantiates(node)]
+        return [node for node in self.body.nodes if node.place == "start" or instantiates(node)]
 
     def reach(self, ids: Iterable[str], seen: set[str]) -> set[str]:
         """The nodes that tokens reach from some nodes (included), without those in `seen`, which is extended."""
@@ -101,18 +89,18 @@ class Graph:
 def graph_of(body: Body) -> Graph:
     """The graph of one scope."""
     following: dict[str, list[str]] = {node.id: [] for node in body.nodes}
-    ending = {node.id for node in body.nodes if is_event(node, "end")}
+    ending = {node.id for node in body.nodes if node.place == "end"}
     for flow in body.flows:
         if flow.source not in ending:  # where every token ends
             following[flow.source].append(flow.target)
     landings: dict[str, list[str]] = {}
     for node in body.nodes:
-        if is_event(node, "catch"):
+        if node.place == "catch":
             landings.setdefault(link_of(node), []).append(node.id)
     for node in body.nodes:
-        if isinstance(node, Event) and node.place == "boundary":
+        if node.place == "boundary":
             following[node.attached_to].append(node.id)
-        elif is_event(node, "throw") and link_of(node):
+        elif node.place == "throw" and link_of(node):
             following[node.id] += landings.get(link_of(node), ())
     for source, target in body.associations:
         following[source].append(target)
@@ -124,15 +112,9 @@ def graph_of(body: Body) -> Graph:
     return Graph(body, nodes, flows, following, preceding)
 
 
-def is_event(node: FlowNode, place: str) -> bool:
-    """Whether a node is an event at this place."""
-    return isinstance(node, Event) and node.place == place
-
-
 def link_of(node: FlowNode) -> str:
     """The name of a link event, else empty."""
-    links = [one.name for one in node.definitions if isinstance(one, LinkDefinition)] if isinstance(node, Event) else []
-    return links[0] if links else ""
+    return next((one.name for one in node.defined(LinkDefinition)), "")
 
 
 # ---- what a token does at a node -------------------------------------------------------------------------------------
@@ -140,20 +122,18 @@ def link_of(node: FlowNode) -> str:
 
 def may_stop(graph: Graph, node: FlowNode) -> bool:
     """Whether a token may find no outgoing flow because all have conditions."""
-    default = node.default if isinstance(node, Activity | Gateway) else ""
     flows = graph.leaving(node)
-    return bool(flows) and not default and all(flow.condition is not None for flow in flows)
+    return bool(flows) and not node.default and all(flow.condition is not None for flow in flows)
 
 
 def ends_all(node: FlowNode) -> bool:
     """Whether it ends other tokens."""
-    ends = TerminateDefinition | ErrorDefinition
-    return isinstance(node, Event) and any(isinstance(one, ends) for one in node.definitions)
+    return bool(node.defined(TerminateDefinition) or node.defined(ErrorDefinition))
 
 
 def _contains(node: FlowNode, *words: str) -> bool:
     """Whether its script contains one of the words."""
-    return isinstance(node, Task) and node.script is not None and any(word in node.script.text for word in words)
+    return node.script is not None and any(word in node.script.text for word in words)
 
 
 def passes_in_time(node: FlowNode) -> bool:
@@ -161,12 +141,14 @@ def passes_in_time(node: FlowNode) -> bool:
     return not ends_all(node) and not _contains(node, "raise")
 
 
+_WAITING = {
+    "intermediateCatchEvent", "boundaryEvent", "eventBasedGateway", "callActivity", "userTask", "manualTask",
+    "serviceTask", "receiveTask", "businessRuleTask",
+}  # fmt: skip
+"""Where a token waits for something outside of its process."""
+
+
 def passes_at_once(node: FlowNode) -> bool:
     """Whether a token certainly passes it without waiting."""
-    if isinstance(node, Event):
-        waits = node.place in ("catch", "boundary") and not link_of(node)
-    elif isinstance(node, Task):
-        waits = node.kind not in ("plain", "send", "script") or _contains(node, "await", "next(")
-    else:
-        waits = isinstance(node, CallActivity) or (isinstance(node, Gateway) and node.kind == "event")
+    waits = (node.tag in _WAITING and not link_of(node)) or _contains(node, "await", "next(")
     return not waits and passes_in_time(node)

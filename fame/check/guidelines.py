@@ -12,30 +12,21 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 from fame.bpmn.model import (
-    Activity,
-    ConditionalDefinition,
     Definitions,
     Element,
-    ErrorDefinition,
-    Event,
-    EventDefinition,
     FlowNode,
     Gateway,
     MessageFlow,
     Process,
-    SignalDefinition,
     SubProcess,
     Task,
-    TerminateDefinition,
-    TimerDefinition,
 )
-from fame.bpmn.topics import topics_of
 from fame.check.expressions import expressions_in
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.engine import gateways, loops
 from fame.monitor.services import SERVICES
 
-_SELECTED_EVENTS = (SignalDefinition, TimerDefinition, ConditionalDefinition, ErrorDefinition, TerminateDefinition)
+_SELECTED_EVENTS = ("signal", "timer", "conditional", "error", "terminate")
 _SELECTED_GATEWAYS = ("exclusive", "parallel", "event")
 _KINDS = {"business_rule": "business rule", "adhoc": "ad-hoc sub-process", "embedded": "embedded sub-process"}
 
@@ -52,7 +43,7 @@ def check_effects(scope: CheckScope) -> Iterator[Finding]:
             text = "has no effect: a message flow joins an element that sends a message with one that receives it"
             yield Finding("note", text, file, flow.line, flow.id)
     for process in scope.processes:
-        for node in process.bpmn.body.walk():
+        for node in process.nodes():
             if isinstance(node, Task) and (text := _needs(node)):
                 yield process.finding("note", text, node)
         yield from _original(process)
@@ -62,7 +53,7 @@ def check_guidelines(scope: CheckScope) -> Iterator[Finding]:
     """Find deviations from the guidelines."""
     yield from _pools(scope)
     for process in scope.processes:
-        for node in process.bpmn.body.walk():
+        for node in process.nodes():
             if outside := _outside(node):
                 text = f"{outside} is not among the elements that the guidelines recommend (G2)"
                 yield process.finding("note", text, node)
@@ -74,7 +65,7 @@ def check_guidelines(scope: CheckScope) -> Iterator[Finding]:
 
 def _joins(definitions: Definitions, flow: MessageFlow) -> bool:
     """Whether a message flow joins two messages."""
-    ends = {node.id for process in definitions.processes for node in process.body.walk() if list(topics_of(node))}
+    ends = {node.id for process in definitions.processes for node in process.body.walk() if list(node.topics())}
     return {flow.source, flow.target} <= ends
 
 
@@ -111,10 +102,7 @@ def _pools(scope: CheckScope) -> Iterator[Finding]:
 def _ordinals(process: Process) -> Mapping[str, str]:
     """Number the ids of a process in document order: id -> ``#n``."""
     found = [process.id]
-    bodies = [process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))]
-    for body in bodies:
-        elements: tuple[Element, ...] = (*body.nodes, *body.flows, *body.data_objects)
-        found += [element.id for element in elements]
+    found += [element.id for element in process.body.elements()]
     return {id: f"#{number}" for number, id in enumerate(found)}
 
 
@@ -146,18 +134,12 @@ def _outside(node: FlowNode) -> str:
         return f"{_article(name := _KINDS.get(node.kind, node.kind))} {name}"
     if isinstance(node, Gateway) and node.kind not in _SELECTED_GATEWAYS:
         return f"{_article(node.kind)} {node.kind} gateway"
-    if isinstance(node, Event):
+    if node.definitions:
         if len(node.definitions) > 1:
             return "a multiple event"
-        kind = next((_kind(one) for one in node.definitions if not isinstance(one, _SELECTED_EVENTS)), "")
+        kind = next((one.trigger for one in node.definitions if one.trigger not in _SELECTED_EVENTS), "")
         return f"{_article(kind)} {kind} event" if kind else ""
-    if isinstance(node, Activity) and node.loop is not None:
-        return "a loop"
-    return ""
-
-
-def _kind(definition: EventDefinition) -> str:
-    return type(definition).__name__.removesuffix("Definition").lower()
+    return "a loop" if node.loop is not None else ""
 
 
 def _article(word: str) -> str:
@@ -193,6 +175,4 @@ def suspending(process: Process) -> Iterator[SubProcess]:
     """The event sub-processes that semantics=original affects."""
     for node in process.body.walk():
         if isinstance(node, SubProcess) and node.triggered_by_event and not node.resume:
-            starts = (one for one in node.body.nodes if isinstance(one, Event) and one.place == "start")
-            if any(one.interrupting for one in starts):
-                yield node
+            yield from [node] * any(start.interrupting for start in node.body.events("start"))

@@ -12,18 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fame.bpmn.library import BUILT_IN, Library
-from fame.bpmn.model import (
-    Body,
-    CallActivity,
-    DataObject,
-    Definitions,
-    Event,
-    Expression,
-    FlowNode,
-    Process,
-    SubProcess,
-    Task,
-)
+from fame.bpmn.model import Body, DataObject, Definitions, Expression, FlowNode, Process
 from fame.bpmn.topics import topic_table
 from fame.check.expressions import expressions_in, names_of
 from fame.errors import ConfigError
@@ -90,7 +79,7 @@ def _behaviour(definitions: Definitions, process: Process, library: Library) -> 
         file=definitions.file,
         inputs=tuple(_inputs(definitions, process, library)),
         topics=tuple(_topics(definitions, process, nodes)),
-        calls=tuple(dict.fromkeys(node.called for node in nodes if isinstance(node, CallActivity))),
+        calls=tuple(dict.fromkeys(call.called for call in process.body.calls())),
         documentation=process.documentation.strip(),
     )
 
@@ -106,7 +95,7 @@ def _topics(definitions: Definitions, process: Process, nodes: Iterable[FlowNode
         used.update({(direction, use.name): use.type for direction, ends in directions.items() if ends})
     types = {name: type for (_, name), type in used.items()}
     for node in nodes:
-        for topic in script_topics(node.script) if isinstance(node, Task) and node.script is not None else ():
+        for topic in script_topics(node.script) if node.script is not None else ():
             name = topic.name if topic.name[0] in "/~" else f"~/{topic.name}"
             used.setdefault((topic.direction, name), topic.type or "")
             types[name] = types.get(name) or topic.type or ""
@@ -120,12 +109,12 @@ def _topics(definitions: Definitions, process: Process, nodes: Iterable[FlowNode
 def _inputs(definitions: Definitions, process: Process, library: Library) -> Iterator[str]:
     """The inputs in the order of the data objects."""
     uses = _Uses({}, {}, {})
-    for body in _bodies(process):
+    for body in process.body.bodies():
         _gather(body, uses)
-    for node in process.body.walk():
-        if isinstance(node, CallActivity) and node.io is None:  # it shares the variables, and sets them as it likes
-            for _, called in library.closure(*library.find(definitions, node)):
-                uses.sets[node.id] |= {name for body in _bodies(called) for name in _set_in(body)}
+    for call in process.body.calls():
+        if call.io is None:  # it shares the variables, and sets them as it likes
+            for _, called in library.closure(*library.find(definitions, call)):
+                uses.sets[call.id] |= {name for body in called.body.bodies() for name in _set_in(body)}
     for name in dict.fromkeys(name for item in uses.objects.values() for name in item.names):
         if _passes(process.body, name, uses)[0]:
             yield name
@@ -138,10 +127,6 @@ class _Uses:
     objects: dict[str, DataObject]
     reads: dict[str, set[str]]
     sets: dict[str, set[str]]
-
-
-def _bodies(process: Process) -> list[Body]:
-    return [process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))]
 
 
 def _gather(body: Body, uses: _Uses) -> None:
@@ -192,19 +177,19 @@ def _passes(body: Body, name: str, uses: _Uses) -> tuple[bool, bool]:
     Every way that is drawn counts, whatever its condition.
     """
     flows, nodes = {flow.id: flow for flow in body.flows}, {node.id: node for node in body.nodes}
-    pending = [node for node in body.nodes if not node.incoming and not (isinstance(node, Event) and node.attached_to)]
+    pending = [node for node in body.nodes if not node.incoming and not node.attached_to]
     reads, through, seen = False, False, set[str]()
     for node in pending:
         if node.id in seen:
             continue
         seen.add(node.id)
-        pending += [other for other in body.nodes if isinstance(other, Event) and other.attached_to == node.id]
+        pending += body.boundary(node.id)
         reads |= name in uses.reads[node.id]
         onward = name not in uses.sets[node.id]
-        if isinstance(node, SubProcess) and onward:
+        if node.body is not None and onward:
             inner, onward = _passes(node.body, name, uses)
             reads |= inner
-        if onward and not (isinstance(node, SubProcess) and node.triggered_by_event):
+        if onward and not node.triggered_by_event:
             leaving = [flows[id] for id in node.outgoing if id in flows]
             reads |= any(name in uses.reads[flow.id] for flow in leaving)
             pending += [nodes[flow.target] for flow in leaving]

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Literal
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Body, CallActivity, Definitions, Element, FlowNode, Process, SubProcess
+from fame.bpmn.model import Body, CallActivity, Definitions, Element, FlowNode, Process
 from fame.errors import ConfigError, ModelError, display_name
 
 Level = Literal["error", "warning", "note"]
@@ -85,8 +85,7 @@ class CheckedProcess:
 
     def bodies(self) -> Iterator[Body]:
         """Its body and those of its sub-processes at any depth."""
-        yield self.bpmn.body
-        yield from (node.body for node in self.bpmn.body.walk() if isinstance(node, SubProcess))
+        return self.bpmn.body.bodies()
 
     def nodes(self) -> Iterator[FlowNode]:
         """All flow nodes at any depth."""
@@ -180,12 +179,11 @@ def _scope(definitions: Definitions, library: Library) -> CheckScope:
     missing: list[ModelError] = []
     pending = list(own)
     for process in pending:
-        for call in process.nodes():
-            if isinstance(call, CallActivity):
-                callee = _callee(process, call, library, known, missing)
-                process.calls.append((call, callee))
-                if callee is not None and callee not in pending:
-                    pending.append(callee)
+        for call in process.bpmn.body.calls():
+            callee = _callee(process, call, library, known, missing)
+            process.calls.append((call, callee))
+            if callee is not None and callee not in pending:
+                pending.append(callee)
     pools = frozenset(pool.process for pool in definitions.participants if pool.process)
     calls = (pair for process in own for pair in process.calls)
     supplied = {one.called for one, to in calls if to is not None and library.is_own(definitions, to.definitions)}

@@ -7,7 +7,7 @@ import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 
-from fame.bpmn.model import Activity, Body, Element, Expression, SubProcess
+from fame.bpmn.model import Body, Element, Expression
 from fame.check.expressions import ExpressionUse, constant, expressions_in
 from fame.check.graph import graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
@@ -219,12 +219,8 @@ def _repeated(body: Body, *, around: bool) -> Iterator[str]:
     """The ids of nodes that may run again in one instance; `around`: the whole body may."""
     graph = graph_of(body)
     for node in body.nodes:
-        again = around or _loops(node) or node.id in graph.reach(graph.following[node.id], set())
+        again = around or node.loop is not None or node.id in graph.reach(graph.following[node.id], set())
         if again:
             yield node.id
-        if isinstance(node, SubProcess):
+        if node.body is not None:
             yield from _repeated(node.body, around=again)
-
-
-def _loops(node: Element) -> bool:
-    return isinstance(node, Activity) and node.loop is not None

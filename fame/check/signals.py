@@ -16,22 +16,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-from fame.bpmn.model import (
-    Body,
-    CallActivity,
-    Event,
-    FlowNode,
-    MessageDefinition,
-    SignalDefinition,
-    SubProcess,
-    Task,
-    TimerDefinition,
-)
-from fame.bpmn.topics import topics_of
+from fame.bpmn.model import Body, CallActivity, FlowNode, TimerDefinition
 from fame.check.endpoints import TopicEndpoint, Topics, by_topic, level_of, public_topics
-from fame.check.graph import Graph, graph_of, is_event, passes_at_once
+from fame.check.graph import Graph, graph_of, passes_at_once
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
-from fame.engine.scope_compiler import is_handler
 from fame.errors import MessageError
 from fame.iso8601 import parse_duration
 from fame.middleware.interface import SIGNAL
@@ -134,7 +122,7 @@ class _Walk:
         if (process, id(body)) not in self.inside:
             self.inside[process, id(body)] = []
             graph = graph_of(body)
-            self._go(process, graph, [*graph.beginnings(), *filter(is_handler, body.nodes)])
+            self._go(process, graph, [*graph.beginnings(), *(node for node in body.nodes if node.triggered_by_event)])
 
     def _go(self, process: CheckedProcess, graph: Graph, nodes: Iterable[FlowNode]) -> None:
         self.pending += [((process, graph, node), False) for node in nodes]
@@ -145,7 +133,7 @@ class _Walk:
         ways = [graph.nodes[id] for id in graph.following[node.id]]
         self._go(process, graph, ways)
         key = process, id(graph.body)
-        if not ways and not is_handler(node) and key not in self.ended:
+        if not ways and not node.triggered_by_event and key not in self.ended:
             self.ended.add(key)
             self.pending += [(outer, True) for outer in self.inside[key]]
 
@@ -154,15 +142,15 @@ class _Walk:
         process, graph, node = place
         self.found.reached.add((process, node.id))
         self.found.thrown |= self.throws.get((process, node.id), set())
-        boundary = [way for way in map(graph.nodes.__getitem__, graph.following[node.id]) if is_event(way, "boundary")]
+        boundary = [way for way in map(graph.nodes.__getitem__, graph.following[node.id]) if way.place == "boundary"]
         waited = self._waited(node)
         if not self.passes(node) or (waited and not waited & self.thrown):
             self._go(process, graph, boundary)
             if waited:
                 choice = [graph.nodes[graph.flows[flow].source] for flow in node.incoming]
-                escape = bool(boundary) or any(getattr(one, "kind", "") == "event" for one in choice)
-                inside = is_event(node, "start") and graph.body is not self.root.bpmn.body
-                escape |= inside or is_event(node, "boundary")
+                escape = bool(boundary) or any(one.tag == "eventBasedGateway" for one in choice)
+                inside = node.place == "start" and graph.body is not self.root.bpmn.body
+                escape |= inside or node.place == "boundary"
                 self.found.waits.append(Wait(self.root, process, node, waited, escape))
             return
         inner = _inside(process, node)
@@ -171,21 +159,19 @@ class _Walk:
             self._go(process, graph, boundary)
             self._enter(callee, body)
             self.inside[callee, id(body)].append(place)
-        if inner is None or (callee, id(body)) in self.ended or getattr(node, "kind", "") == "adhoc":
+        if inner is None or (callee, id(body)) in self.ended or node.tag == "adHocSubProcess":
             self.pending.append((place, True))
 
     def _waited(self, node: FlowNode) -> frozenset[str]:
         """The topics of which one must be thrown before a token passes; empty if the token may pass anyway."""
-        names = frozenset(topic.qualified for topic, throws in topics_of(node) if not throws)
-        others = isinstance(node, Event) and not all(
-            isinstance(one, SignalDefinition | MessageDefinition) for one in node.definitions
-        )
+        names = frozenset(topic.qualified for topic, throws in node.topics() if not throws)
+        others = len(node.definitions) > len(list(node.topics()))
         return frozenset() if others or not names <= set(self.topics) else names
 
 
 def _inside(process: CheckedProcess, node: FlowNode) -> tuple[CheckedProcess, Body] | None:
     """The body that a token enters at a node, and its process; None if the node has none, or it is not known."""
-    if isinstance(node, SubProcess):
+    if node.body is not None:
         return process, node.body
     callee = process.called_by(node) if isinstance(node, CallActivity) else None
     return None if callee is None else (callee, callee.bpmn.body)
@@ -197,7 +183,7 @@ def _inside(process: CheckedProcess, node: FlowNode) -> tuple[CheckedProcess, Bo
 def check_signal_order(scope: CheckScope) -> Iterator[Finding]:
     """Find robots that wait for each other and signals that are thrown too early."""
     processes = [process for one in scope.mission for process in one.processes]
-    if not any(_may_throw_anything(node) for process in processes for node in process.bpmn.body.walk()):
+    if not any(_may_throw_anything(node) for process in processes for node in process.nodes()):
         roots = [root for one in scope.mission for root in one.roots]
         public, level = public_topics(scope.mission), level_of(scope.mission)
         thrown = {name: ends for name, ends in public.items() if any(end.throws for end in ends)}
@@ -206,7 +192,7 @@ def check_signal_order(scope: CheckScope) -> Iterator[Finding]:
 
 
 def _may_throw_anything(node: FlowNode) -> bool:
-    text = node.script.text if isinstance(node, Task) and node.script is not None else ""
+    text = node.script.text if node.script is not None else ""
     return len(_SAYS.findall(text)) > len(_SAYS_LITERALLY.findall(text))
 
 
@@ -266,12 +252,12 @@ def _only_as_it_begins(roots: Sequence[CheckedProcess], end: TopicEndpoint) -> b
     if end.process not in roots or end.node.id not in graph.nodes:
         return False
     before = [graph.nodes[id] for id in graph.before(end.node.id)]
-    starts = [node for node in graph.body.nodes if is_event(node, "start")]
+    starts = graph.body.events("start")
     return (
         passes_at_once(end.node)
         and end.node not in before
-        and all(passes_at_once(node) and not isinstance(node, SubProcess) for node in before)
-        and not any(isinstance(node, Event) and node.definitions for node in starts)
+        and all(passes_at_once(node) and node.body is None for node in before)
+        and not any(node.definitions for node in starts)
     )
 
 
@@ -280,14 +266,11 @@ def _may_pass_before(throw: FlowNode, node: FlowNode) -> bool:
 
     What drivers say takes its time.
     """
-    if node is throw or any(topic.qualified.startswith("~/") and not throws for topic, throws in topics_of(node)):
+    if node is throw or any(topic.qualified.startswith("~/") and not throws for topic, throws in node.topics()):
         return False
-    if isinstance(node, Event):
-        return not any(isinstance(one, TimerDefinition) and _lasts(one) for one in node.definitions)
-    if isinstance(node, Task):
-        text = node.script.text if node.script is not None and node.script.language == "python" else ""
-        return node.kind not in ("user", "manual") and not _AWAITS.search(text)
-    return True
+    text = node.script.text if node.script is not None and node.script.language == "python" else ""
+    waits = node.tag in ("userTask", "manualTask") or _AWAITS.search(text)
+    return not waits and not any(map(_lasts, node.defined(TimerDefinition)))
 
 
 def _lasts(timer: TimerDefinition) -> bool:
@@ -337,7 +320,7 @@ def _next_wait(graph: Graph, node: FlowNode) -> FlowNode | None:
     while node.id not in seen and len(graph.following[node.id]) == 1:
         seen.add(node.id)
         node = graph.nodes[graph.following[node.id][0]]
-        if (isinstance(node, Event) and node.place == "catch") or (isinstance(node, Task) and node.kind == "receive"):
+        if node.tag in ("intermediateCatchEvent", "receiveTask"):
             return node
         if not passes_at_once(node):
             return None

@@ -11,8 +11,8 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
-from fame.bpmn.model import Expression, FlowNode, Task, Topic
-from fame.bpmn.topics import EMPTY_TYPE, TopicEnd, keys_of, topic_table
+from fame.bpmn.model import Expression, FlowNode, Topic
+from fame.bpmn.topics import EMPTY_TYPE, TopicEnd, topic_table
 from fame.check.endpoints import (
     TopicEndpoint,
     Topics,
@@ -109,7 +109,7 @@ _KEY = re.compile(r"\$\{msg\.(\w+)[\w.]*\}")
 
 def _correlating(end: TopicEndpoint, topic: Topic, type: str | None) -> Iterator[Finding]:
     """Correlation keys that find no field in the caught message: it is never received."""
-    for name, source in keys_of(end.node, topic):
+    for name, source in end.node.keys_of(topic):
         match = _KEY.fullmatch(source.text)
         with suppress(MessageError):  # of a type that nobody knows
             fields = messages.fields(type or EMPTY_TYPE)
@@ -137,8 +137,8 @@ def _taking(end: TopicEndpoint, topic: Topic, type: str | None) -> Iterator[Find
 
 def _services(process: CheckedProcess, remote: bool) -> Iterator[Finding]:
     """The ROS services and actions that service tasks call."""
-    for node in process.bpmn.body.walk():
-        service = node.topic if isinstance(node, Task) and node.kind == "service" else None
+    for node in process.nodes():
+        service = node.service
         if service is not None and service.type:
             try:
                 request = messages.goal_type(service.type) or messages.service(service.type)[0]
@@ -235,8 +235,8 @@ def payload_findings(process: CheckedProcess, node: FlowNode, expression: Expres
 
 def publish_findings(process: CheckedProcess) -> Iterator[Finding]:
     """Check fields and literals of ``robot.publish("led", "std_msgs/msg/ColorRGBA", r=1.0)`` in scripts."""
-    for node in process.bpmn.body.walk():
-        if isinstance(node, Task) and node.script is not None and _publishes(node.script):
+    for node in process.nodes():
+        if node.script is not None and _publishes(node.script):
             try:
                 tree = parse_python(node.script)
             except ModelError:  # the compiler reports it

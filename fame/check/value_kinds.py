@@ -14,8 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fame.bpmn.model import Activity, Element, Expression, FlowNode
-from fame.bpmn.topics import EMPTY_TYPE, topics_of
+from fame.bpmn.model import Element, Expression, FlowNode
+from fame.bpmn.topics import EMPTY_TYPE
 from fame.check.endpoints import TopicEndpoint, by_topic, message_fields, types_of
 from fame.check.expressions import ExpressionUse, constant, expressions_in, names_of, python_tree
 from fame.check.scope import CheckedProcess, CheckScope, Finding
@@ -106,7 +106,7 @@ def _samples(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[tupl
             if text.use == "script":
                 yield from ((name, Sample(process, text.element, *value)) for name, value in _of_script(text))
         for node in body.nodes:
-            inputs = node.io.inputs if isinstance(node, Activity) and node.io is not None else ()
+            inputs = node.io.inputs if node.io is not None else ()
             for name in (*named_by(node), *(item.target for item in inputs)):
                 yield name, Sample(process, node, None)
             objects = [item for item in body.data_objects if item.id in node.data_outputs]
@@ -122,7 +122,7 @@ def _of_messages(
     process: CheckedProcess, node: FlowNode, names: Sequence[str], types: Mapping[str, str]
 ) -> Iterator[tuple[str, Sample]]:
     """The variables that caught messages set: those of data objects, else the one named like the topic."""
-    for topic, throws in topics_of(node):
+    for topic, throws in node.topics():
         type = types.get(topic.qualified, EMPTY_TYPE if topic.qualified.startswith("/") else "")
         if throws or not type:
             continue

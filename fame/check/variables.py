@@ -14,26 +14,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import (
-    Activity,
-    CallActivity,
-    DataObject,
-    Definitions,
-    Element,
-    ErrorDefinition,
-    EscalationDefinition,
-    Event,
-    Expression,
-    FlowNode,
-    Gateway,
-    MultiInstance,
-    Process,
-    SubProcess,
-    Task,
-    Topic,
-)
+from fame.bpmn.model import CallActivity, DataObject, Definitions, Element, Expression, FlowNode, Process, Task, Topic
 from fame.bpmn.reader.expressions import has_placeholders
-from fame.bpmn.topics import topics_of
 from fame.check.endpoints import fields_taken, taken_by_prefix, types_of
 from fame.check.expressions import ExpressionUse, expressions_in, names_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
@@ -110,24 +92,12 @@ def uses_of(process: CheckedProcess, types: Mapping[str, str]) -> Uses:
 
 
 def named_by(node: FlowNode) -> Iterator[str]:
-    """The variables that an element sets by name."""
-    for definition in node.definitions if isinstance(node, Event) else ():
-        if isinstance(definition, ErrorDefinition | EscalationDefinition):
-            yield from filter(None, (definition.code_variable, getattr(definition, "message_variable", None)))
-    yield from (item.target for item in (*node.copies_in, *node.copies_out))
-    if isinstance(node, Event) and node.io is not None:
-        yield from (item.target for item in (*node.io.inputs, *node.io.outputs))
-    if isinstance(node, Gateway) and node.kind == "complex":
+    """The variables that an element sets by name, those of FAME included."""
+    yield from node.sets()
+    if node.tag == "complexGateway":
         yield from gateways.NAMES
-    if isinstance(node, Activity):
-        if node.loop is not None:
-            yield from loops.NAMES
-        io, inside = node.io, not isinstance(node, CallActivity)
-        yield from (item.target for item in (*io.outputs, *(io.inputs if inside else ()))) if io else ()
-        if isinstance(node.loop, MultiInstance):
-            yield from filter(None, (node.loop.element_variable, node.loop.output_collection))
-    if isinstance(node, Task) and node.result_variable:
-        yield node.result_variable
+    if node.loop is not None:
+        yield from loops.NAMES
     if isinstance(node, Task) and node.kind == "service":
         yield from SERVICES[node.operation].results if node.operation in SERVICES else ()
 
@@ -136,7 +106,7 @@ def _caught(
     process: CheckedProcess, node: FlowNode, objects: Mapping[str, DataObject], types: Mapping[str, str]
 ) -> Iterator[str]:
     """The variables that a caught message sets."""
-    for topic, throws in topics_of(node):
+    for topic, throws in node.topics():
         if not throws:
             yield from _taken(node, topic, objects, types)
             yield from taken_by_prefix(process, node, topic, types.get(topic.qualified, ""))
@@ -156,7 +126,7 @@ def assigned_objects(process: CheckedProcess) -> set[str]:
     """The ids of data objects whose values are assigned when an element starts or ends."""
     found: set[str] = set()
     for node in process.bpmn.body.walk():
-        catches = isinstance(node, Event) and node.place in ("start", "catch", "boundary")
+        catches = node.place in ("start", "catch", "boundary")
         found.update(node.data_inputs, () if catches else node.data_outputs)
     return found
 
@@ -309,7 +279,7 @@ def parameters(definitions: Definitions, process: Process, library: Library) -> 
     fixed: set[str] = set()
     pending, seen = [(definitions, process)], {(definitions.file, process.id)}
     for home, one in pending:
-        for body in (one.body, *(node.body for node in one.body.walk() if isinstance(node, SubProcess))):
+        for body in one.body.bodies():
             for name, value in ((name, value) for item in body.data_objects for name, value in item.values):
                 default = "" if has_placeholders(value.text) else value.text
                 if one is process:

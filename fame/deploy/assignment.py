@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Body, Definitions, Process, SubProcess
+from fame.bpmn.model import Definitions, Process
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, shared_topics
 from fame.bpmn.reader import read_text
 from fame.bpmn.topics import TopicUse
@@ -140,7 +140,6 @@ def _parts(process: Process) -> Iterator[tuple[int, str]]:
     A text counts where an element begins on the same line.
     """
     yield process.line, ""
-    bodies: list[Body] = [process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))]
-    for body in bodies:
+    for body in process.body.bodies():
         yield from ((element.line, "") for element in (*body.nodes, *body.flows, *body.data_objects))
         yield from ((text.expression.line, text.expression.text) for text in expressions_in(body))

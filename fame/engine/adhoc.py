@@ -63,9 +63,9 @@ def make(context: ScopeCompiler, element: model.SubProcess) -> Node:
 def _supervise(context: ScopeCompiler) -> None:
     """Add the nodes before and after each activity, before the flows are linked."""
     interrupting: dict[str, list[model.Event]] = {}
-    for event in context.content.nodes:
+    for event in context.content.events("boundary"):
         node = context.main.get(event.id)
-        if not isinstance(event, model.Event) or event.place != "boundary" or node is None:
+        if node is None:
             continue
         catch = node.catch or node.spec  # None: of a compensation event
         if catch is not None and catch.interrupting:

@@ -19,7 +19,7 @@ from operator import attrgetter
 from types import ModuleType
 from typing import Any
 
-from fame.bpmn.model import DataObject, Process, SubProcess, Topic
+from fame.bpmn.model import DataObject, Process, Topic
 from fame.engine.program import Compiled
 
 BUILTINS = "__builtins__"
@@ -160,10 +160,8 @@ def unfilled(process: Process) -> tuple[str, ...]:
     """
     if not process.by_prefix:
         return ()
-    nodes = list(process.body.walk())
-    bodies = [process.body, *(node.body for node in nodes if isinstance(node, SubProcess))]
-    objects = [item for body in bodies for item in body.data_objects if item.kind == "object"]
-    filled = {id for node in nodes for id in node.data_outputs}
+    objects = [item for body in process.body.bodies() for item in body.data_objects if item.kind == "object"]
+    filled = {id for node in process.body.walk() for id in node.data_outputs}
     names = {name for item in objects if item.id in filled for name in item.names}
     pairs = [pair for item in objects for pair in item.values if pair[0] not in names]
     return tuple(dict.fromkeys(name for name, value in pairs if value.text in ("", f"${{{name}}}")))

@@ -183,7 +183,7 @@ def _check_cancels(context: ScopeCompiler, event: model.Event, nodes: list[Node]
     """Refuse a cancel event at any activity but a transaction."""
     host = context.model[event.attached_to]
     cancels = any(isinstance(node.spec, FaultCatch) and node.spec.kind == "cancel" for node in nodes)
-    if cancels and getattr(host, "kind", "") != "transaction":
+    if cancels and host.tag != "transaction":
         context.refuse(f"expected a transaction for the cancel event, got {host.id}", event)
 
 
@@ -247,8 +247,7 @@ def _thrown(
 
 def _link(context: ScopeCompiler, event: model.Event, name: str, part: str) -> Node:
     """Make a throwing link event: a jump to the catching link of that name in this body (standard 10.5.5)."""
-    events = (other for other in context.content.nodes if isinstance(other, model.Event))
-    targets = [other for other in events if other.place == "catch" and name in links_of(other)]
+    targets = [other for other in context.content.events("catch") if name in links_of(other)]
     if len(targets) != 1:
         context.refuse(f"link {name!r} has {len(targets)} catching events in this scope; it needs one", event)
     node = context.node(event, steps.end if event.place == "end" else steps.pass_on, part)

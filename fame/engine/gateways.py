@@ -146,9 +146,9 @@ def masks(content: model.Body, join: model.Gateway) -> dict[str, int]:
         before.setdefault(flow.target, []).append(flow.id)
         before[flow.id] = [flow.source]
     for node in content.nodes:
-        if isinstance(node, model.Event) and node.place == "boundary":
+        if node.place == "boundary":
             before.setdefault(node.id, []).append(node.attached_to)
-        elif isinstance(node, model.Event) and node.place == "catch":
+        elif node.place == "catch":
             before.setdefault(node.id, []).extend(jumping_to(content, node))
     found: dict[str, int] = {"": 0}
     for number, flow_id in enumerate(join.incoming):
@@ -285,7 +285,7 @@ def _lead_on(context: ScopeCompiler, gateway: model.Gateway, node: Node, flows: 
         node.next = context.target(flows[0])
     else:
         node.step = steps.exclusive if gateway.kind == "exclusive" else steps.inclusive
-        context.branch(spec, gateway, flows, gateway.default)
+        context.branch(spec, gateway, flows)
         if gateway.kind == "complex":
             asked = [flow for flow in flows if flow.id != gateway.default]
             spec.resets = tuple(way for way, flow in zip(spec.ways, asked, strict=True) if _asks_for_phase(flow))

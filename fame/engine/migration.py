@@ -92,7 +92,7 @@ def gone(old: Program, new: Program, plan: Plan) -> list[Token]:
               tuple(sorted(id for id in fresh if now[id] == before[node.id])))
         for process in old.sources
         for node in process.body.walk()
-        if isinstance(node, model.Activity | model.Event) and getattr(node, "place", "") not in _NEVER_WAIT
+        if isinstance(node, model.Activity | model.Event) and node.place not in _NEVER_WAIT
         and now.get(node.id) != before[node.id]
         and not (node.id in plan.to or node.id in plan.restart or node.id in plan.abandon)
     ]  # fmt: skip

@@ -271,13 +271,14 @@ class ScopeCompiler:
             split = self.node(element, steps.fork, "/fork", spec := Branch())
             if any(flow.condition is not None for flow in flows):
                 split.step, split.part_of = steps.inclusive, self.main[element.id]
-                self.branch(spec, element, flows, getattr(element, "default", ""))
+                self.branch(spec, element, flows)
             else:
                 spec.targets = tuple(self.target(flow) for flow in flows)
             self.link(exits, split)
 
-    def branch(self, spec: Branch, element: model.Element, flows: list[model.SequenceFlow], default: str) -> None:
+    def branch(self, spec: Branch, element: model.FlowNode, flows: list[model.SequenceFlow]) -> None:
         """Set the conditions and targets, and the default flow, of a split."""
+        default = element.default
         spec.ways = tuple(
             (self.optional(flow.condition, element), self.target(flow)) for flow in flows if flow.id != default
         )
@@ -304,8 +305,7 @@ class ScopeCompiler:
 
     def none_starts(self) -> list[model.Event]:
         """The none start events of the body."""
-        events = (node for node in self.content.nodes if isinstance(node, model.Event) and node.place == "start")
-        return [event for event in events if not event.definitions]
+        return [event for event in self.content.events("start") if not event.definitions]
 
     def begin(self) -> Node:
         """The first node of the body: its none start event, else a fork to all elements without incoming flow."""
@@ -324,7 +324,7 @@ class ScopeCompiler:
 
     def without_start(self, refusal: str) -> list[model.FlowNode]:
         """The elements that start a body, which must have no start event."""
-        if any(isinstance(node, model.Event) and node.place == "start" for node in self.content.nodes):
+        if self.content.events("start"):
             self.refuse(refusal, self.owner)
         return [node for node in self.content.nodes if begins(node)]
 
@@ -366,34 +366,26 @@ def boundary_of(activity: Node) -> Boundary:
 
 def instantiates(node: model.FlowNode) -> bool:
     """Whether an element is a gateway or receive task that starts a process."""
-    return isinstance(node, model.Gateway | model.Task) and node.instantiate and not node.incoming
+    return node.instantiate and not node.incoming
 
 
 def begins(node: model.FlowNode) -> bool:
     """Whether an element starts a body without start event (standard 13.2)."""
-    if node.incoming or (isinstance(node, model.Event) and node.place == "boundary"):
+    if node.incoming or node.place == "boundary" or (node.place == "catch" and links_of(node)):
         return False
-    if isinstance(node, model.Event) and node.definitions and isinstance(node.definitions[0], model.LinkDefinition):
-        return node.place != "catch"
     return is_reached(node)
 
 
 def is_reached(node: model.FlowNode) -> bool:
     """Whether sequence flow can reach an element: it is no event sub-process or compensation handler."""
-    return not (isinstance(node, model.Activity) and (node.for_compensation or is_handler(node)))
+    return not (node.for_compensation or node.triggered_by_event)
 
 
-def is_handler(node: model.FlowNode) -> bool:
-    """Whether an element is an event sub-process."""
-    return isinstance(node, model.SubProcess) and node.triggered_by_event
-
-
-def links_of(event: model.Event) -> set[str]:
+def links_of(node: model.FlowNode) -> set[str]:
     """The names of the links that an event throws or catches."""
-    return {each.name for each in event.definitions if isinstance(each, model.LinkDefinition)}
+    return {each.name for each in node.defined(model.LinkDefinition)}
 
 
-def jumping_to(content: model.Body, event: model.Event) -> list[str]:
+def jumping_to(content: model.Body, event: model.FlowNode) -> list[str]:
     """The ids of the throwing link events that jump to a catching one."""
-    others = (other for other in content.nodes if isinstance(other, model.Event) and other.place == "throw")
-    return [other.id for other in others if links_of(event) & links_of(other)]
+    return [other.id for other in content.events("throw") if links_of(event) & links_of(other)]

@@ -137,7 +137,7 @@ def make(context: ScopeCompiler) -> None:
 
 def _ways_in(context: ScopeCompiler, element: model.FlowNode) -> list[Node]:
     """The triggers by which an element starts the process."""
-    if isinstance(element, model.Event) and element.place == "start":
+    if element.place == "start":
         found = context.triggers.get(element.id, [])
         for node in found:
             if node.catch is None:

@@ -148,7 +148,7 @@ def make_handler(context: ScopeCompiler, element: model.SubProcess) -> None:
     context.watch_event(handler)
     inner = ScopeCompiler(context.compiler, element, context.file, context)
     handler.body = inner.compile()
-    starts = [item for item in element.body.nodes if isinstance(item, model.Event) and item.place == "start"]
+    starts = element.body.events("start")
     nodes = [(event, node) for event in starts for node in inner.triggers.get(event.id, ())]
     if not nodes:
         context.refuse("an event sub-process needs a start event with a trigger", element)

@@ -177,7 +177,7 @@ def _receive(context: ScopeCompiler, task: model.Task) -> Node:
 def _send(context: ScopeCompiler, task: model.Task) -> Node:
     if task.topic is None:
         context.refuse("a send task needs a message", task)
-    payload = context.optional(task.topic.payload or task.payload, task)
+    payload = context.optional(task.topic.payload, task)
     to = context.optional(task.topic.to, task)
     return context.node(task, events.send, spec=events.Throw(task.topic.qualified, payload, to))
 

@@ -27,7 +27,6 @@ from datetime import datetime
 from typing import Any, BinaryIO, Literal
 
 from fame.bpmn.model import Definitions
-from fame.bpmn.topics import topics_of
 from fame.clock import EPOCH, date_at
 from fame.errors import ConfigError
 from fame.iso8601 import parse_datetime
@@ -87,7 +86,7 @@ class _Drawn:
             id for id, info in found.items() if info.activity or (info.name and info.tag != "sequenceFlow")
         }
         nodes = [node for file in missions for process in file.processes for node in process.body.walk()]
-        names = {topic.qualified for node in nodes for topic, _ in topics_of(node)}
+        names = {topic.qualified for node in nodes for topic, _ in node.topics()}
         self._topics = {name.replace("~", f"/{robot}", 1) for name in names for robot in self._robots}
 
     def has_signal(self, message: Message) -> bool:

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Event, Process
+from fame.bpmn.model import Definitions, Process
 from fame.bpmn.pools import Pool
-from fame.bpmn.topics import topics_of
 from fame.errors import display_name
 from fame.properties.sentence import Occurrence, Property, Word
 from fame.text import suggestion
@@ -155,10 +154,10 @@ def _terms(closure: Iterable[tuple[Definitions, Process]], variables: Collection
     catches: dict[str, tuple[str, ...]] = {}
     ambiguous: set[str] = set()
     for node in (node for one in (process, *called) for node in one.body.walk()):
-        for topic, thrown in topics_of(node):
+        for topic, thrown in node.topics():
             ends = throws if thrown else catches
             ends[topic.qualified] = (*ends.get(topic.qualified, ()), node.id)
-        if isinstance(node, Event) and node.place not in ("throw", "end") and len(node.definitions) > 1:
+        if node.place not in ("throw", "end") and len(node.definitions) > 1:
             ambiguous.add(node.id)
     others = {node.id: node.label for one in called for node in one.body.walk()}
     return RobotTerms(process.id, own, others, throws, catches, frozenset(ambiguous), variables)

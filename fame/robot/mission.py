@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Expression, FlowNode, Process, Task
+from fame.bpmn.model import Definitions, Expression, FlowNode, Process
 from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.topics import TopicUse, topics_of_processes
 from fame.errors import ModelError
@@ -50,17 +50,17 @@ class Mission:
 
     def retries(self) -> Mapping[str, Retry]:
         """The property ``retry`` of each element that has it: what becomes of a request whose fate is unknown."""
-        found = {node.id: getattr(node, "properties", {}).get("retry") for _, node in self.flow_nodes()}
+        found = {node.id: node.properties.get("retry") for _, node in self.flow_nodes()}
         return {element: retry for element, retry in found.items() if retry in RETRIES}
 
     def missed(self) -> Mapping[str, Missed]:
         """The property ``missed`` of each element that has it: what becomes of a timer missed by its engine."""
-        found = {node.id: getattr(node, "properties", {}).get("missed") for _, node in self.flow_nodes()}
+        found = {node.id: node.properties.get("missed") for _, node in self.flow_nodes()}
         return {element: missed for element, missed in found.items() if missed in MISSED}
 
     def scripts(self) -> Iterator[Expression]:
         """The texts of all its script tasks."""
-        return (node.script for _, node in self.flow_nodes() if isinstance(node, Task) and node.script is not None)
+        return (node.script for _, node in self.flow_nodes() if node.script is not None)
 
 
 def make_mission(

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any
 
-from fame.bpmn.model import DataObject, Process, SubProcess, Task, Topic
+from fame.bpmn.model import DataObject, Process, Task, Topic
 from fame.engine.data import UNDEFINED, match, variable_name
 from fame.engine.host import BpmnError
 from fame.engine.program import Compiled
@@ -31,7 +31,7 @@ def ros_service_task(processes: Iterable[Process], element: str) -> tuple[Proces
     """The service task of that id that names a ROS service, and its process."""
     for process in processes:
         for node in process.body.walk():
-            if isinstance(node, Task) and node.id == element and node.kind == "service" and node.topic is not None:
+            if isinstance(node, Task) and node.id == element and node.service is not None:
                 return process, node
     return None
 
@@ -120,8 +120,7 @@ def _goal_error(error: GoalError, codes: Mapping[str | int, str]) -> BpmnError:
 
 
 def _objects(process: Process, task: Task) -> list[DataObject]:
-    bodies = [process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))]
-    return [item for body in bodies for item in body.data_objects if item.id in task.data_outputs]
+    return [item for body in process.body.bodies() for item in body.data_objects if item.id in task.data_outputs]
 
 
 def _outputs(task: Task, topic: Topic, objects: list[DataObject], response: Any) -> Mapping[str, Any]:

@@ -24,7 +24,7 @@ from typing import Any
 
 import orjson
 
-from fame.bpmn.model import Expression, Task
+from fame.bpmn.model import Expression
 from fame.engine.snapshot import no_data
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages, typesystem
@@ -157,7 +157,7 @@ def refuse_unstorable(mission: Mission) -> None:
     """Raise ModelError for a script that leaves behind what cannot be stored, and what later steps use."""
     texts = [(file.file, text) for file, process in mission.processes() for text in _expressions(process)]
     for home, task in mission.flow_nodes():
-        if isinstance(task, Task) and task.script is not None:
+        if task.script is not None:
             others = [text for _, text in texts if text is not task.script]
             for reason in _left_behind(task.script, others):
                 raise ModelError.at(task, f"{reason}, which an engine with --state cannot store", file=home.file)

@@ -328,9 +328,8 @@ class WaitingTokens:
         return {
             (home.file, node.id): definition.condition
             for home, node in self._mission.flow_nodes()
-            if isinstance(node, model.Event)
-            for definition in node.definitions
-            if isinstance(definition, model.ConditionalDefinition) and definition.condition is not None
+            for definition in node.defined(model.ConditionalDefinition)
+            if definition.condition is not None
         }
 
     def _missed_hint(self, topic: str) -> str:

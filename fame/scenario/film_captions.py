@@ -103,7 +103,7 @@ def _phrases(body: Body) -> Iterator[tuple[str, _Phrase]]:
         phrase = _phrase(node, targets[node.id])
         if phrase is not None:
             yield node.id, phrase
-        if isinstance(node, SubProcess):
+        if node.body is not None:
             yield from _phrases(node.body)
 
 
@@ -126,15 +126,11 @@ def _phrase(node: FlowNode, targets: Sequence[FlowNode]) -> _Phrase | None:
 
 def _wait(*nodes: FlowNode) -> str:
     """The phrase of a wait. The name of a timer event is expected to say how long, or until when."""
-    timed = all(isinstance(node, BpmnEvent) and _is_timer(node) for node in nodes)
+    timed = all(node.defined(TimerDefinition) for node in nodes)
     return f"waits{':' if timed else ' for'} {' or '.join(node.label for node in nodes)}"
-
-
-def _is_timer(event: BpmnEvent) -> bool:
-    return any(isinstance(definition, TimerDefinition) for definition in event.definitions)
 
 
 def _start(process: Process) -> str:
     """The topics and times that start a process; empty if it starts at once."""
-    starts = [node for node in process.body.nodes if isinstance(node, BpmnEvent) and node.place == "start"]
+    starts = process.body.events("start")
     return _wait(*starts) if starts and all(start.definitions for start in starts) else ""

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Task
+from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, shared_topics
 from fame.check.scope import Finding, of_error
 from fame.config.values import Source
@@ -261,7 +261,7 @@ def _check_numbers(pools: Sequence[Pool], cast: Mapping[str, Pool], file: str) -
 def _tasks(library: Library, definitions: Definitions, pool: Pool) -> list[str]:
     """The ids of user, manual and receive tasks of a pool's process and all processes that it calls."""
     nodes = (node for _, process in library.closure(definitions, pool.process) for node in process.body.walk())
-    return [node.id for node in nodes if isinstance(node, Task) and node.kind in ("user", "manual", "receive")]
+    return [node.id for node in nodes if node.tag in ("userTask", "manualTask", "receiveTask")]
 
 
 def _check_completions(

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Element, Process, SubProcess
+from fame.bpmn.model import Definitions, Element, Process
 from fame.bpmn.pools import Pool
 from fame.errors import ConfigError, display_name
 
@@ -80,7 +80,7 @@ class Elements:
 
 def parts(process: Process) -> Iterator[Element]:
     """All flow nodes and sequence flows of a process, at any depth."""
-    for body in (process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))):
+    for body in process.body.bodies():
         yield from body.nodes
         yield from body.flows
 

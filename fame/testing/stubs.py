@@ -107,7 +107,7 @@ def _named(files: Iterable[Definitions]) -> set[str]:
     for definitions in files:
         for process in definitions.processes:
             names.add(process.id)
-            names.update(node.called for node in process.body.walk() if isinstance(node, CallActivity))
+            names.update(call.called for call in process.body.calls())
     return names - {""}
 
 

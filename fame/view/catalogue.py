@@ -12,10 +12,8 @@ from typing import Any, NamedTuple
 
 from fame.bpmn.draw.diagram import Drawing, draw_planes
 from fame.bpmn.library import BUILT_IN, Find
-from fame.bpmn.model import Body, CallActivity, Definitions, Element, FlowNode, Process, SequenceFlow, SubProcess, Task
-from fame.bpmn.topics import topics_of
+from fame.bpmn.model import Body, CallActivity, Definitions, Element, FlowNode, Process, SequenceFlow
 from fame.errors import ModelError
-from fame.log.elements import tag_of
 
 NOWHERE = -1
 """The number of a plane or element that does not exist."""
@@ -127,7 +125,7 @@ class Catalogue:
         values: dict[str, Any] = {
             "id": element.id,
             "name": " ".join(element.name.split()),
-            "tag": tag_of(element),
+            "tag": element.tag,
             "file": file,
             "body": body,
             "plane": self._plane_of.get(number, NOWHERE),
@@ -145,12 +143,9 @@ class Catalogue:
         if isinstance(element, SequenceFlow):
             values["condition"] = element.condition.text if element.condition is not None else ""
         if isinstance(element, FlowNode):
-            values["topics"] = [
-                [topic.qualified, "throw" if throws else "catch"] for topic, throws in topics_of(element)
-            ]
-        if isinstance(element, Task) and element.script is not None:
-            values["script"] = element.script.text
-        if isinstance(element, SubProcess) or called != NOWHERE:
+            values["topics"] = [[topic.qualified, "throw" if throws else "catch"] for topic, throws in element.topics()]
+            values["script"] = element.script.text if element.script is not None else ""
+        if called != NOWHERE or (isinstance(element, FlowNode) and element.body is not None):
             values["inside"] = self._plane_inside(number)
         return {key: value for key, value in values.items() if value not in ("", [], NOWHERE)}
 
@@ -181,7 +176,7 @@ class Catalogue:
         for inner, around in stack:
             for node in inner.nodes:
                 number = self._add(file, node, around)
-                if isinstance(node, SubProcess):
+                if node.body is not None:
                     stack.append((node.body, number))
             for flow in inner.flows:
                 self._add(file, flow, around)

@@ -43,7 +43,7 @@ from fame.bpmn.draw.svg import (
     text_width,
     translated,
 )
-from fame.bpmn.model import Activity, Bounds, Definitions, Edge, Element, Gateway, SequenceFlow, Shape, SubProcess
+from fame.bpmn.model import Activity, Bounds, Definitions, Edge, Element, FlowNode, SequenceFlow, Shape, SubProcess
 from fame.errors import ModelError
 
 Box = tuple[float, float, float, float]
@@ -173,10 +173,7 @@ def _elements(definitions: Definitions) -> Iterable[Element]:
     yield from (*definitions.processes, *definitions.participants, *definitions.message_flows, *definitions.artifacts)
     for process in definitions.processes:
         yield from process.lanes
-        bodies = [process.body]
-        for body in bodies:
-            yield from (*body.nodes, *body.flows, *body.data_objects)
-            bodies += [node.body for node in body.nodes if isinstance(node, SubProcess)]
+        yield from process.body.elements()
 
 
 def _with_open_subprocesses(picture: Picture, shapes: Sequence[Shape]) -> list[Shape]:
@@ -269,14 +266,16 @@ def _sequence_flow(picture: Picture, edge: Edge, ink: Ink, style: Mapping[str, s
     line = polyline([*points[:-1], point_towards(points[-1], points[-2], 4)])
     drawn = tag("path", d=line, stroke_width=width, **style) + head
     flow = picture.elements.get(edge.element)
-    source = picture.elements.get(flow.source) if isinstance(flow, SequenceFlow) else None
-    if isinstance(flow, SequenceFlow) and isinstance(source, Activity | Gateway) and source.default == flow.id:
+    if not isinstance(flow, SequenceFlow):
+        return drawn
+    source = picture.elements.get(flow.source)
+    if isinstance(source, FlowNode) and source.default == flow.id:
         x, y = point_towards(points[0], points[1], 10)
         side = arrow([points[0], (x, y)], 6, 10)
         drawn += tag(
             "polyline", points=corners([side[0], (2 * x - side[0][0], 2 * y - side[0][1])]), stroke_width=1.5, **style
         )
-    elif isinstance(flow, SequenceFlow) and flow.condition is not None and isinstance(source, Activity):
+    elif flow.condition is not None and isinstance(source, Activity):
         half, end = point_towards(points[0], points[1], 8), point_towards(points[0], points[1], 16)
         sides = arrow([points[0], half], 0.01, 8)
         diamond = [points[0], sides[0], end, sides[2]]

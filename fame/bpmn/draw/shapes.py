@@ -154,7 +154,7 @@ def _event(picture: Picture, shape: Shape, element: Element) -> str:
 def _trigger(event: Event) -> str:
     if len(event.definitions) > 1:
         return "parallel_multiple" if event.parallel else "multiple"
-    return type(event.definitions[0]).__name__.removesuffix("Definition").lower() if event.definitions else ""
+    return event.definitions[0].trigger if event.definitions else ""
 
 
 def _gateway(picture: Picture, shape: Shape, element: Element) -> str:

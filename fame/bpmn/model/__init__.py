@@ -41,12 +41,15 @@ from fame.bpmn.model.elements import (
     MessageDefinition,
     SignalDefinition,
     TerminateDefinition,
+    Text,
     TimerDefinition,
     Topic,
+    Use,
 )
 from fame.bpmn.model.flow_nodes import (
     GATEWAYS,
     PLACES,
+    TASKS,
     Activity,
     Body,
     CallActivity,
@@ -67,6 +70,7 @@ __all__ = [
     "EMPTY",
     "GATEWAYS",
     "PLACES",
+    "TASKS",
     "Activity",
     "Artifact",
     "Assignment",
@@ -107,6 +111,8 @@ __all__ = [
     "Task",
     "TaskKind",
     "TerminateDefinition",
+    "Text",
     "TimerDefinition",
     "Topic",
+    "Use",
 ]  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Literal
 
@@ -206,6 +205,6 @@ class Definitions:
 
     def _repr_svg_(self) -> str | None:
         """Return the diagram as SVG, for notebooks; None if the file has none."""
-        # Imported by name, since drawing builds on this module.
-        drawing = import_module("fame.bpmn.draw.diagram")
-        return str(drawing.draw(self)) if self.shapes else None
+        from fame.bpmn.draw.diagram import draw
+
+        return draw(self) if self.shapes else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
@@ -39,6 +39,16 @@ class Expression:
     condition: bool = field(default=False, compare=False)
 
 
+Use = Literal["script", "condition", "payload", "timer", "mapping", "value"]
+"""What an element does with a text."""
+Text = tuple[Expression, Use]
+
+
+def texts(use: Use, *expressions: Expression | None) -> Iterator[Text]:
+    """Those of the expressions that are there, with their use."""
+    return ((one, use) for one in expressions if one is not None)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Element:
     """Fields that all drawn elements have."""
@@ -59,6 +69,16 @@ class Element:
     def display_name(self) -> str:
         """The element as messages show it: ``"Go To" (Activity_14nkpvd)``, or the id alone if it has no name."""
         return display_name(self.id, self.name)
+
+    @property
+    def tag(self) -> str:
+        """The BPMN tag of a process, pool, flow node or flow: ``callActivity``, ``eventBasedGateway`` ..."""
+        name = type(self).__name__
+        return name[0].lower() + name[1:]
+
+    def texts(self) -> Iterator[Text]:
+        """Every script and expression with its use, but those that read a caught message as ``msg``."""
+        yield from ()
 
 
 # ---- data ------------------------------------------------------------------------------------------------------------
@@ -82,6 +102,10 @@ class DataObject(Element):
         """The variables that it holds."""
         return tuple(name for name, _ in self.values)
 
+    def texts(self) -> Iterator[Text]:
+        """The values of its variables."""
+        return texts("value", *(value for _, value in self.values))
+
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
@@ -102,6 +126,14 @@ class IoMapping:
     outputs: tuple[Assignment, ...] = ()
     all_in: bool = False
     all_out: bool = False
+
+    def texts(self) -> Iterator[Text]:
+        """The sources of its assignments."""
+        return texts("mapping", *(item.source for item in (*self.inputs, *self.outputs)))
+
+    def sets(self) -> Iterator[str]:
+        """The targets of its assignments."""
+        return (item.target for item in (*self.inputs, *self.outputs))
 
 
 # ---- topics ----------------------------------------------------------------------------------------------------------
@@ -149,6 +181,19 @@ class EventDefinition:
 
     line: int = 0
 
+    @property
+    def trigger(self) -> str:
+        """The BPMN name of its kind: ``signal``, ``timer``, ``error`` ..."""
+        return type(self).__name__.removesuffix("Definition").lower()
+
+    def texts(self) -> Iterator[Text]:
+        """Its expressions, but the payload and the receiver of its topic."""
+        yield from ()
+
+    def sets(self) -> Iterator[str]:
+        """The variables that it sets by name when it occurs."""
+        yield from ()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignalDefinition(EventDefinition):
@@ -172,12 +217,20 @@ class TimerDefinition(EventDefinition):
     kind: Literal["duration", "date", "cycle"]
     expression: Expression | None
 
+    def texts(self) -> Iterator[Text]:
+        """Its time."""
+        return texts("timer", self.expression)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConditionalDefinition(EventDefinition):
     """Triggers when its condition becomes true; None if the file has no condition."""
 
     condition: Expression | None
+
+    def texts(self) -> Iterator[Text]:
+        """Its condition."""
+        return texts("condition", self.condition)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,6 +247,14 @@ class ErrorDefinition(EventDefinition):
     code_variable: str | None = None
     message_variable: str | None = None
 
+    def texts(self) -> Iterator[Text]:
+        """Its computed code, and its text for people."""
+        return texts("mapping", self.computed, self.message)
+
+    def sets(self) -> Iterator[str]:
+        """The variables for code and text."""
+        yield from filter(None, (self.code_variable, self.message_variable))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EscalationDefinition(EventDefinition):
@@ -202,6 +263,14 @@ class EscalationDefinition(EventDefinition):
     code: str | None = None
     computed: Expression | None = None
     code_variable: str | None = None
+
+    def texts(self) -> Iterator[Text]:
+        """Its computed code."""
+        return texts("mapping", self.computed)
+
+    def sets(self) -> Iterator[str]:
+        """The variable for the code."""
+        yield from filter(None, (self.code_variable,))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,10 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeVar
 
-from fame.bpmn.model.elements import Assignment, DataObject, Element, EventDefinition, Expression, IoMapping, Topic
+from fame.bpmn.model.elements import (
+    Assignment,
+    DataObject,
+    Element,
+    EventDefinition,
+    Expression,
+    IoMapping,
+    MessageDefinition,
+    SignalDefinition,
+    Text,
+    Topic,
+    texts,
+)
+
+_Kind = TypeVar("_Kind", bound=EventDefinition)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,10 +31,17 @@ class SequenceFlow(Element):
     target: str
     condition: Expression | None = None
 
+    def texts(self) -> Iterator[Text]:
+        """Its condition."""
+        return texts("condition", self.condition)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlowNode(Element):
     """An element that can hold a token.
+
+    Every flow node answers the same questions: what is inside it, what triggers it, where it stands. Those that do not
+    concern it have an empty answer here, and are fields of the classes that they concern.
 
     `incoming`, `outgoing`: ids of sequence flows, in document order. `data_inputs`, `data_outputs`: ids of the data
     objects that it reads when it starts and writes when it ends. `copies_in`, `copies_out`: assignments between
@@ -35,6 +56,94 @@ class FlowNode(Element):
     copies_out: tuple[Assignment, ...] = ()
     required: tuple[str, ...] = ()
 
+    @property
+    def body(self) -> Body | None:
+        """What is inside a sub-process."""
+        return None
+
+    @property
+    def definitions(self) -> tuple[EventDefinition, ...]:
+        """The triggers or results of an event."""
+        return ()
+
+    @property
+    def place(self) -> str:
+        """Where an event stands: a `Place`."""
+        return ""
+
+    @property
+    def attached_to(self) -> str:
+        """The id of the activity of a boundary event."""
+        return ""
+
+    @property
+    def interrupting(self) -> bool:
+        """Whether an event interrupts the activity or scope that it belongs to."""
+        return False
+
+    @property
+    def triggered_by_event(self) -> bool:
+        """Whether it is an event sub-process."""
+        return False
+
+    @property
+    def for_compensation(self) -> bool:
+        """Whether it is a compensation handler."""
+        return False
+
+    @property
+    def instantiate(self) -> bool:
+        """Whether it starts the process although it is no start event."""
+        return False
+
+    @property
+    def script(self) -> Expression | None:
+        """The script of a task."""
+        return None
+
+    @property
+    def service(self) -> Topic | None:
+        """The ROS service or action that a service task calls."""
+        return None
+
+    @property
+    def default(self) -> str:
+        """The id of its default flow."""
+        return ""
+
+    @property
+    def io(self) -> IoMapping | None:
+        """Its mapping of variables."""
+        return None
+
+    @property
+    def loop(self) -> MultiInstance | StandardLoop | None:
+        """How an activity repeats."""
+        return None
+
+    def topics(self) -> Iterator[tuple[Topic, bool]]:
+        """(topic, whether it is thrown) of each topic that it throws or catches. ROS services are not topics."""
+        yield from ()
+
+    def keys_of(self, topic: Topic) -> tuple[tuple[str, Expression], ...]:
+        """The correlation keys of a message that it catches: variable -> expression over ``msg``."""
+        return ()
+
+    def defined(self, kind: type[_Kind]) -> list[_Kind]:
+        """Its event definitions of one kind."""
+        return [one for one in self.definitions if isinstance(one, kind)]
+
+    def texts(self) -> Iterator[Text]:
+        """Every script and expression with its use, but those that read a caught message as ``msg``."""
+        yield from texts("mapping", *(item.source for item in (*self.copies_in, *self.copies_out)))
+        for topic, _ in self.topics():
+            yield from texts("payload", topic.payload)
+            yield from texts("value", topic.to)
+
+    def sets(self) -> Iterator[str]:
+        """The variables that it sets by name, but those of caught messages and scripts."""
+        yield from (item.target for item in (*self.copies_in, *self.copies_out))
+
 
 Place = Literal["start", "catch", "throw", "end", "boundary"]
 PLACES: Mapping[str, Place] = {
@@ -45,6 +154,7 @@ PLACES: Mapping[str, Place] = {
     "boundaryEvent": "boundary",
 }
 """XML tag -> value."""
+_OnTopic = SignalDefinition | MessageDefinition
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,12 +166,44 @@ class Event(FlowNode):
     caught message: its inputs are visible to the payload only, its outputs are assigned when the event has occurred.
     """
 
-    place: Place
+    place: Place = field()
     definitions: tuple[EventDefinition, ...] = ()
     attached_to: str = ""
     interrupting: bool = True
     parallel: bool = False
     io: IoMapping | None = None
+
+    @property
+    def tag(self) -> str:
+        """The BPMN tag."""
+        return _TAGS[self.place]
+
+    @property
+    def throws(self) -> bool:
+        """Whether it throws what its definitions say; else it catches it."""
+        return self.place in ("throw", "end")
+
+    def topics(self) -> Iterator[tuple[Topic, bool]]:
+        """(topic, whether it is thrown) of its signals and messages."""
+        return ((one.topic, self.throws) for one in self.definitions if isinstance(one, _OnTopic))
+
+    def keys_of(self, topic: Topic) -> tuple[tuple[str, Expression], ...]:
+        """The correlation keys of a message that it catches: variable -> expression over ``msg``."""
+        return next((one.keys for one in self.defined(MessageDefinition) if one.topic is topic), ())
+
+    def texts(self) -> Iterator[Text]:
+        """Those of its mapping and its definitions."""
+        yield from self.io.texts() if self.io is not None else ()
+        for definition in self.definitions:
+            yield from definition.texts()
+        yield from FlowNode.texts(self)
+
+    def sets(self) -> Iterator[str]:
+        """The variables of its definitions and its mapping."""
+        for definition in self.definitions:
+            yield from definition.sets()
+        yield from FlowNode.sets(self)
+        yield from self.io.sets() if self.io is not None else ()
 
 
 GatewayKind = Literal["exclusive", "inclusive", "parallel", "event", "complex"]
@@ -88,6 +230,16 @@ class Gateway(FlowNode):
     instantiate: bool = False
     all_events: bool = False
 
+    @property
+    def tag(self) -> str:
+        """The BPMN tag."""
+        return _TAGS[f"{self.kind} gateway"]
+
+    def texts(self) -> Iterator[Text]:
+        """Its activation condition."""
+        yield from texts("condition", self.activation)
+        yield from FlowNode.texts(self)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MultiInstance:
@@ -102,6 +254,15 @@ class MultiInstance:
     output_element: Expression | None = None
     line: int = 0
 
+    def texts(self) -> Iterator[Text]:
+        """Its expressions."""
+        yield from texts("mapping", self.cardinality, self.collection, self.output_element)
+        yield from texts("condition", self.completion)
+
+    def sets(self) -> Iterator[str]:
+        """The variables for the item and the results."""
+        yield from filter(None, (self.element_variable, self.output_collection))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StandardLoop:
@@ -111,6 +272,14 @@ class StandardLoop:
     test_before: bool = False
     maximum: int = 0
     line: int = 0
+
+    def texts(self) -> Iterator[Text]:
+        """Its condition."""
+        return texts("condition", self.condition)
+
+    def sets(self) -> Iterator[str]:
+        """It sets no variables by name."""
+        yield from ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,8 +293,31 @@ class Activity(FlowNode):
     refused: str = ""
     """Why it cannot be executed (a Java class, a connector, DMN ...), or empty."""
 
+    def texts(self) -> Iterator[Text]:
+        """Those of its mapping and its loop."""
+        yield from self.io.texts() if self.io is not None else ()
+        yield from self.loop.texts() if self.loop is not None else ()
+        yield from FlowNode.texts(self)
+
+    def sets(self) -> Iterator[str]:
+        """The variables of its mapping and its loop."""
+        yield from FlowNode.sets(self)
+        yield from self.io.sets() if self.io is not None else ()
+        yield from self.loop.sets() if self.loop is not None else ()
+
 
 TaskKind = Literal["plain", "user", "manual", "script", "service", "send", "receive", "business_rule"]
+TASKS: Mapping[str, TaskKind] = {
+    "task": "plain",
+    "userTask": "user",
+    "manualTask": "manual",
+    "scriptTask": "script",
+    "serviceTask": "service",
+    "sendTask": "send",
+    "receiveTask": "receive",
+    "businessRuleTask": "business_rule",
+}
+"""XML tag -> value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,7 +328,6 @@ class Task(Activity):
     topic             of a send or receive task, or the ROS service (name, ``pkg/srv/Type``) or action of a service task
     operation         of a service task: registered name, external task topic, or job type
     result_variable   receives the result of the script or service
-    payload           that of `topic`
     keys              correlate the message of a receive task: variable name -> expression over ``msg``
     instantiate       a receive task that starts the process
     """
@@ -146,9 +337,39 @@ class Task(Activity):
     topic: Topic | None = None
     operation: str = ""
     result_variable: str = ""
-    payload: Expression | None = None
     keys: tuple[tuple[str, Expression], ...] = ()
     instantiate: bool = False
+
+    @property
+    def tag(self) -> str:
+        """The BPMN tag."""
+        return _TAGS[f"{self.kind} task"]
+
+    def topics(self) -> Iterator[tuple[Topic, bool]]:
+        """(topic, whether it is thrown) of a send or receive task."""
+        if self.topic is not None and self.service is None:
+            yield self.topic, self.kind == "send"
+
+    @property
+    def service(self) -> Topic | None:
+        """The ROS service or action that a service task calls."""
+        return None if self.kind in ("send", "receive") else self.topic
+
+    def keys_of(self, topic: Topic) -> tuple[tuple[str, Expression], ...]:
+        """The correlation keys of a receive task: variable -> expression over ``msg``."""
+        return self.keys
+
+    def texts(self) -> Iterator[Text]:
+        """Its script, the request of a ROS service, and those of all activities."""
+        script = self.script is not None and self.script.language in ("python", "javascript")
+        yield from texts("script" if script else "mapping", self.script)
+        yield from texts("payload", self.service.payload if self.service is not None else None)
+        yield from Activity.texts(self)
+
+    def sets(self) -> Iterator[str]:
+        """The variable for its result, and those of all activities."""
+        yield from filter(None, (self.result_variable,))
+        yield from Activity.sets(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,6 +378,15 @@ class CallActivity(Activity):
 
     called: str = ""
     called_expression: Expression | None = None
+
+    def texts(self) -> Iterator[Text]:
+        """Those of all activities, but its outputs: they see the variables of what it called."""
+        yield from texts("mapping", self.called_expression)
+        yield from Activity.texts(self if self.io is None else replace(self, io=replace(self.io, outputs=())))
+
+    def sets(self) -> Iterator[str]:
+        """Those of all activities, but its inputs: they are variables of what it calls."""
+        return Activity.sets(self if self.io is None else replace(self, io=replace(self.io, inputs=())))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,21 +399,36 @@ class Body:
     associations: tuple[tuple[str, str], ...] = ()
     """(source, target) ids of associations between flow nodes: compensation event and handler."""
 
+    def bodies(self) -> Iterator[Body]:
+        """Itself and those of its sub-processes, at any depth, the outer one first."""
+        yield self
+        for node in self.nodes:
+            if node.body is not None:
+                yield from node.body.bodies()
+
     def walk(self) -> Iterator[FlowNode]:
         """All flow nodes, at any depth, in document order; a sub-process comes before its content."""
         for node in self.nodes:
             yield node
-            if isinstance(node, SubProcess):
+            if node.body is not None:
                 yield from node.body.walk()
 
     def elements(self) -> Iterator[Element]:
         """All flow nodes, sequence flows and data objects, at any depth."""
-        yield from self.nodes
-        yield from self.flows
-        yield from self.data_objects
-        for node in self.nodes:
-            if isinstance(node, SubProcess):
-                yield from node.body.elements()
+        for body in self.bodies():
+            yield from (*body.nodes, *body.flows, *body.data_objects)
+
+    def calls(self) -> Iterator[CallActivity]:
+        """All call activities, at any depth."""
+        return (node for node in self.walk() if isinstance(node, CallActivity))
+
+    def events(self, place: Place) -> list[Event]:
+        """The events at one place, of this body alone."""
+        return [node for node in self.nodes if isinstance(node, Event) and node.place == place]
+
+    def boundary(self, activity: str) -> list[Event]:
+        """The boundary events of an activity."""
+        return [event for event in self.events("boundary") if event.attached_to == activity]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,7 +440,7 @@ class SubProcess(Activity):
     """
 
     kind: Literal["embedded", "event", "transaction", "adhoc"] = "embedded"
-    body: Body
+    body: Body = field()
     resume: bool = False
     completion: Expression | None = None
     active: Expression | None = None
@@ -203,6 +448,24 @@ class SubProcess(Activity):
     cancel_remaining: bool = True
 
     @property
+    def tag(self) -> str:
+        """The BPMN tag."""
+        return {"transaction": "transaction", "adhoc": "adHocSubProcess"}.get(self.kind, "subProcess")
+
+    @property
     def triggered_by_event(self) -> bool:
         """Whether it is an event sub-process."""
         return self.kind == "event"
+
+    def texts(self) -> Iterator[Text]:
+        """Those of an ad-hoc sub-process, and those of all activities."""
+        yield from texts("condition", self.completion)
+        yield from texts("mapping", self.active)
+        yield from Activity.texts(self)
+
+
+_TAGS: Mapping[str, str] = {
+    **{place: tag for tag, place in PLACES.items()},
+    **{f"{kind} gateway": tag for tag, kind in GATEWAYS.items()},
+    **{f"{kind} task": tag for tag, kind in TASKS.items()},
+}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Literal
 
 from fame.bpmn.model import (
@@ -24,16 +23,6 @@ from fame.bpmn.reader.expressions import code_of, condition_of, mapping_source, 
 from fame.bpmn.reader.flow_nodes import NodeReader
 from fame.bpmn.reader.xml import Node, child, children, line_of, local_id, local_name, resolve, text_of
 
-TASKS: Mapping[str, TaskKind] = {
-    "task": "plain",
-    "userTask": "user",
-    "manualTask": "manual",
-    "scriptTask": "script",
-    "serviceTask": "service",
-    "sendTask": "send",
-    "receiveTask": "receive",
-    "businessRuleTask": "business_rule",
-}
 _NO_RULES = "business rules are not executed: decide with a gateway or a script task"
 
 
@@ -74,7 +63,6 @@ def read_task(node: NodeReader, kind: TaskKind) -> Task:
         kind=kind,
         script=_script(node) or found.script,
         topic=topic,
-        payload=topic.payload if topic is not None else None,
         operation=operation,
         keys=keys,
         result_variable=found.result,

@@ -10,6 +10,7 @@ from fame.bpmn.model import (
     EMPTY,
     GATEWAYS,
     PLACES,
+    TASKS,
     Activity,
     Body,
     CompensateDefinition,
@@ -20,7 +21,7 @@ from fame.bpmn.model import (
     SequenceFlow,
     SubProcess,
 )
-from fame.bpmn.reader.activities import TASKS, read_activity, read_call, read_task
+from fame.bpmn.reader.activities import read_activity, read_call, read_task
 from fame.bpmn.reader.context import Context, boolean_property
 from fame.bpmn.reader.data import read_data_objects
 from fame.bpmn.reader.dialects import read_extensions
@@ -191,11 +192,7 @@ def _associations(context: Context, nodes: Mapping[str, FlowNode]) -> Iterator[t
 
 
 def _is_compensation_event(node: FlowNode) -> bool:
-    return (
-        isinstance(node, Event)
-        and node.place == "boundary"
-        and any(isinstance(one, CompensateDefinition) for one in node.definitions)
-    )
+    return node.place == "boundary" and bool(node.defined(CompensateDefinition))
 
 
 # ---- flow nodes ------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, fields, replace
 from fame.bpmn import model
 from fame.bpmn.library import Library
 from fame.bpmn.pools import Pool
-from fame.bpmn.topics import TopicUse, topics_of
+from fame.bpmn.topics import TopicUse
 from fame.check.events import raised_codes
 from fame.check.explore.script_effects import list_uses, may_change, script_writes, without_items
 from fame.check.explore.slicing import assignments, links, sliced, unknown_part, without_operations
@@ -212,7 +212,7 @@ def _with_way_out(gateway: model.Gateway, body: model.Body) -> model.Gateway:
 def _ends(home: model.Definitions, process: model.Process) -> Iterator[tuple[str, bool]]:
     """(topic, whether it is thrown) of the events and scripts of a process."""
     for node in process.body.walk():
-        for topic, throws in topics_of(node):
+        for topic, throws in node.topics():
             yield topic.qualified, throws
         if isinstance(node, model.Task) and node.script is not None:
             for one in _script_topics(node.script):
@@ -247,10 +247,10 @@ def _writes(process: model.Process) -> Iterator[str]:
             if node.script is not None:
                 yield from script_writes(node.script)
             yield from (node.result_variable,) if node.result_variable else ()
-        for topic, throws in topics_of(node):
+        for topic, throws in node.topics():
             if not throws:
                 yield from taken(node, topic, process.body)
-    for body in _bodies_of(process):
+    for body in process.body.bodies():
         for item in body.data_objects:
             yield from item.names
 
@@ -260,11 +260,6 @@ def _may_change(process: model.Process) -> Iterator[str]:
     for node in process.body.walk():
         if isinstance(node, model.Task) and node.script is not None:
             yield from script_writes(node.script) | may_change(node.script)
-
-
-def _bodies_of(process: model.Process) -> tuple[model.Body, ...]:
-    """The body of a process and those of its sub-processes."""
-    return (process.body, *(node.body for node in process.body.walk() if isinstance(node, model.SubProcess)))
 
 
 def taken(node: model.FlowNode, topic: model.Topic, body: model.Body) -> tuple[str, ...]:
@@ -403,8 +398,8 @@ def _flow_of_topics(flow: _Flow, node: model.FlowNode, body: model.Body) -> None
     keys += [node.keys] if isinstance(node, model.Task) else []
     names = {name for pairs in keys for name, _ in pairs}
     flow.needed |= names
-    for topic, throws in topics_of(node):
-        payload = topic.payload or getattr(node, "payload", None)
+    for topic, throws in node.topics():
+        payload = topic.payload
         if throws and payload is not None:
             flow.payloads.append((topic.qualified, names_of(payload)[0]))
         elif not throws:
@@ -416,7 +411,7 @@ def _counted(processes: Iterable[model.Process]) -> frozenset[str]:
     """The variables with lists of which only the length is read: what they contain decides nothing."""
     counted, others = set[str](), set[str]()
     for process in processes:
-        for body in _bodies_of(process):
+        for body in process.body.bodies():
             for use in expressions_in(body):
                 if use.expression.language == "python":
                     found = list_uses(use.expression, script=use.use == "script")
@@ -443,7 +438,7 @@ def used_besides_texts(node: model.FlowNode, body: model.Body) -> Iterator[str]:
             yield from (name for key, source in one.keys for name in (key, *names_of(source)[0]))
         elif isinstance(one, model.ErrorDefinition | model.EscalationDefinition):
             yield one.code_variable or ""
-    for topic, throws in topics_of(node):
+    for topic, throws in node.topics():
         if not throws:
             yield from taken(node, topic, body)
             yield from (name for item in topic.takes for name in names_of(item.source)[0])
@@ -454,7 +449,7 @@ def _unknown(processes: Iterable[model.Process], outside: Set[str]) -> frozenset
     values = defaultdict[str, list[ast.expr | None]](list)  # None: a value that may be known
     sources = set[str]()
     for process in processes:
-        for body in _bodies_of(process):
+        for body in process.body.bodies():
             for item in body.data_objects:
                 for name, value in item.values:
                     values[name] += [] if value.text in ("", f"${{{name}}}") else [None]
@@ -462,7 +457,7 @@ def _unknown(processes: Iterable[model.Process], outside: Set[str]) -> frozenset
                 if isinstance(node, model.Task) and node.script is not None:
                     for name, assigned in assignments(node.script):
                         values[name].append(assigned)
-                sensed = {variable_name(topic.name) for topic, throws in topics_of(node)
+                sensed = {variable_name(topic.name) for topic, throws in node.topics()
                           if not throws and topic.qualified in outside and not topic.takes}  # fmt: skip
                 sources |= sensed
                 for name in used_besides_texts(node, body):

@@ -14,7 +14,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from types import MappingProxyType
 
 from fame.bpmn import model
-from fame.bpmn.topics import topics_of
 from fame.check.explore.abstraction import Abstraction, taken
 from fame.check.explore.remembering import key_of
 from fame.check.explore.script_effects import certainly_set, only_changed, read_first
@@ -202,8 +201,8 @@ def _read_by(node: model.FlowNode, matters: Set[str]) -> Iterator[str]:
     keys += [node.keys] if isinstance(node, model.Task) else []
     for name, source in (pair for pairs in keys for pair in pairs):
         yield from (name, name.partition(".")[0], *names_of(source)[0])
-    for topic, throws in topics_of(node):
-        payload = topic.payload or getattr(node, "payload", None)
+    for topic, throws in node.topics():
+        payload = topic.payload
         if throws and payload is not None and topic.qualified in matters:
             yield from names_of(payload)[0]
         elif not throws:
@@ -215,7 +214,7 @@ def _set_by(node: model.FlowNode, body: model.Body) -> Iterator[str]:
     if isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
         yield from certainly_set(node.script)
     elif isinstance(node, model.Event) and len(node.definitions) == 1:
-        for topic, throws in topics_of(node):
+        for topic, throws in node.topics():
             name = variable_name(topic.name)
             if not throws and not topic.takes and taken(node, topic, body) == (name,):
                 yield name
