@@ -2,7 +2,8 @@
 
 A model is explored, and run by real engines with several draws of what the exploration does not know: times, decisions,
 failures. No run may come to what the exploration has not found (a deadlock, an uncaught error), nor enter what it calls
-unreachable. Each run that it reports, played by real engines, has to end in the reported state.
+unreachable. Each run that it reports, played by real engines, has to end in the reported state. The full search has to
+find the same as the reduced one.
 """
 
 from __future__ import annotations
@@ -125,6 +126,20 @@ def missed(result: Exploration, drawn: Drawn) -> Iterator[str]:
             yield f"a deadlock is not found: {sorted(drawn.waiting)}"
 
 
+def verdicts(result: Exploration, *without: str) -> set[tuple[str, tuple[str, ...]]]:
+    """What was found, without the way to it. Which signal was lost on the way to a deadlock depends on the way.
+
+    A mission that never completes goes on between several states, of which any one may be reported.
+    """
+    kinds = {"lost": "deadlock"}
+    checked = {"deadlock", "lost", "never", "dropped", "unreachable", "error"} - {*without}
+    return {
+        (kinds.get(one.kind, one.kind), tuple(sorted(place.element for place in one.places if one.kind != "never")))
+        for one in result.findings
+        if one.kind in checked
+    }
+
+
 def replayed(text: str, finding: Finding, folder: Path) -> Iterator[str]:
     """Why the run of a finding does not lead to what it says."""
     with closing(play(MissionByHand(scenario_of(text), folder, lenient=True), finding.run)) as mission:
@@ -152,6 +167,9 @@ def compare(seed: int, folder: Path) -> tuple[bool, list[str]]:
     for finding in result.findings:
         if finding.kind in ("deadlock", "lost", "error"):
             found += replayed(text, finding, folder)
+    full = explore(fame.read(text.encode()), delivery="run", limit=LIMIT, samples=False, reduced=False)
+    if full.exhaustive and verdicts(full) != verdicts(result):
+        found.append(f"the reduced search finds {verdicts(result)}, the full one {verdicts(full)}")
     return result.exhaustive, [f"seed {seed}: {one}" for one in found]
 
 

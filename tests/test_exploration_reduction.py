@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 import pytest
-from collaborations import Steps, generated, team, with_lists
+from collaborations import Steps, generated, philosophers, team, text_of, varied, with_lists
+from compare_explorations import verdicts
 
-from fame.check.explore import Exploration, abstraction as abstracting
+import fame
+from fame.check.explore import Request, abstraction as abstracting
+from fame.check.explore.exploration import Team
 from fame.check.explore.liveness import Liveness
-from fame.scenario.exploration import explore
+from fame.check.explore.product import Options, Product
+from fame.check.explore.search import explore as search
+from fame.check.explore.stubborn import Outlook
+from fame.check.explore.transitions import CUT
+from fame.scenario.exploration import cast_of, explore
 
 _LIMIT = 1_500
 _SEEDS = 240
 _PARTS = 12
-
-
-def verdicts(result: Exploration, *without: str) -> set[tuple[str, tuple[str, ...]]]:
-    """What was found, without the way to it. Which signal was lost on the way to a deadlock depends on the way.
-
-    A mission that never completes goes on between several states, of which any one may be reported.
-    """
-    kinds = {"lost": "deadlock"}
-    checked = {"deadlock", "lost", "never", "dropped", "unreachable", "error"} - {*without}
-    return {
-        (kinds.get(one.kind, one.kind), tuple(sorted(place.element for place in one.places if one.kind != "never")))
-        for one in result.findings
-        if one.kind in checked
-    }
 
 
 @pytest.mark.parametrize("part", range(_PARTS))
@@ -64,6 +57,47 @@ def test_robots_that_drop_triggers_while_they_run(part: int) -> None:
             smaller += reduced.states < full.states
     assert compared >= _SEEDS // _PARTS // 3
     assert smaller
+
+
+def test_philosophers_need_far_fewer_states_by_stubborn_sets() -> None:
+    """Their requests meet only at forks: most orders of what they do make no difference."""
+    for ordered in (True, False):
+        model = team(philosophers(4, ordered=ordered))
+        full, reduced = (explore(model, delivery="run", reduced=one, samples=False) for one in (False, True))
+        assert verdicts(reduced) == verdicts(full)
+        assert [len(one.run) for one in reduced.findings] == [len(one.run) for one in full.findings]
+        assert reduced.states < 0.75 * full.states
+
+
+def test_an_end_of_the_mission_is_not_passed_over() -> None:
+    """B may start at any time, also when A is done: the mission can end while B has never started."""
+    model = team({"A": ["work", "throw a"], "B": ["start b", "work"], "C": ["work", "throw b"]})
+    assert verdicts(explore(model, delivery="run")) == verdicts(explore(model, delivery="run", reduced=False))
+
+
+@pytest.mark.parametrize("part", range(_PARTS))
+def test_no_robot_sends_what_its_outlook_does_not_know(part: int) -> None:
+    """What a robot sends in a step was to be expected before, and so was all that is to be expected after it."""
+    sent, bits = 0, dict[str, int]()
+    for seed in range(part, 120, _PARTS):
+        robots, options = varied(seed)
+        definitions, library, cast = cast_of(fame.read(text_of(robots, **options).encode()), {}, ())
+        found = Team(definitions, library, cast, Request())
+        product = Product(found.robots, found.locals, Options(reduced=False, limit=_LIMIT))
+        search(product)
+        outlooks = [Outlook(local, lambda topic: bits.setdefault(topic, 1 << len(bits))) for local in found.locals]
+        for outlook, own, hears in zip(outlooks, product._own, product._hears, strict=True):
+            steps = [(state, 0, move) for state, moves in own.items() for move in moves]
+            steps += [(state, bits.get(topic, 0), move) for (state, topic, _), moves in hears.items() for move in moves]
+            for state, given, move in steps:
+                if state < CUT and move.state < CUT:
+                    expected = outlook.sends(state, given)
+                    assert all(expected & bits[topic] for topic, *_ in move.successor.sent), (
+                        f"seed {seed}: {move.stimulus}"
+                    )
+                    assert outlook.sends(move.state, given) & ~expected == 0, f"seed {seed}: {move.stimulus}"
+                    sent += len(move.successor.sent)
+    assert sent
 
 
 def told_apart(robots: dict[str, Steps]) -> dict[str, Steps]:

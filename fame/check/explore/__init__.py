@@ -26,6 +26,7 @@
     product         what may happen in each state of the team
     reduction       steps that need not be interleaved with those of others
     independence    steps of parallel branches that commute
+    stubborn        robots with which no other can interfere
     faults          single faults as transitions
     graph           explored states, and what can be reached from where
     search          all states of the team, breadth first

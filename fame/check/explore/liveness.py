@@ -26,13 +26,19 @@ Dead = tuple[frozenset[str], frozenset[str]]
 
 
 class Liveness:
-    """Which variables are dead while tokens wait at some elements of an abstract process."""
+    """Which variables are dead while tokens wait at some elements of an abstract process.
+
+    after     where a token goes from an element
+    aside     where it may come if something happens at the element
+    elements  all elements, of called processes too
+    applies   whether tokens go only where these say
+    """
 
     def __init__(self, home: model.Definitions, process: model.Process, abstract: Abstraction, kept: Set[str],
                  remembered: Mapping[str, str] = MappingProxyType({})) -> None:  # fmt: skip
         self._abstract, self._kept, self._matters, self._remembered = abstract, kept, abstract.matters, remembered
-        self._after: dict[str, set[str]] = defaultdict(set)  # where a token goes from an element
-        self._aside: dict[str, set[str]] = defaultdict(set)  # where it may come if something happens at the element
+        self.after: dict[str, set[str]] = defaultdict(set)
+        self.aside: dict[str, set[str]] = defaultdict(set)
         self._reads: dict[str, set[str]] = defaultdict(set)
         self._changes: dict[str, set[str]] = defaultdict(set)  # what is read only to change it
         self._sets: dict[str, set[str]] = {}
@@ -43,6 +49,7 @@ class Liveness:
         self._open: list[tuple[str, str]] = []  # called processes around
         self._inner: set[str] = set()  # variables that scopes have of their own
         self._add(home, abstract.process(home, process).body, (), ())
+        self.elements: Set[str] = self._sets.keys()
         for sets in self._sets.values():
             sets -= self._inner
 
@@ -75,7 +82,7 @@ class Liveness:
         found, pending = {element}, [element]
         while pending:
             one = pending.pop()
-            for after in (self._after[one] | self._aside[one]) - found:
+            for after in (self.after[one] | self.aside[one]) - found:
                 found.add(after)
                 pending.append(after)
         return found
@@ -87,7 +94,7 @@ class Liveness:
             one = pending.pop()
             if name in self._reads[one]:
                 return True
-            nexts = self._aside[one] if name in self._sets[one] else self._aside[one] | self._after[one]
+            nexts = self.aside[one] if name in self._sets[one] else self.aside[one] | self.after[one]
             for after in nexts - found:
                 found.add(after)
                 pending.append(after)
@@ -123,13 +130,13 @@ class Liveness:
             if isinstance(node, model.Activity) and isinstance(node.loop, model.MultiInstance):
                 self._inner.add(node.loop.element_variable)
             self._sets[node.id] = self._sets.get(node.id, sets) & sets  # a process that is called twice
-            self._aside[node.id] |= {*around}
+            self.aside[node.id] |= {*around}
             self._reads[node.id] |= {*_read_by(node, self._matters), *results}
-            self._after[node.id] |= follows
+            self.after[node.id] |= follows
             again = {node.id} if _loops(node) else set[str]()
             if isinstance(node, model.SubProcess):
                 again |= {node.id} if node.triggered_by_event else set()
-                self._after[node.id] |= {*_entries(node.body)}
+                self.after[node.id] |= {*_entries(node.body)}
                 self._add(home, node.body, (*follows, *again), around, results, mapped or own)
             elif isinstance(node, model.CallActivity):
                 self._add_called(home, node, (*follows, *again), around, results, mapped)
@@ -159,7 +166,7 @@ class Liveness:
             self.applies = False
             return
         body = self._abstract.process(there, process).body
-        self._after[call.id] |= {*_entries(body)}
+        self.after[call.id] |= {*_entries(body)}
         sources = [item.source for item in (*(call.io.outputs if call.io else ()), *call.copies_out)]
         self._open.append(key)
         mapped |= call.io is not None or bool(call.copies_in or call.copies_out)

@@ -66,7 +66,8 @@ class Local:
         self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
         host: Host = self.host
         explored = model.process(definitions, process)
-        self.host.remembered = remembered(model.bodies(definitions, process), model.steps)
+        self.bodies = model.bodies(definitions, process)
+        self.host.remembered = remembered(self.bodies, model.steps)
         self.kept = kept.union(self.host.remembered)
         self.host.kept = self.kept.__contains__
         self.host.caught = model.caught
@@ -82,8 +83,8 @@ class Local:
         self.topics: frozenset[str] = frozenset(catch.topic for catch in catches if catch.topic)
         self.host.own_topics = self.topics
         self.outside: tuple[str, ...] = tuple(sorted(self.topics & model.outside))
-        liveness = Liveness(definitions, process, model, self.kept, self.host.remembered)
-        self.states = States(self.program, self.host, self.outside, liveness)
+        self.liveness = Liveness(definitions, process, model, self.kept, self.host.remembered)
+        self.states = States(self.program, self.host, self.outside, self.liveness)
         self.forms, self.views = self.states.forms, self.states.views
         self.cut: bool = False
         """Whether ways were left out, because one step makes too many decisions."""

@@ -153,21 +153,26 @@ class Product:
             few = self.alone(state)
             if few is not None:
                 return few
-        sync = self.options.delivery == "run"
-        rest, own, push, top = state, self._own, self.network.push, self.top
+        rest, own = state, self._own
         for robot in range(self.count):
             old = rest & MASK
             rest >>= BITS
-            moves = own[robot].get(old)
-            for move in self.own(robot, old) if moves is None else moves:
-                new = state + move.difference | move.mark
-                if not move.sending:
-                    found.append((new, robot, move, ()))
-                elif sync:
-                    spread = self.broadcast.spread(new, move.sending)
-                    found += [(after, robot, move, reactions) for after, reactions in spread]
-                else:
-                    found.append((new + (push(network, move.sending) << top), robot, move, ()))
+            if own[robot].get(old, True):
+                found += self.moved(state, robot, old)
+        return found
+
+    def moved(self, state: int, robot: int, old: int) -> list[Transition]:
+        """The transitions of a state in which a robot, whose local state is `old`, does something by itself."""
+        found: list[Transition] = []
+        for move in self.own(robot, old):
+            new = state + move.difference | move.mark
+            if not move.sending:
+                found.append((new, robot, move, ()))
+            elif self.options.delivery == "run":
+                spread = self.broadcast.spread(new, move.sending)
+                found += [(after, robot, move, reactions) for after, reactions in spread]
+            else:
+                found.append((new + (self.network.push(state >> self.top, move.sending) << self.top), robot, move, ()))
         return found
 
     def _arrivals(self, state: int, network: int, found: list[Transition]) -> None:

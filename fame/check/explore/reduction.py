@@ -12,6 +12,7 @@ alone only if each of them leads to a state that it has still to explore, so tha
 changes nothing does not count. Which of its steps these are depends on the robot alone, so the search goes through all
 of them at once where it can (`Reduction.settled`), and keeps only the states behind them.
 
+With delivery ``run``, a few robots may be enough where none can go alone (`fame.check.explore.stubborn`).
 With delivery ``fast``, messages that wait for several robots arrive at one of them first, if at most one answers.
 """
 
@@ -23,6 +24,7 @@ from itertools import pairwise
 from fame.check.explore.graph import shortest
 from fame.check.explore.independence import Structure
 from fame.check.explore.product import Product
+from fame.check.explore.stubborn import Stubborn
 from fame.check.explore.transitions import BITS, CUT, DEAD, MASK, Move, Transition
 
 MOST_BETWEEN = 1_000
@@ -43,12 +45,14 @@ class Reduction:
         self._fast: bool = product.options.delivery == "fast"
         self._alone: list[dict[int, tuple[Move, ...] | None]] = [{DEAD: None, CUT: None} for _ in product.locals]
         self._ends: list[dict[int, tuple[int, ...]]] = [{DEAD: (), CUT: ()} for _ in product.locals]
+        whole = product.options.delivery != "run" or product.options.faults or product.count < 2
+        self._stubborn = None if whole else Stubborn(product)
         self._answering: dict[tuple[int, int, _Pending], bool] = {}
 
     # ---- fewer transitions ---------------------------------------------------------------------------
 
     def alone(self, state: int) -> list[Transition] | None:
-        """The moves of one robot that no other can influence or notice, if they lead to states not yet explored."""
+        """The moves of one robot, or of a few, that no other can influence, if they lead to states not yet explored."""
         rest, index, canonical = state, self._index, self._canonical
         at = index[state]
         for robot, table in enumerate(self._alone):
@@ -63,7 +67,7 @@ class Reduction:
                 ahead = [index.get(canonical(one[0]), len(index)) for one in found if one[0] != state]
                 if ahead and min(ahead) > at:
                     return found
-        return None
+        return self._stubborn.transitions(state) if self._stubborn is not None else None
 
     def first_arrivals(self, state: int, found: list[Transition]) -> list[Transition]:
         """The arrivals at one robot, if those at others lead to no more messages, and lead to states not yet explored.

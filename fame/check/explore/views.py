@@ -10,6 +10,7 @@ from fame.check.explore.stimuli import Stimulus, step_under_way
 from fame.check.explore.timers import next_timers
 from fame.engine import Engine
 from fame.engine.canonical import Keys, Stimuli
+from fame.engine.state import Mailbox
 
 Interned = dict[frozenset[str], frozenset[str]]
 """Sets of topics, each once."""
@@ -23,6 +24,7 @@ class View:
     listens    topics that it takes now
     hears      those of them on which a message may have an effect: it is not just dropped as a start trigger
     listeners  how many tokens and handlers listen to each topic
+    stored     topics of messages that are kept for an event with a queue
     instances  how many instances run
     waiting    (element, topic or "") of each token
     """
@@ -32,6 +34,7 @@ class View:
     listens: frozenset[str]
     hears: frozenset[str]
     listeners: tuple[tuple[str, int], ...]
+    stored: frozenset[str]
     instances: int
     waiting: tuple[tuple[str, str], ...]
 
@@ -64,8 +67,12 @@ def view_of(
     dropped = frozenset(topic for topic in listens if _is_dropped(engine, topic))
     hears = topics.setdefault(listens - dropped, listens - dropped)
     listeners = tuple(sorted((topic, len(listening)) for topic, listening in engine.listeners.items()))
+    boxes = (one for listening in engine.listeners.values() for one in listening if isinstance(one, Mailbox))
+    stored = {box.catch.topic for box in boxes if box.messages}
+    stored |= {start.catch.topic for start in engine.waiting_starts if start.catch is not None}
+    kept = topics.setdefault(frozenset(stored), frozenset(stored))
     instances = len(engine.instances)
-    return View(tuple(own), tuple(own.values()), listens, hears, listeners, instances, found.waiting)
+    return View(tuple(own), tuple(own.values()), listens, hears, listeners, kept, instances, found.waiting)
 
 
 def _is_dropped(engine: Engine, topic: str) -> bool:
