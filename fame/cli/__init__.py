@@ -62,6 +62,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "templates": "models.add_templates",
         "topic": "ros.add_topic",
         "param": "ros.add_param",
+        "unit": "unit.add",
         "completion": "completion.add",
     },
 }

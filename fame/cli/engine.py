@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, add_library, command, epoch, natural
+from fame.cli.arguments import Commands, Parser, add_library, command, epoch, natural
 from fame.cli.network import OPEN, add_network, lockstep, note_ready
 from fame.cli.output import note, survive_stdout
 from fame.errors import ConfigError, FameError
@@ -44,6 +44,11 @@ def add(commands: Commands) -> None:
         ),
         help="run one robot's engine: it waits for its process on /NAME/bpmn_process",
     )  # fmt: skip
+    add_options(parser)
+
+
+def add_options(parser: Parser) -> None:
+    """Declare names and options of an engine."""
     parser.add_argument(
         "names", nargs="+", type=_name, metavar="NAME",
         help="the robot's name and namespace; of several, each gets a process of its own, which starts faster than by "

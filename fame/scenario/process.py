@@ -15,6 +15,7 @@ from fame.clock import SECOND, WallScheduler
 from fame.errors import ConfigError
 from fame.middleware.interface import EndpointWarning, Middleware
 from fame.robot.events import Event
+from fame.scenario.service_manager import Notifier
 
 BACKENDS = ("dds", "ros", "zenoh")
 """The backends between processes. `fame run` also has ``local``."""
@@ -199,12 +200,14 @@ def serve(
     scheduler = scheduler_for(backend)
     middleware = connect(backend, scheduler, network, on_warning, crowd=crowd)
     try:
-        component = build(scheduler, middleware)
+        component, manager = build(scheduler, middleware), Notifier(scheduler)
         with signals_call(lambda *_: scheduler.stop()):
             try:
+                manager.ready()
                 _watch_parent(scheduler)
                 scheduler.run()
             finally:
+                manager.stopping()
                 _end(component, scheduler)
     finally:
         middleware.close()

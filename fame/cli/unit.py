@@ -1,0 +1,84 @@
+"""``fame unit``: a systemd unit that runs a robot's engine."""
+
+from __future__ import annotations
+
+import getpass
+import os
+import sys
+from argparse import Namespace
+from pathlib import Path
+
+from fame.cli.arguments import Commands, command
+from fame.cli.engine import add_options
+from fame.errors import ConfigError
+
+_WATCHDOG = 30
+"""Seconds without a sign of life after which systemd starts the engine again."""
+_KEPT = ("ROS_", "RMW_", "FAME_LEASE", "CYCLONEDDS_", "ZENOH_", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH")
+"""Names, or their beginnings, of variables of the environment that an engine needs where systemd starts it."""
+_UNIT = """[Unit]
+Description=FAME engine of {name}
+Wants=network-online.target
+After=network-online.target
+StartLimitIntervalSec=0
+
+[Service]
+Type=notify
+ExecStart={command}
+WorkingDirectory={folder}
+{lines}
+Restart=on-failure
+RestartSec=2
+WatchdogSec={watchdog}
+KillMode=mixed
+TimeoutStopSec=20
+
+[Install]
+WantedBy=multi-user.target
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "unit", run,
+        examples=(
+            "fame unit REX --type car | sudo tee /etc/systemd/system/fame-REX.service",
+            "fame unit REX --type car --user robot --trust team.pub --state /var/lib/fame/REX --middleware zenoh",
+        ),
+        help="print a systemd unit that runs an engine, with the options of fame engine",
+    )  # fmt: skip
+    parser.add_argument("--user", metavar="NAME", help="the account that runs the engine (default: the current one)")
+    add_options(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Print the unit. Raises ConfigError for several engines, and for what a unit cannot contain."""
+    if len(arguments.names) > 1:
+        raise ConfigError("expected one robot: each engine has a unit of its own")
+    (name,) = arguments.names
+    given = [(action, words) for action, words in arguments.leaf.given if action.dest != "user"]
+    words = [word for action, values in given for word in (*action.option_strings[-1:], *values)]
+    lines = [f"User={_quoted(arguments.user or getpass.getuser())}"]
+    if arguments.state is None:
+        lines.append("StateDirectory=fame")
+        words += ["--state", f"/var/lib/fame/{name}"]
+    kept = sorted((key, value) for key, value in os.environ.items() if key.startswith(_KEPT))
+    lines += [f"Environment={_quoted(f'{key}={value}')}" for key, value in kept]
+    run_by = " ".join(_quoted(word.replace("$", "$$")) for word in (sys.executable, "-m", "fame", "engine", *words))
+    place = _escaped(str(Path.cwd()))
+    print(_UNIT.format(name=name, command=run_by, folder=place, lines="\n".join(lines), watchdog=_WATCHDOG), end="")
+    return 0
+
+
+def _escaped(text: str) -> str:
+    """A value in which systemd replaces nothing (systemd.unit(5), specifiers)."""
+    if not text.isprintable():
+        raise ConfigError(f"expected text of one line, got {text!r}: a unit cannot contain it")
+    return text.replace("%", "%%")
+
+
+def _quoted(word: str) -> str:
+    """A word of a command line (systemd.service(5)) or an assignment (systemd.exec(5), Environment=)."""
+    text = _escaped(word).replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{text}"' if not text or set(text) & set(" \t;'\"\\#") else text
