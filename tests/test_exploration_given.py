@@ -13,8 +13,8 @@ from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool
 from fame.check.explore import Exploration, Request, explore_from
 from fame.engine import snapshot
+from fame.engine.encoding import Data
 from fame.engine.migration import Plan, migrate
-from fame.engine.snapshot import Data
 from fame.errors import MissionError
 from fame.robot.node import RobotNode
 from fame.robot.stored_values import dump

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy
 import pytest
 
-from fame.engine.snapshot import decode, encode
+from fame.engine.encoding import decode, encode
 from fame.fast_json import json_bytes
 from fame.middleware import messages
 from fame.middleware.messages import message_type

@@ -17,7 +17,7 @@ from bpmn_text import process
 
 import fame
 from fame.bpmn.reader import read_text
-from fame.engine.snapshot import decode, encode
+from fame.engine.encoding import decode, encode
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages
 from fame.robot.stored_values import Loader, dump, refuse_unstorable

@@ -15,9 +15,10 @@ from typing import Any, Literal
 
 from fame.bpmn import model
 from fame.engine import waiting
+from fame.engine.encoding import Data
 from fame.engine.interpreter import Engine
 from fame.engine.program import Node, Program
-from fame.engine.snapshot import OF_NO_PROGRAM, Data, all_scopes
+from fame.engine.snapshot import OF_NO_PROGRAM, all_scopes
 from fame.engine.state import RUNNING, Wait
 from fame.engine.steps import ABANDONED
 from fame.errors import MissionError

@@ -29,9 +29,10 @@ from typing import Any
 import orjson
 
 from fame.engine import Engine, Instance, Variables, restore, snapshot
+from fame.engine.encoding import decode, encode, is_data
 from fame.engine.host import Host
 from fame.engine.program import Program
-from fame.engine.snapshot import decode, encode, is_data, without_instances
+from fame.engine.snapshot import without_instances
 from fame.errors import MissionError
 from fame.robot.stored_values import dump, message_json
 
@@ -40,8 +41,7 @@ Tables = dict[str, Table]
 Change = dict[str, Any]
 
 _KEYED = ("instances", "scopes", "waits", "boxes")
-_OUTSIDE = ("waiting_starts", "gathered", "starts")
-_MAPPED = ("listeners", *_OUTSIDE)
+_MAPPED = ("listeners", "waiting_starts", "gathered", "starts")
 _ATOMS = frozenset({type(None), bool, int, str})
 _ABSENT = object()
 _EMPTY: Table = {}
@@ -83,7 +83,7 @@ class StateTables:
             data = self._running(change)
         else:  # as for most of the time: nothing runs, and nothing did
             data = without_instances(self._engine, self._dump)
-            self._note_tables(change, {name: data.pop(name) for name in _OUTSIDE})
+            self._note_tables(change, {name: data.pop(name) for name in _MAPPED})
         self._note_tables(change, {"engine": data, **more})
         return change
 

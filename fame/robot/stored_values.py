@@ -25,7 +25,7 @@ from typing import Any
 import orjson
 
 from fame.bpmn.model import Expression
-from fame.engine.snapshot import no_data
+from fame.engine.encoding import no_data
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages, typesystem
 from fame.robot.mission import Mission

@@ -10,8 +10,8 @@ from typing import Any
 
 from fame.engine import restore, snapshot
 from fame.engine.data import Variables
+from fame.engine.encoding import Convert, Data, encode
 from fame.engine.migration import Plan, Token, arm_new, gone, migrate, preview
-from fame.engine.snapshot import Convert, Data, encode
 from fame.errors import MissionError
 from fame.robot.node import RobotNode
 from fame.robot.restoring import epoch_of, go_on, set_timers, tables_of

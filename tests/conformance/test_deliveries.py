@@ -36,8 +36,8 @@ from engine_models import (
 
 from fame.engine import snapshot
 from fame.engine.canonical import Forms
+from fame.engine.encoding import decode, encode
 from fame.engine.migration import Plan, migrate
-from fame.engine.snapshot import decode, encode
 
 TYPE = "geometry_msgs/msg/Vector3"
 ROOT = (

@@ -29,7 +29,7 @@ from engine_models import (
 )
 
 from fame.engine import BpmnError, restore, snapshot
-from fame.engine.snapshot import decode, encode
+from fame.engine.encoding import decode, encode
 from fame.errors import MissionError
 from fame.middleware import messages
 

@@ -31,7 +31,7 @@ from fame.check.explore.transitions import MASK
 from fame.check.explore.values import Values
 from fame.check.expressions import expressions_in
 from fame.engine import Program
-from fame.engine.snapshot import Data
+from fame.engine.encoding import Data
 from fame.errors import ModelError, expect
 from fame.gc_tuning import rarely_collected
 

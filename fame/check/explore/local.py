@@ -24,9 +24,9 @@ from fame.check.explore.values import Values
 from fame.check.explore.views import View
 from fame.engine import Engine, compile_program
 from fame.engine.canonical import Forms
+from fame.engine.encoding import Data
 from fame.engine.host import Host
 from fame.engine.program import UNCOUNTED
-from fame.engine.snapshot import Data
 
 MOST_MOVES = 20_000
 """Moves of tokens within one step, after which it is a livelock."""

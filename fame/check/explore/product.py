@@ -23,7 +23,7 @@ from fame.check.explore.network import BEYOND, Network
 from fame.check.explore.stimuli import Stimulus
 from fame.check.explore.symmetry import Symmetry
 from fame.check.explore.transitions import BITS, CUT, DEAD, FAULT_BITS, FAULTS, MASK, Move, Reactions, Seen, Transition
-from fame.engine.snapshot import Data
+from fame.engine.encoding import Data
 
 Delivery = Literal["run", "fast", "any"]
 Fault = tuple[str, ...]

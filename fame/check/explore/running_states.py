@@ -16,10 +16,11 @@ from fame.check.explore.host import ExplorationHost
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import Unknown
 from fame.engine import Engine, compile_program, restore
+from fame.engine.encoding import Data
 from fame.engine.host import Host
 from fame.engine.migration import arm_new
 from fame.engine.program import Node, Program
-from fame.engine.snapshot import OF_NO_PROGRAM, Data
+from fame.engine.snapshot import OF_NO_PROGRAM
 from fame.engine.tasks import SCRIPT
 from fame.errors import FameError, MissionError
 from fame.middleware import messages

@@ -1,0 +1,76 @@
+"""Values as data for JSON, and back. Types that JSON lacks become an object with one key that begins with ``$``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from fame.errors import MissionError
+
+Data = dict[str, Any]
+Convert = Callable[[Any], Any]
+
+
+def no_data(value: Any) -> Any:
+    """Reject values that cannot be serialised. Raises MissionError."""
+    raise MissionError(f"a {type(value).__name__} cannot be kept in a snapshot: it is not plain data")
+
+
+def is_data(name: str, value: Any) -> bool:
+    """Whether a variable is data, by the rule of `fame.engine.data.plain`."""
+    return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
+
+
+_KNOWN = frozenset({bool, int, str, type(None)})
+
+
+def encode(value: Any, dump: Convert = no_data) -> Any:
+    """A value as data for JSON. `dump` makes data of values of other types."""
+    if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
+        return value
+    if isinstance(value, float):
+        return {"$float": repr(float(value))}
+    if isinstance(value, bytes):
+        return {"$bytes": value.hex()}
+    if isinstance(value, list):
+        return list(value) if _is_plain(value) else [encode(item, dump) for item in value]
+    if isinstance(value, tuple | set | frozenset):
+        items = value if isinstance(value, tuple) else sorted(value, key=repr)
+        return {f"${type(value).__name__}": [encode(item, dump) for item in items]}
+    if isinstance(value, dict):
+        if all(isinstance(key, str) and not key.startswith("$") for key in value):
+            return {key: encode(item, dump) for key, item in value.items()}
+        return {"$dict": [[encode(key, dump), encode(item, dump)] for key, item in value.items()]}
+    return {"$object": encode(dump(value), dump)}
+
+
+def _is_plain(items: list[Any]) -> bool:
+    """Whether JSON has the types of all items. Maps have many thousands of items: a call for each is too slow."""
+    kinds = set(map(type, items))
+    return kinds <= _KNOWN or (kinds == {float} and all(map(math.isfinite, items)))
+
+
+def decode(data: Any, load: Convert = no_data) -> Any:
+    """The inverse of `encode`."""
+    if isinstance(data, list):
+        return [decode(item, load) for item in data]
+    if not isinstance(data, dict):
+        return data
+    if len(data) == 1:
+        ((kind, inner),) = data.items()
+        if kind in _DECODERS:
+            return _DECODERS[kind](inner, load)
+    return {key: decode(item, load) for key, item in data.items()}
+
+
+_DECODERS: dict[str, Callable[[Any, Convert], Any]] = {
+    "$float": lambda inner, load: float(inner),
+    "$bytes": lambda inner, load: bytes.fromhex(inner),
+    "$tuple": lambda inner, load: tuple(decode(inner, load)),
+    "$set": lambda inner, load: set(decode(inner, load)),
+    "$frozenset": lambda inner, load: frozenset(decode(inner, load)),
+    "$dict": lambda inner, load: {decode(key, load): decode(value, load) for key, value in inner},
+    "$object": lambda inner, load: load(decode(inner, load)),
+}

@@ -1,0 +1,212 @@
+"""The fields of an engine's state: tables, from which snapshots are written and read.
+
+A field has a kind, which says how its value becomes data for JSON and comes back; None stays None. `canonical`,
+`revival` and `migration` have code of their own for each field. tests/conformance/test_state_fields.py fails for a
+field that one of them misses, and for an attribute that is in no table.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import Any, Protocol
+
+from fame.engine.encoding import Convert, Data, decode, encode
+from fame.engine.interpreter import Engine
+from fame.engine.program import Body, Node
+from fame.engine.state import Continuation, Instance, Record
+from fame.errors import MissionError
+
+
+class VariableTable(Protocol):
+    """The dicts of variables in a snapshot."""
+
+    def number(self, variables: dict[str, Any]) -> int:
+        """The number of a dict, greater than those of its outer dicts."""
+
+    def written(self, dump: Convert) -> list[Data]:
+        """All dicts, as `restore` reads them (a table of the host can have another form)."""
+
+
+@dataclass(slots=True)
+class Writer:
+    """What fields need to become data: numbers of dicts of variables, keys of bodies, data of other values."""
+
+    dicts: VariableTable
+    bodies: Mapping[Body, str]
+    dump: Convert
+
+
+@dataclass(slots=True)
+class Reader:
+    """What fields need to come back: nodes, dicts of variables by number, and objects by key."""
+
+    engine: Engine
+    nodes: Mapping[str, Node]
+    dicts: list[dict[str, Any]]
+    load: Convert
+    instances: dict[int, Instance]
+    objects: dict[int, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """How a value becomes data, and comes back.
+
+    empty    makes the data of an empty container; None: `write` makes it
+    single   whether it is one reference, whose data is a key
+    ordered  whether the order of a list is part of the state: of `Scope.children`, that of those at one node
+    """
+
+    write: Callable[[Any, Writer], Any]
+    read: Callable[[Any, Reader], Any]
+    empty: Callable[[], Any] | None = None
+    single: bool = False
+    ordered: bool = True
+
+
+def many(kind: Kind, container: Callable[[Iterable[Any]], Any]) -> Kind:
+    """Several values of a kind."""
+    write, read = kind.write, kind.read
+
+    def write_all(items: Any, to: Writer) -> Any:
+        return [item.key for item in items] if kind.single else [write(item, to) for item in items]
+
+    return Kind(write_all, lambda data, of: container([read(item, of) for item in data]), list)
+
+
+def mapping(keys: Kind, values: Kind) -> Kind:
+    """A dict whose keys and values have these kinds."""
+    return Kind(
+        lambda found, to: {keys.write(key, to): values.write(value, to) for key, value in found.items()},
+        lambda data, of: {keys.read(key, of): values.read(value, of) for key, value in data.items()},
+        dict,
+    )
+
+
+def parts(*kinds: Kind) -> Kind:
+    """A tuple whose parts have these kinds."""
+    return Kind(
+        lambda found, to: [kind.write(part, to) for kind, part in zip(kinds, found, strict=True)],
+        lambda data, of: tuple([kind.read(part, of) for kind, part in zip(kinds, data, strict=True)]),
+    )
+
+
+def _write_error(error: MissionError, to: Writer) -> Data:
+    return {name: getattr(error, name) for name in ("text", "element", "file", "line", "code")}
+
+
+def _read_error(data: Data, of: Reader) -> MissionError:
+    return MissionError(data["text"], **{name: value for name, value in data.items() if name != "text"})
+
+
+def _write_held(held: tuple[list[Any], list[Any]], to: Writer) -> Any:
+    return [[item.key for item in items if item.alive] for items in held]
+
+
+def _write_continuations(found: Mapping[int, Continuation], to: Writer) -> Any:
+    return [{"node": item.node.key, "scope": item.scope.key} for item in dict.fromkeys(found.values())]
+
+
+def _read_continuations(data: list[Any], of: Reader) -> dict[int, Any]:
+    """The tokens continue at once: scripts that were being cancelled count as ended."""
+    of.engine.ready.extend((of.nodes[item["node"]], of.objects[item["scope"]]) for item in data)
+    return {}
+
+
+VALUE = Kind(lambda value, to: value, lambda data, of: data)
+COUNTS = Kind(lambda counts, to: counts.copy(), lambda data, of: list(data))
+NUMBER = Kind(lambda number, to: str(number), lambda data, of: int(data))
+DATA = Kind(lambda value, to: encode(value, to.dump), lambda data, of: decode(data, of.load))
+ERROR = Kind(_write_error, _read_error)
+VARIABLES = Kind(lambda variables, to: to.dicts.number(variables), lambda number, of: of.dicts[number])
+NODE = Kind(lambda node, to: node.key, lambda key, of: of.nodes.get(key), single=True)
+BODY = Kind(lambda body, to: to.bodies[body], lambda key, of: of.nodes[key].body if key else of.engine.program.body)
+OBJECT = Kind(lambda item, to: item.key, lambda key, of: of.objects.get(key), single=True)
+"""A scope, wait or mailbox."""
+INSTANCE_OF = Kind(lambda instance, to: instance.key, lambda key, of: of.instances[key], single=True)
+NODES = many(NODE, tuple)
+OBJECTS = many(OBJECT, tuple)
+SET = many(OBJECT, dict.fromkeys)
+MESSAGES = many(parts(VALUE, DATA), deque)
+RECORDS = many(Kind(lambda record, to: _record.write(_parts(record), to),
+                   lambda data, of: Record(*_record.read(data, of))), list)  # fmt: skip
+MAIL = Kind(lambda mail, to: [box.key for box in mail.values()],
+            lambda keys, of: {of.objects[key].node: of.objects[key] for key in keys}, list)  # fmt: skip
+BY_KEY = Kind(lambda waits, to: list(waits), lambda keys, of: {key: of.objects[key] for key in keys}, list,
+              ordered=False)  # fmt: skip
+INCIDENTS = Kind(lambda found, to: [[wait.key, *why] for wait, why in found.items()],
+                 lambda data, of: {of.objects[key]: tuple(why) for key, *why in data}, list)  # fmt: skip
+HELD = Kind(_write_held, parts(many(OBJECT, list), many(OBJECT, list)).read)
+CONTINUATIONS = Kind(_write_continuations, _read_continuations, list)
+_PAIRS = many(parts(NODE, DATA), dict)
+COUNTER = Kind(lambda found, to: dict(found), lambda data, of: Counter(data), dict)
+GATHERED = many(parts(DATA, Kind(lambda found, to: _PAIRS.write(found.items(), to), _PAIRS.read)), list)
+
+
+Table = dict[str, Kind]
+"""The kind of each field of a class."""
+
+SCOPE: Table = {
+    "key": VALUE, "instance": INSTANCE_OF, "parent": OBJECT, "node": NODE, "body": BODY, "variables": VARIABLES,
+    "tokens": VALUE, "state": VALUE, "depth": VALUE, "children": SET, "arms": OBJECTS, "joins": mapping(NODE, COUNTS),
+    "mail": MAIL, "handles": NODES, "suspender": OBJECT, "mark": VALUE, "held": NODES, "items": DATA, "done": RECORDS,
+}  # fmt: skip
+WAIT: Table = {
+    "key": VALUE, "node": NODE, "scope": OBJECT, "owner": OBJECT, "token": VALUE, "true": VALUE, "started": VALUE,
+    "paused": VALUE, "due": VALUE, "arms": OBJECTS, "box": OBJECT,
+}  # fmt: skip
+MAILBOX: Table = {"key": VALUE, "node": NODE, "scope": OBJECT, "messages": MESSAGES, "passed": VALUE}
+INSTANCE: Table = {
+    "key": VALUE, "root": OBJECT, "counts": COUNTS, "root_variables": VARIABLES, "error": ERROR,
+}  # fmt: skip
+RECORD: Table = {"node": NODE, "variables": VARIABLES, "inner": RECORDS}
+ENGINE: Table = {
+    "counter": VALUE, "conditions": SET, "waits": BY_KEY, "inclusive": replace(SET, ordered=False), "untaken": COUNTER,
+    "incidents": INCIDENTS, "held": HELD, "cancelling": CONTINUATIONS, "armed_starts": mapping(NUMBER, NODE),
+    "waiting_starts": mapping(NODE, MESSAGES), "gathered": mapping(NODE, GATHERED), "listeners": mapping(VALUE, SET),
+}  # fmt: skip
+STORED = {
+    "root_variables": "variables", "waits": "named", "cancelling": "continuations", "armed_starts": "starts",
+}  # fmt: skip
+"""Names in a snapshot of fields that have another name there."""
+
+_record: Kind = parts(*RECORD.values())
+_parts: Callable[[Record], tuple[Any, ...]] = attrgetter(*RECORD)
+
+
+def writing(table: Table) -> Callable[[Any, Writer], Data]:
+    """The function that gives the data of an object with these fields."""
+    values, names = attrgetter(*table), [STORED.get(field, field) for field in table]
+    kinds = [(name, kind) for name, kind in zip(names, table.values(), strict=True) if kind is not VALUE]
+    references = [name for name, kind in kinds if kind.single]
+    others = [(name, kind.write, kind.empty) for name, kind in kinds if not kind.single]
+
+    def write(item: Any, to: Writer) -> Data:
+        data = dict(zip(names, values(item)))  # noqa: B905  # fast: called for each token after each stimulus
+        for name in references:
+            if data[name] is not None:
+                data[name] = data[name].key
+        for name, convert, empty in others:
+            value = data[name]
+            if value or (value is not None and empty is None):
+                data[name] = convert(value, to)
+            elif empty is not None and value is not None:
+                data[name] = empty()
+        return data
+
+    return write
+
+
+def reading(table: Table) -> Callable[[Any, Data, Reader], None]:
+    """The function that sets these fields of an object from its data."""
+    kinds = [(field, STORED.get(field, field), kind.read) for field, kind in table.items()]
+
+    def read(item: Any, data: Data, of: Reader) -> None:
+        for field, name, convert in kinds:
+            found = data[name]
+            setattr(item, field, None if found is None else convert(found, of))
+
+    return read
