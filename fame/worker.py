@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
 import threading
 from collections.abc import Callable
 from functools import partial
 from queue import SimpleQueue
 from typing import Any
+
+from fame.cpython import raise_in
 
 Done = Callable[[Any, Exception | None], object]
 """Gets the result of a function, or its error, in the scheduler's thread."""
@@ -46,11 +47,8 @@ class ThreadWorker(Worker):
         self._queue.put((function, done))
 
     def interrupt(self) -> None:
-        """The function ends at its next step of Python: CPython offers nothing else that ends a thread's loop."""
         if self._thread is not None:
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(
-                ctypes.c_ulong(self._thread.ident or 0), ctypes.py_object(Interrupted)
-            )
+            raise_in(self._thread, Interrupted)
 
     def close(self) -> None:
         if self._thread is not None:

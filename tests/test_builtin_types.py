@@ -15,7 +15,7 @@ from fame.middleware.messages import create
 
 pytest.importorskip("cyclonedds")
 
-from fame.middleware.dds import discovery, wire
+from fame.middleware.dds import discovery
 from fame.middleware.dds.discovery import NodeEntry
 
 TEXTS = ("", "a", "drive", "tracteur à deux étages", "\U0001f69c", "x" * 1001)
@@ -105,13 +105,3 @@ def test_bytes_that_tell_of_no_nodes_are_refused() -> None:
     for wrong in (b"", b"\7\7\0\0", *(data[:length] for length in range(len(data))), endless):
         with pytest.raises(MessageError, match="cannot read"):
             discovery.unpack_nodes(wrong)
-
-
-def test_the_descriptions_of_basic_types_are_what_cyclone_computes() -> None:
-    for name in typesystem.HASHES:
-        given = wire.declared(name, False).__idl__._xt_bytedata
-        computed = wire.declared.__wrapped__(name, False).__idl__
-        computed._xt_data = (None, None)
-        computed.fill_type_data()
-        assert computed._xt_data[0] is not None
-        assert computed._xt_bytedata == given

@@ -23,6 +23,7 @@ LAYERS = (
         "fame.clock",
         "fame.iso8601",
         "fame.errors",
+        "fame.cpython",
         "fame.gc_tuning",
         "fame.randomness",
         "fame.imports",

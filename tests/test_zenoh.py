@@ -20,11 +20,12 @@ import zenoh
 from middleware_contract import WallWorld, needs, zenoh_world
 
 from fame.clock import SECOND, WallScheduler
+from fame.cpython import keep_thread_state
 from fame.errors import ConfigError, MessageError
 from fame.middleware import codec
 from fame.middleware.interface import LATCHED, SENSOR_DATA, QoS
 from fame.middleware.messages import create
-from fame.middleware.zenoh import ZenohMiddleware, tokens
+from fame.middleware.zenoh import ZenohMiddleware, endpoints, tokens
 from fame.middleware.zenoh.session import locators
 
 pytestmark = pytest.mark.zenoh
@@ -425,6 +426,24 @@ def test_garbage_attachments_and_garbage_messages_are_dropped_with_a_warning(her
     (warning,) = [str(text) for text in middleware.warnings]
     assert warning == "/x: dropped a message: expected an attachment of 33 bytes as ROS has it, got 0 bytes"
     assert middleware.losses() == ["/x: /a could not read 3 more messages"]
+
+
+def test_threads_of_zenoh_keep_their_state(here: WallWorld, stranger: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    local, made, calls = threading.local(), list[int](), list[int]()
+
+    def kept() -> None:
+        keep_thread_state()
+        calls.append(threading.get_ident())
+        if not hasattr(local, "known"):  # it is gone with the state of the thread
+            made.append(threading.get_ident())
+            local.known = True
+
+    monkeypatch.setattr(endpoints, "keep_thread_state", kept)
+    for _ in range(20):
+        stranger.put(key(), codec.serialize(create(TEXT, "x")), attachment=tokens.attachment(1, bytes(16)))
+    here.until(lambda: len(here.heard) == 20)  # type: ignore[attr-defined]
+    assert len(calls) == 20
+    assert sorted(made) == sorted(set(calls))
 
 
 def test_a_publisher_with_another_definition_of_the_type_is_not_heard_and_named(here: WallWorld, stranger: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Mapping, Sequence
@@ -172,18 +171,16 @@ def _wait(arguments: Namespace, children: Mapping[int, str]) -> int:
 
 
 def _run_one(arguments: Namespace) -> int:
+    from fame.gc_tuning import uncollected
     from fame.scripting.budget import heartbeat
 
-    gc.disable()  # what is loaded now stays: to look for garbage in it costs a tenth of the start
-    try:
-        with heartbeat(last_resort=STUCK):
-            _serve(arguments)
-    finally:
-        gc.enable()
+    with ExitStack() as starting, heartbeat(last_resort=STUCK):
+        starting.enter_context(uncollected(stays=True))
+        _serve(arguments, starting)
     return 0
 
 
-def _serve(arguments: Namespace) -> None:
+def _serve(arguments: Namespace, starting: ExitStack) -> None:
     from fame.deploy import EngineNode, engines
     from fame.deploy.loading import preload
     from fame.randomness import ModuleRandom
@@ -206,8 +203,7 @@ def _serve(arguments: Namespace) -> None:
         if _is_there(arguments.name, trusted, scheduler, middleware):
             raise FameError(f"there is an engine {arguments.name!r} already")
         time = _simulated_time(arguments, scheduler, middleware)
-        gc.freeze()
-        gc.enable()
+        starting.close()
         keeps = arguments.log is not None
         log = opened.enter_context(_log(arguments.log, arguments.name, scheduler)) if keeps else None
         engine = EngineNode(

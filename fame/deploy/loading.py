@@ -11,7 +11,6 @@ A loaded process is a `LoadedCandidate` until it runs: timers and endpoints only
 
 from __future__ import annotations
 
-import gc
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -25,6 +24,7 @@ from fame.deploy.machine import boundary
 from fame.deploy.robot_state import MATCHING
 from fame.deploy.termination import PeerAnswered
 from fame.errors import FameError, ModelError
+from fame.gc_tuning import uncollected
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node
 
@@ -68,7 +68,7 @@ class Work(Generic[_Result]):
         except FameError as error:
             self._end(error)
         else:
-            self._worker.call(partial(_uncollected, function), self._go_on)
+            self._worker.call(uncollected()(function), self._go_on)
 
     def _give_up(self) -> None:
         self._over = True
@@ -82,17 +82,6 @@ class Work(Generic[_Result]):
             self._limit.cancel()
         self._worker.close()
         self._done(outcome)
-
-
-def _uncollected(function: Callable[[], Any]) -> Any:
-    """The result of a function during which no garbage is collected."""
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        return function()
-    finally:
-        if collects:
-            gc.enable()
 
 
 # ---- a model that was sent -------------------------------------------------------------------------------------------
@@ -197,12 +186,8 @@ def preload_all() -> None:
 
 def _preload(steps: Iterator[str]) -> bool:
     """Do the next step; whether there was one. What it loads stays: no garbage collection has to look at it."""
-    gc.disable()
-    try:
+    with uncollected(stays=True):
         return next(steps, None) is not None
-    finally:
-        gc.freeze()
-        gc.enable()
 
 
 def _steps() -> Iterator[str]:

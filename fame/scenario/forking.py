@@ -6,7 +6,6 @@ each has a copy of them in memory. Nothing may have been started before `fork_ea
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import sys
@@ -14,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
+from fame.gc_tuning import exempt
 from fame.scenario.process import forked, orphaned, signals_call
 
 _LOOK = 0.2
@@ -22,7 +22,7 @@ _LOOK = 0.2
 
 def fork_each(names: Sequence[str]) -> tuple[str, dict[int, str]]:
     """Make a process for each name. Return its name in each of them, and in this one "" and the name by process id."""
-    gc.freeze()  # what is there stays, in memory that all of them share
+    exempt()
     sys.stdout.flush()
     sys.stderr.flush()
     parent, children = os.getpid(), dict[int, str]()

@@ -16,7 +16,7 @@ from fame.bpmn.pools import pools_of, shared_topics
 from fame.check.gate import refuse_literals
 from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError
-from fame.gc_tuning import rarely_collected
+from fame.gc_tuning import former_exempt, rarely_collected
 from fame.middleware import messages, qos
 from fame.middleware.interface import Publisher
 from fame.middleware.local import LocalMiddleware
@@ -358,9 +358,5 @@ def seldom_collected() -> Iterator[None]:
     """
     if next(_RUNS) % _COLLECTED == 0:
         gc.collect()
-    gc.freeze()
-    try:
-        with rarely_collected(_YOUNG):
-            yield
-    finally:
-        gc.unfreeze()
+    with former_exempt(), rarely_collected(_YOUNG):
+        yield

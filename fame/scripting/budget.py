@@ -19,14 +19,12 @@ the `last_resort`.
 from __future__ import annotations
 
 import ast
-import ctypes
 import faulthandler
 import math
 import signal
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from itertools import repeat
@@ -59,15 +57,15 @@ def heartbeat(seconds: float = 5.0, *, last_resort: float = 0.0) -> Iterator[Non
     """Interrupt a step of a script that is running at three beats in a row, which are `seconds` / 2 apart.
 
     Works in the main thread only, elsewhere it does nothing. Raises BudgetExceeded inside the script, never in the
-    engine. With `last_resort` (s of processor time, so that a stopped process lives on) a process whose main thread
-    handles no beat while it computes that long is killed by SIGVTALRM, with a traceback on stderr.
+    engine. With `last_resort` (s of processor time of all threads, so that a stopped process lives on) a process that
+    computes that long while its main thread handles no beat is killed by SIGVTALRM, with a traceback on stderr.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     seen: tuple[FrameType, int] | None = None
     times = 0
-    arm = _processor_alarm() if last_resort else lambda seconds: None
+    arm = partial(signal.setitimer, signal.ITIMER_VIRTUAL)
 
     def beat(_number: int, frame: FrameType | None) -> None:
         nonlocal seen, times
@@ -91,43 +89,6 @@ def heartbeat(seconds: float = 5.0, *, last_resort: float = 0.0) -> Iterator[Non
         arm(0)
         faulthandler.unregister(signal.SIGVTALRM)
         signal.signal(signal.SIGALRM, former)
-
-
-class _SignalEvent(ctypes.Structure):
-    """``struct sigevent``: send a signal, which is 0 in `notify`."""
-
-    _fields_ = [
-        ("value", ctypes.c_void_p),
-        ("signal", ctypes.c_int),
-        ("notify", ctypes.c_int),
-        ("_", ctypes.c_char * 48),
-    ]
-
-
-class _Times(ctypes.Structure):
-    """``struct itimerspec``."""
-
-    _fields_ = [(name, ctypes.c_long) for name in ("interval", "interval_ns", "seconds", "ns")]
-
-
-def _processor_alarm() -> Callable[[float], object]:
-    """Return a function that sets an alarm: SIGVTALRM comes after a processor time of this thread (s); 0 cancels.
-
-    POSIX has it (``timer_create``) and Python does not. Where a thread has no clock the time of all threads counts.
-    """
-    try:
-        libc, timer = ctypes.CDLL(None), ctypes.c_void_p()
-        event = _SignalEvent(signal=signal.SIGVTALRM)
-        if libc.timer_create(time.CLOCK_THREAD_CPUTIME_ID, ctypes.byref(event), ctypes.byref(timer)) == 0:
-            return partial(_set, libc, timer)
-    except (AttributeError, OSError, TypeError):
-        pass
-    return partial(signal.setitimer, signal.ITIMER_VIRTUAL)
-
-
-def _set(libc: ctypes.CDLL, timer: ctypes.c_void_p, seconds: float) -> None:
-    times = _Times(seconds=int(seconds), ns=int(seconds % 1 * 1e9))
-    libc.timer_settime(timer, 0, ctypes.byref(times), None)
 
 
 # ---- scripts in Python -----------------------------------------------------------------------------------------------

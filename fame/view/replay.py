@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -19,6 +17,7 @@ from fame.clock import SECOND
 from fame.closing import Closing
 from fame.errors import ConfigError, FameError, ModelError
 from fame.fast_json import json_value
+from fame.gc_tuning import exempt, readmit
 from fame.log import Recording
 from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
 from fame.log.recording import Message
@@ -87,7 +86,7 @@ class Replay(Closing):
         self._thread.join()
         with self._ahead_lock:
             self._opened.close()
-        gc.unfreeze()
+        readmit()
 
     def wait(self) -> None:
         """Wait until everything is read."""
@@ -138,14 +137,6 @@ class Replay(Closing):
         return list(dict.fromkeys((*seen, *self._recording.robots)))
 
     def _read(self) -> None:
-        former = sys.getswitchinterval()
-        sys.setswitchinterval(_SWITCH)
-        try:
-            self._read_all()
-        finally:
-            sys.setswitchinterval(former)
-
-    def _read_all(self) -> None:
         recording, packer = self._recording, self._packer
         length, pending = max(recording.end - recording.start, 1), self._runs.copy()
         try:
@@ -164,7 +155,7 @@ class Replay(Closing):
                 else:
                     self._message(message)
                 if number % 256 == 0:
-                    gc.freeze()  # blocks stay, without cycles: to search millions of values for some stops all answers
+                    exempt()  # blocks have no cycles: looking through millions of values would delay all answers
                     with self._lock:
                         self._done = max(0, len(packer.blocks) - 1)
                         self._reading = (message.time - recording.start) / length
@@ -312,7 +303,5 @@ _BEYOND = 100
 """Messages after the instant that is asked for which an answer has at most: the cursor may move on a little."""
 _PAUSE = 0.08
 """Seconds that the reader leaves the processor to a page that has got an answer and draws it."""
-_SWITCH = 0.0005
-"""Seconds after which the reader lets other threads go on: an answer to the page needs several of them."""
 _LONGEST = 365 * 24 * 3600 * SECOND
 """A recording whose times are later than this (ns) counts from another epoch: the page counts from its start."""

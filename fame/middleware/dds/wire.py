@@ -3,10 +3,6 @@
 Cyclone transports CDR, which `fame.middleware.codec` packs and unpacks. To check received data it also needs the fields
 of a type, so each type is declared with its true fields (keyless, final).
 
-Each endpoint carries a descriptor of its type (DDS XTypes 1.3, section 7.3.4: TypeInformation and TypeMapping). To
-compute it, cyclonedds needs 30 ms for the first type, a fifth of the start-up of an engine; so the descriptors of the
-types that every engine needs (`fame.middleware.typesystem.HASHES`) are stored here.
-
 Topics are made once and stay until the participant is deleted. A topic without endpoints is invisible to others, but
 each one that is made costs memory that cyclonedds does not give back, and Cyclone 11.0.1 crashes now and then when a
 type is declared after others of this process were deleted: its tree of type dependencies has entries that were freed
@@ -16,10 +12,8 @@ participant that closes while others of this process stay in the domain hands it
 
 from __future__ import annotations
 
-import base64
 import ctypes
 import time
-import zlib
 from functools import cache
 from typing import Any
 
@@ -38,7 +32,7 @@ from fame.middleware import codec, typesystem
 from fame.middleware.definitions import EMPTY_FIELD, Field
 from fame.middleware.errors import check_name
 from fame.middleware.interface import QoS
-from fame.middleware.typesystem import PARTICIPANT, STRING, dds_type
+from fame.middleware.typesystem import dds_type
 
 # ---- names and types -------------------------------------------------------------------------------------------------
 
@@ -97,8 +91,6 @@ def declared(name: str, header: bool) -> Any:
         fields or {EMPTY_FIELD: idl.uint8},
         dataclassify=False,
     )
-    if not header:
-        _set_descriptor(content.name, cls)
     # Not by inheritance, which would become part of the type.
     for method, function in _CDR_METHODS.items():
         setattr(cls, method, function)
@@ -139,15 +131,6 @@ def _primitive(field: Field) -> Any:
     if field.base == "string":
         return idl.bounded_str[field.bound] if field.bound else str
     return bool if field.base == "bool" else getattr(idl, field.base)
-
-
-def _set_descriptor(name: str, declared: Any) -> None:
-    """Give a declared type its stored descriptor, if there is one; cyclonedds computes the others."""
-    if name in _DESCRIPTORS:
-        length, packed = _DESCRIPTORS[name]
-        data = zlib.decompress(base64.b64decode(packed))
-        declared.__idl__._xt_data = name, name  # only says that they exist
-        declared.__idl__._xt_bytedata = data[:length], data[length:]
 
 
 # ---- writers and readers ---------------------------------------------------------------------------------------------
@@ -309,23 +292,3 @@ def _time(seconds: float | None) -> int:
 
 def _seconds(time: int) -> float | None:
     return None if time >= _FOREVER else time / SECOND
-
-
-_DESCRIPTORS = {
-    STRING: (
-        100,
-        "eNpLYGBgYBRgcNAA0ipALALEHyNTczm4dqotNl42V23ORgaQHAiwQGkmNPWfDt9quGbxUnr+Wq7ssphDDMFo6m1AdmAxF6T/YyAjWI4BahaI"
-        "zQPlMzIUMPSW11ukQ8XR7fEHiQH1q0LVywJxcUlKfG5xerGVFZC0skpJKY63sgouKcrMS48HqZGGmiWMZAcrkE5JLEkE8ZWw24XmdACXeEJ8",
-    ),
-    PARTICIPANT: (
-        196,
-        "eNo7wMDAwCjA4BABpEOAWASIP15dtORafJXn5qrNz5OamBiigGJMQGwCpcFqOJul50/kyktbod34M+QHgxFMvKoqtqz8xJzuf55e8ifmM7SB"
-        "9KCZ/0mv6SsP3+HE74tWP+7/ep5hKxbzPy27F5Zh1elvekzl9dSOpQzxMHHjyjcOG/O4LrvOOWxir8LAyMjA4AXEzFjcHQYSC2RkAEqDgRvU"
-        "fEkonxHdF7rBK34DxeXAciDc8JERw0tTjZR90X3JwNCEZlcRELMAsQDcrkKwoZ6BPy0E4OZDxB65hCrKQd0GsxPVYRJp169D3MWMU03Otgmn"
-        "0WOFgUEPzV0wv4nB3TXhMyNUTIC3t7zegoHBnQliD3o8bQSJAc2ygeoFxVdRbnl8SkpxfHJ+bm5+npVVbnG6lRVIwMoqILGoJDM5syAxr8Q1"
-        "rySzJDO12DMvLT+eIRPqVyW4G9BjGxJ26ZkpYHlLRHx8YsRMAgziQLm8/JTU+FSoNfGZIHuKUwsxE8xfqB9MoXbr4veDH9BYVMcDwU6o+xTR"
-        "4pYf5o68xNzU4oLE5FSIvAxafHMhqwOyDRFxD/YfemCAzC1KTUxJLYoHBgnUX1B9zAT0lRdllqDoQ1MVDQ0PDahfFPCHhzvQHAZ1qH/ksaYh"
-        "BgZWIJ2SWJIIkotjwJqW0LIqWiShZS80J6MlcgA2lFF3",
-    ),
-}
-"""Type -> length of the TypeInformation, and it with the TypeMapping, compressed."""

@@ -6,7 +6,6 @@ service is a queryable: a request is a query, with an attachment as messages hav
 
 from __future__ import annotations
 
-import ctypes
 import threading
 import time
 from collections import deque
@@ -20,6 +19,7 @@ import zenoh
 import zenoh.ext
 
 from fame.clock import SECOND
+from fame.cpython import keep_thread_state
 from fame.errors import MessageError
 from fame.middleware import codec
 from fame.middleware.errors import dropped_warning
@@ -45,22 +45,6 @@ _DROPPED = SECOND
 _PATIENCE = 1.0
 """How long a thread may take to end (s)."""
 _DROP, _BLOCK = zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK
-
-
-_threads: set[int] = set()
-
-
-def keep_thread_state() -> None:
-    """Let Python keep what it knows of this thread of Zenoh, which it would make anew for each callback.
-
-    That costs 16 to 75 us of processor time per message, a quarter of all. It is safe: the thread holds Python's lock
-    here and gives it back when the callback returns, since that is up to the outermost call of PyGILState_Ensure, not
-    to this one; what this one keeps is one thread state for each of Zenoh's few threads, until the process ends, and
-    they have ended by then (`ZenohMiddleware.release`).
-    """
-    if threading.get_ident() not in _threads:
-        _threads.add(threading.get_ident())
-        ctypes.pythonapi.PyGILState_Ensure()
 
 
 class _Declared:

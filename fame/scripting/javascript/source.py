@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from types import FunctionType
 from typing import Any, Literal
 
 from fame.bpmn.model import Expression
@@ -187,12 +188,17 @@ def thrown(description: dict[str, Any], script: Script) -> BaseException:
     return located(error, script, stack)
 
 
+def _throw(error: BaseException) -> None:
+    raise error
+
+
 def located(error: BaseException, script: Script, stack: str = "") -> BaseException:
     """The error with a traceback into the file, at the innermost line of the stack that belongs to the script."""
     lines = (int(line) for line in _PLACE.findall(stack))
     line = next((line for line in lines if script.line <= line <= script.last), script.line)
+    code = _throw.__code__.replace(co_filename=source_name(script.file), co_firstlineno=line - 1, co_name="<module>")
     try:
-        exec(compile("\n" * (line - 1) + "raise error", source_name(script.file), "exec"), {"error": error})
+        FunctionType(code, {})(error)
     except BaseException as raised:
         return raised
     raise AssertionError("what is raised is caught")
