@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
+import sqlite3
 import subprocess
 import sys
 import tracemalloc
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -250,3 +252,35 @@ def test_all_who_ask_while_the_disk_is_busy_share_one_write(directory: StateDire
         assert done == list(range(count))
     assert writes == []
     journal.close()
+
+
+# ---- why it is no database: docs/durability.md -----------------------------------------------------------------------
+
+
+def database(path: Path) -> sqlite3.Connection:
+    """A database that syncs each commit."""
+    made = sqlite3.connect(path, isolation_level=None, timeout=0)
+    made.execute("PRAGMA journal_mode=WAL")
+    made.execute("PRAGMA synchronous=FULL")
+    made.execute("CREATE TABLE IF NOT EXISTS records (number)")
+    return made
+
+
+def test_sqlite_forgets_synced_records_without_an_error(tmp_path: Path) -> None:
+    with closing(database(tmp_path / "db")) as one:
+        for number in range(5):
+            one.execute("INSERT INTO records VALUES (?)", (number,))
+        log = bytearray((tmp_path / "db-wal").read_bytes())
+        (tmp_path / "copy").write_bytes((tmp_path / "db").read_bytes())
+    log[len(log) // 2] ^= 0x55
+    (tmp_path / "copy-wal").write_bytes(log)
+    with closing(sqlite3.connect(tmp_path / "copy")) as other:
+        assert other.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+        assert len(other.execute("SELECT * FROM records").fetchall()) < 5
+
+
+def test_sqlite_refuses_records_during_a_commit(tmp_path: Path) -> None:
+    with closing(database(tmp_path / "db")) as engine, closing(database(tmp_path / "db")) as committer:
+        committer.execute("BEGIN IMMEDIATE")  # from here until its commit is on the disk
+        with pytest.raises(sqlite3.OperationalError, match="locked"):
+            engine.execute("INSERT INTO records VALUES (1)")
