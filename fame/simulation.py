@@ -114,7 +114,8 @@ class Simulation:
         return self
 
     def signal(self, name: str, payload: Any = None) -> Simulation:
-        """A message on the topic `name` from outside (``~/odom`` or ``/robot/odom``: the robot's own), then run on.
+        """Send a message on topic `name` (``~/odom`` or ``/robot/odom``: the robot's own) from outside, then run
+        on.
 
         Running on goes as far as the last `run` did: to where nothing can move, or, if that had an `until`, no further
         than the present instant. Raises MessageError if the payload does not fit the type of the topic, and for a topic
@@ -129,11 +130,11 @@ class Simulation:
         return self
 
     def message(self, name: str, payload: Any = None) -> Simulation:
-        """A BPMN message to this process, then run on as `signal` does. One catcher gets it, else a start event."""
+        """Send a BPMN message to this process and run on, as `signal` does. One catcher gets it, else a start event."""
         return self.signal(name, payload)
 
     def complete(self, element: str, values: Mapping[str, Any] | None = None) -> Simulation:
-        """A user, manual or receive task is done, with results; then run on as `signal` does.
+        """Complete a user, manual or receive task with results; then run on as `signal` does.
 
         Raises MissionError if no token waits there.
         """
@@ -196,7 +197,7 @@ class Simulation:
         observer: Callable[[Event], object] | None = None,
         library: str | Path | Sequence[str | Path] = (),
     ) -> Simulation:
-        """Go on from a file that `save` has written, at the simulated time of then.
+        """Go on from a file that `save` has written, at the simulated time that it was saved.
 
         The model is read again from its file, unless it is given. Raises ConfigError for a file that is damaged or is
         no such state, and for the state of another model.
@@ -250,7 +251,7 @@ def _expect_values(argument: str, values: object) -> None:
 
 
 def _declared(definitions: Definitions) -> dict[str, TopicUse]:
-    """The topics whose type some process of the file says: it holds for the process that is run, too."""
+    """Return the topics whose type some process of the file says: it holds for the process that is run, too."""
     found: dict[str, TopicUse] = {}
     for process in definitions.processes:
         with suppress(ModelError):  # reported if that one is run
@@ -260,7 +261,7 @@ def _declared(definitions: Definitions) -> dict[str, TopicUse]:
 
 
 def choose_process(definitions: Definitions, name: str | None, advice: str = "") -> Process:
-    """A process by id, or by the name of its pool; without a name the only one, or the only executable one.
+    """Return a process by id, or by the name of its pool; without a name the only one, or the only executable one.
 
     Raises ModelError if there is no such process, or more than one: then with `advice`.
     """

@@ -78,7 +78,7 @@ def _supervise(context: ScopeCompiler) -> None:
 
 
 def _activities_of(context: ScopeCompiler) -> list[model.Activity]:
-    """The activities of the sub-process, without compensation handlers and event sub-processes."""
+    """Return the activities of the sub-process, without compensation handlers and event sub-processes."""
     activities = (node for node in context.content.nodes if isinstance(node, model.Activity))
     return [node for node in activities if node.id in context.exits and not node.for_compensation]
 
@@ -116,7 +116,7 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def chosen_of(spec: AdHoc, variables: dict[str, Any]) -> list[Node]:
-    """The first nodes. Raises ValueError for anything but a list of ids of elements that can start."""
+    """Return the first nodes. Raises ValueError for anything but a list of ids of elements that can start."""
     if spec.chosen is None:
         return list(spec.entries.values())
     ids = spec.chosen(variables)
@@ -127,7 +127,7 @@ def chosen_of(spec: AdHoc, variables: dict[str, Any]) -> list[Node]:
 
 
 def spec_of(scope: Scope) -> AdHoc:
-    """The spec of the ad-hoc sub-process of a scope."""
+    """Return the spec of the ad-hoc sub-process of a scope."""
     assert scope.body is not None
     spec: AdHoc = scope.body.adhoc
     return spec
@@ -175,7 +175,7 @@ def take_next(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def conclude(engine: EngineState, scope: Scope, spec: AdHoc) -> None:
-    """The completion condition is true: cancel the remaining activities, or let them end."""
+    """Cancel the remaining activities, or let them end: the completion condition is true."""
     if spec.cancels:
         scopes.proceed(engine, steps.FINISH, *scopes.replace(engine, scope, scope.handles))
     else:
@@ -218,12 +218,12 @@ def activate(engine: EngineState, element: str) -> None:
 
 
 def offers(engine: EngineState) -> list[str]:
-    """The ids of the elements that `activate` can start now, without repetition."""
+    """Return the ids of the elements that `activate` can start now, without repetition."""
     return list(dict.fromkeys(id for _, entries in _open(engine) for id in entries))
 
 
 def _open(engine: EngineState) -> Iterator[tuple[Scope, dict[str, Node]]]:
-    """The open ad-hoc scopes, with the elements that can start in them."""
+    """Yield the open ad-hoc scopes, with the elements that can start in them."""
     for instance in engine.instances.values():
         for scope in scopes_of(instance.root):
             spec: AdHoc | None = scope.body.adhoc if scope.body is not None else None

@@ -58,7 +58,7 @@ class Stimuli:
 
 
 def stimuli(engine: Engine) -> Stimuli:
-    """The stimuli that can change the state of an engine that is not running."""
+    """Return the stimuli that can change the state of an engine that is not running."""
     scripts, timers = {}, {}
     for key, wait in engine.waits.items():
         if wait.catch.trigger is SCRIPT:
@@ -117,13 +117,13 @@ class Forms:
         self._shared: dict[Hashable, Hashable] = {}
 
     def walk(self, engine: Engine) -> Walk:
-        """A walk over an engine that is not running, which gives its form. No script may be ending."""
+        """Walk over an engine that is not running, for its form. No script may be ending."""
         if engine.ready or engine.cancelling or engine.held is not None:
             raise RuntimeError("a form is taken between two stimuli, when nothing is being cancelled or held")
         return Walk(self, engine)
 
     def control(self, control: Control) -> int:
-        """The number of a control state."""
+        """Return the number of a control state."""
         number = self._numbers.get(control)
         if number is None:
             instances, scopes, waits, *others = control
@@ -135,7 +135,7 @@ class Forms:
         return number
 
     def revived(self, form: Form, host: Host, new_variables: Callable[[], dict[str, Any]], *, moves: int) -> Engine:
-        """A new engine of that form; `moves` as of `Engine`."""
+        """Return a new engine of that form; `moves` as of `Engine`."""
         return Revival(self, form, Engine(self.program, host, new_variables, moves=moves)).engine
 
 
@@ -205,7 +205,7 @@ class Walk:
             self.boxes.append(box)
 
     def form(self) -> tuple[Form, Keys]:
-        """The form of the engine, and what becomes of its keys."""
+        """Return the form of the engine, and what becomes of its keys."""
         engine, positions, number = self.engine, self.forms.positions, self.number
         keys = {key: number[wait] for key, wait in engine.waits.items()}
         named = tuple(sorted(keys.values()))
@@ -254,7 +254,7 @@ class Walk:
         return tuple(found)
 
     def _rare(self, scope: Scope) -> Hashable:
-        """What most scopes have not."""
+        """Return the fields that are empty in most scopes."""
         number = self.number
         return (
             tuple([number[box] for box in scope.mail.values()]) if scope.mail is not None else None,
@@ -292,7 +292,7 @@ class Walk:
         )
 
     def _mail_ranks(self) -> dict[int, int]:
-        """The order of arrival of queued messages."""
+        """Return the order of arrival of queued messages."""
         kept = [key for box in self.boxes for key, _ in box.messages]
         kept += [key for messages in self.engine.waiting_starts.values() for key, _ in messages]
         return {key: rank + 1 for rank, key in enumerate(sorted(kept))}
@@ -310,7 +310,7 @@ class Walk:
         )
 
     def _ranks(self) -> tuple[int, ...]:
-        """The place of each number in the order of age, from 1."""
+        """Return the place of each number in the order of age, from 1."""
         number = self.number
         ranks = [0] * len(number)
         for rank, each in enumerate(sorted(number, key=_KEY), 1):
@@ -318,7 +318,7 @@ class Walk:
         return tuple(ranks)
 
     def _dict(self, variables: dict[str, Any]) -> int:
-        """The place of a dict of variables; outer dicts come first."""
+        """Return the place of a dict of variables; outer dicts come first."""
         place = self.dicts.get(id(variables))
         if place is not None:
             return place

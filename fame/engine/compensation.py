@@ -48,7 +48,7 @@ def remember(scope: Scope, *records: Record) -> None:
 
 
 def record_of(node: Node, inner: Scope) -> Record:
-    """The record of an activity whose scope has ended. Raises RecursionError if handlers are inside too many others.
+    """Return the record of an activity whose scope has ended. Raises RecursionError.
 
     An activity without a handler stands for the records inside it, at any depth: those are kept side by side.
     """
@@ -89,7 +89,7 @@ def beside(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def _unrolled(records: list[Record]) -> list[Record]:
-    """The records to compensate, in order. An activity without a handler stands for the records inside it."""
+    """Return the records to compensate, in order. An activity without a handler stands for the records inside it."""
     found, stack = [], list(records)
     while stack:
         record = stack.pop()
@@ -101,7 +101,7 @@ def _unrolled(records: list[Record]) -> list[Record]:
 
 
 def handler_of(node: Node) -> Node | None:
-    """The first node of an activity's compensation handler, if it has one."""
+    """Return the first node of an activity's compensation handler, if it has one."""
     if node.boundary is not None and node.boundary.compensation is not None:
         return node.boundary.compensation
     return node.body.compensation if node.body is not None else None
@@ -127,7 +127,7 @@ def _undo_next(engine: EngineState, undoing: Scope) -> None:
 
 
 def _one_undone(engine: EngineState, undoing: Scope, inner: Scope) -> None:
-    """One activity has been compensated."""
+    """Continue after one activity has been compensated."""
     _undo_next(engine, undoing)
 
 
@@ -152,7 +152,7 @@ def cancel(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def _whole_of(instance: Scope) -> Scope:
-    """The scope of a repeated transaction, which is cancelled as a whole, with the records of its running instances."""
+    """Return the scope of a repeated transaction, cancelled as a whole, and the records of its running instances."""
     whole = instance.parent
     assert whole is not None
     for each in whole.children:

@@ -57,7 +57,7 @@ Given = tuple[dict[str, Any], Content, list[str], list[Any]]
 
 
 def _changed(given: Given) -> list[str] | None:
-    """The names of variables that may have another code than at first; None if some are gone."""
+    """Return the names of variables that may have another code than at first; None if some are gone."""
     variables, content, first, values = given
     names = list(dict.keys(variables))
     if names == first:
@@ -111,7 +111,7 @@ class Contents:
         self._given = {}
 
     def values(self, number: int) -> dict[str, Any]:
-        """The variables of a content, for a new dict."""
+        """Return the variables of a content, for a new dict."""
         content = self._contents[number]
         values = content.values.copy()
         for name, items in content.lists:
@@ -126,7 +126,7 @@ class Contents:
         self._given[id(variables)] = given
 
     def number(self, variables: dict[str, Any]) -> int:
-        """The number of the content of a dict."""
+        """Return the number of the content of a dict."""
         given = self._given.get(id(variables))
         changed = _changed(given) if given is not None else None
         if given is None or changed is None:
@@ -138,17 +138,17 @@ class Contents:
         return self.changed(content.number, tuple([(name, fresh.get(name)) for name in changed]))
 
     def is_empty(self, number: int) -> bool:
-        """Whether a content has no variables."""
+        """Return whether a content has no variables."""
         return not self._contents[number].codes
 
     def codes(self, number: int, names: Sequence[str]) -> tuple[Hashable | None, ...]:
-        """The codes of variables of a content; None for those that it has not."""
+        """Return the codes of variables of a content; None for those that it has not."""
         content = self._contents[number]
         places, codes = content.layout.places, content.codes
         return tuple([codes[places[name]] if name in places else None for name in names])
 
     def difference(self, before: int, after: int, written: Collection[str] = ()) -> Changes:
-        """The changes that make one content of another, and of those that were written also what is the same."""
+        """Return the changes that make one content of another, and of those that were written also what is the same."""
         one, other = self._contents[before], self._contents[after]
         if one is other and not written:
             return ()
@@ -161,7 +161,7 @@ class Contents:
         return tuple(zip(changed, self.codes(after, changed), strict=True))
 
     def changed(self, number: int, changes: Changes) -> int:
-        """The number of a content after some changes."""
+        """Return the number of a content after some changes."""
         content = self._contents[number]
         places, codes = content.layout.places, list(content.codes)
         for name, code in changes:
@@ -179,7 +179,7 @@ class Contents:
         return self._numbered(content.layout, tuple(codes)) if changes else number
 
     def forgotten(self, number: int, names: Collection[str], code: Hashable, removed: Collection[str] = ()) -> int:
-        """The number of a content in which variables have that code, as far as they are set, and others are removed."""
+        """Return the number of a content in which set variables have that code, and others are removed."""
         changes = [(name, code) for name in names if name in self._contents[number].layout.places]
         return self.changed(number, (*changes, *((name, None) for name in removed)))
 
@@ -188,7 +188,7 @@ class Contents:
         return dict(zip(content.layout.names, content.codes, strict=True))
 
     def _codes(self, variables: dict[str, Any], names: Iterable[str]) -> dict[str, Hashable]:
-        """The codes of those of these variables that belong to the content."""
+        """Return the codes of those of these variables that belong to the content."""
         variable, kept = self.variable, self.kept
         found = dict[str, Hashable]()
         for name in names:
@@ -222,7 +222,7 @@ class Contents:
         return content
 
     def _items(self, code: Hashable) -> tuple[Any, ...] | None:
-        """The items of a list of immutable values; None for another value."""
+        """Return the items of a list of immutable values; None for another value."""
         if code not in self._lists:
             value = self.decode(code)
             fixed = value.__class__ is list and all(self.constant(self.encode(item)) for item in value)

@@ -106,7 +106,7 @@ class Variables(dict[str, Any]):
 
 
 def plain(variables: Mapping[str, Any]) -> dict[str, Any]:
-    """All variables that are data, inner ones before outer ones, as a new plain dict.
+    """Return all variables that are data, inner ones before outer ones, as a new plain dict.
 
     Names with two leading underscores, modules, classes and callables are code, not data: they are never shown, logged
     or stored.
@@ -121,12 +121,12 @@ Match = Callable[[Sequence[str], str, Any], dict[str, tuple[str, ...]]]
 
 
 def is_variable(name: str) -> bool:
-    """Whether a variable may have this name."""
+    """Return whether a variable may have this name."""
     return name.isidentifier() and not name.startswith("__")
 
 
 def variable_name(topic: str) -> str:
-    """The variable that a topic's message sets: its name as a Python name.
+    """Return the variable that a topic's message sets: its name as a Python name.
 
     >>> variable_name("~/odom"), variable_name("/arm/joint states")
     ('odom', 'arm_joint_states')
@@ -140,7 +140,7 @@ def receiver(
     assignments: Sequence[tuple[str, Callable[[dict[str, Any]], Any]]],
     loose: Sequence[str] = (),
 ) -> Take:
-    """The function (variables, message) that stores a message caught by one event.
+    """Return the function (variables, message) that stores a message caught by one event.
 
     `assignments` is its compiled mapping; `loose` are variables of the process that nothing else sets (`unfilled`).
     """
@@ -154,7 +154,7 @@ def receiver(
 
 
 def unfilled(process: Process) -> tuple[str, ...]:
-    """The variables of a process that a caught message can set by their names (``by_prefix``).
+    """Return the variables of a process that a caught message can set by their names (``by_prefix``).
 
     They are those that data objects declare without a value and that no association of an element sets.
     """
@@ -179,7 +179,7 @@ def _mapped(assignments: Sequence[tuple[str, Callable[[dict[str, Any]], Any]]]) 
 
 
 def seeing_fields(source: Compiled) -> Compiled:
-    """An expression in which the fields of the message are names, as in FEEL."""
+    """Return an expression in which the fields of the message are names, as in FEEL."""
 
     def evaluate(variables: dict[str, Any]) -> Any:
         message = variables["msg"]
@@ -190,7 +190,7 @@ def seeing_fields(source: Compiled) -> Compiled:
 
 
 def with_inputs(inputs: Sequence[tuple[str, Compiled]], source: Compiled) -> Compiled:
-    """An expression in which the inputs of its event are names as well."""
+    """Return an expression in which the inputs of its event are names as well."""
 
     def evaluate(variables: dict[str, Any]) -> Any:
         found = {name: value(variables) for name, value in inputs}
@@ -233,7 +233,7 @@ def _matched(names: tuple[str, ...], topic: str, match: Match) -> Take:
 
 
 def match(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str, ...]]:
-    """The field (as a path) of the message for each of a data object's variables.
+    """Return the field (as a path) of the message for each of a data object's variables.
 
     A field, also one that is a message, goes to the variable of its own name, else to the first that is named
     ``<field>_...``. Of a nested field only the last name matters. The value of a wrapper goes to the variable named
@@ -267,12 +267,12 @@ def match_prefix(names: Sequence[str], topic: str, message: Any) -> dict[str, tu
 
 @cache
 def is_wrapper(kind: type) -> bool:
-    """Whether messages of that class have one field ``data`` (std_msgs/msg/Bool and its like)."""
+    """Return whether messages of that class have one field ``data`` (std_msgs/msg/Bool and its like)."""
     return tuple(getattr(kind, "__dataclass_fields__", ())) == ("data",)
 
 
 def _fields(message: Any, names: Sequence[str], path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Paths of the fields that a variable can take: innermost fields, and messages that a variable is named like."""
+    """Yield the paths of the fields that a variable can take: innermost ones, and messages that one is named like."""
     fields = message if isinstance(message, Mapping) else getattr(message, "__dataclass_fields__", {})
     for name in fields:
         value = message[name] if isinstance(message, Mapping) else getattr(message, name)
@@ -291,7 +291,7 @@ def _descend(message: Any, path: tuple[str, ...]) -> Any:
 def correlation(
     keys: Sequence[tuple[str, Compiled]], variables: dict[str, Any], message: Any
 ) -> list[tuple[str, Any]] | None:
-    """The keys of a message if it correlates with a catching event by these variables, else None (standard 8.3.2).
+    """Return the keys of a message that correlates with an event by these variables, else None (standard 8.3.2).
 
     A key that has a value must equal that of the message.
     """
@@ -304,7 +304,7 @@ def correlation(
 
 
 def correlates(keys: Sequence[tuple[str, Compiled]], variables: dict[str, Any], message: Any) -> bool:
-    """Whether a message correlates with a catching event that takes it: the first one sets keys without a value."""
+    """Return whether a message correlates with a catching event that takes it: the first sets keys without a value."""
     if not keys:
         return True
     found = correlation(keys, variables, message)
@@ -317,7 +317,7 @@ def correlates(keys: Sequence[tuple[str, Compiled]], variables: dict[str, Any], 
 
 
 def _held(variables: Mapping[str, Any], key: str) -> Any:
-    """The value of a correlation key in the process: a variable, or a field of one (``order.id``)."""
+    """Return the value of a correlation key in the process: a variable, or a field of one (``order.id``)."""
     value: Any = variables
     for name in (key,) if key in variables else key.split("."):
         holds = name in value if isinstance(value, Mapping) else hasattr(value, name)

@@ -19,7 +19,7 @@ def no_data(value: Any) -> Any:
 
 
 def is_data(name: str, value: Any) -> bool:
-    """Whether a variable is data, by the rule of `fame.engine.data.plain`."""
+    """Return whether a variable is data, by the rule of `fame.engine.data.plain`."""
     return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
 
 
@@ -27,7 +27,7 @@ _KNOWN = frozenset({bool, int, str, type(None)})
 
 
 def encode(value: Any, dump: Convert = no_data) -> Any:
-    """A value as data for JSON. `dump` makes data of values of other types."""
+    """Return a value as data for JSON. `dump` makes data of values of other types."""
     if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
         return value
     if isinstance(value, float):
@@ -47,13 +47,13 @@ def encode(value: Any, dump: Convert = no_data) -> Any:
 
 
 def _is_plain(items: list[Any]) -> bool:
-    """Whether JSON has the types of all items. Maps have many thousands of items: a call for each is too slow."""
+    """Return whether JSON has the types of all items: a call for each of many thousands of items is too slow."""
     kinds = set(map(type, items))
     return kinds <= _KNOWN or (kinds == {float} and all(map(math.isfinite, items)))
 
 
 def decode(data: Any, load: Convert = no_data) -> Any:
-    """The inverse of `encode`."""
+    """Return the value of some data: the inverse of `encode`."""
     if isinstance(data, list):
         return [decode(item, load) for item in data]
     if not isinstance(data, dict):

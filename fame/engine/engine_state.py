@@ -77,7 +77,7 @@ class EngineState:
         """Records a mark of that scope."""
 
     def new_key(self) -> int:
-        """A new key: all keys come from one counter."""
+        """Return a new key: all keys come from one counter."""
         self.counter += 1
         return self.counter
 

@@ -75,7 +75,7 @@ def send(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def _code_of(spec: Raise, variables: dict[str, Any]) -> str | None:
-    """The code to throw. Raises ValueError if it is computed and null."""
+    """Return the code to throw. Raises ValueError if it is computed and null."""
     if spec.computed is None:
         return spec.code
     code = spec.computed(variables)
@@ -95,7 +95,7 @@ def raise_error(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def _message_of(spec: Raise, variables: dict[str, Any]) -> str:
-    """The text of an error. One that cannot be computed never takes the place of the error."""
+    """Return the text of an error. One that cannot be computed never takes the place of the error."""
     try:
         text = spec.message(variables) if spec.message is not None else None
     except KeyboardInterrupt:

@@ -67,7 +67,7 @@ def give_up(engine: EngineState, wait: Wait, error: BaseException) -> None:
 
 
 def give_up_part(engine: EngineState, wait: Wait, error: BaseException) -> None:
-    """The same for one of several alternatives or triggers: the error is that of its event or gateway."""
+    """Turn an alternative or trigger into an error of its event or gateway, as `give_up` does."""
     assert isinstance(wait.owner, Wait)
     waiting.withdraw(engine, wait.owner)
     fail(engine, wait.scope, wait.node, error, wait=wait.owner)
@@ -113,7 +113,7 @@ def fail_without_token(engine: EngineState, variables: dict[str, Any], element: 
 
 
 def _body_of(engine: EngineState, element: str) -> str:
-    """The id of the process or sub-process that contains an element."""
+    """Return the id of the process or sub-process that contains an element."""
     for process in engine.program.sources:
         for owner in (process, *(node for node in process.body.walk() if isinstance(node, SubProcess))):
             if any(node.id == element for node in owner.body.nodes):
@@ -147,7 +147,7 @@ def escalate(engine: EngineState, scope: Scope, node: Node, code: str | None) ->
 
 
 def _outside(scope: Scope) -> tuple[Scope, Node | None, Scope | None]:
-    """What a fault of a scope affects: that scope, its activity, and the scope around the activity.
+    """Return what a fault of a scope affects: that scope, its activity, and the scope around the activity.
 
     For an event sub-process this is the scope that it handles, which may be that of an event sub-process as well.
     """
@@ -157,7 +157,7 @@ def _outside(scope: Scope) -> tuple[Scope, Node | None, Scope | None]:
 
 
 def _called_at(scope: Scope, node: Node) -> str:
-    """The place of the call, for an element of another file."""
+    """Return the place of the call, for an element of another file."""
     call: Node | None = None
     place: Scope | None = scope
     while place is not None:
@@ -168,7 +168,7 @@ def _called_at(scope: Scope, node: Node) -> str:
 
 
 def _matching(catchers: tuple[Node, ...], code: str | None) -> Node | None:
-    """The catcher of a code: an exact match comes before one that catches all codes."""
+    """Return the catcher of a code: an exact match comes before one that catches all codes."""
     for catcher in catchers:
         if catcher.spec.code == code and code is not None:
             return catcher
@@ -188,7 +188,7 @@ def _set_variables(catcher: Node, scope: Scope, code: str, text: str) -> None:
 
 
 def _describe(error: BaseException, code: str) -> str:
-    """The message of an uncaught error."""
+    """Return the message of an uncaught error."""
     if isinstance(error, BpmnError):
         message = f": {error.message}" if error.message not in ("", code) else ""
         return f"error {code or 'without code'} was not caught{message}"

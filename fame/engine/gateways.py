@@ -91,13 +91,13 @@ def decide_inclusive(engine: EngineState) -> bool:
 
 
 def _is_undecided(join: Node, held: list[int]) -> bool:
-    """Whether it is an inclusive join, or a complex gateway before its reset."""
+    """Return whether it is an inclusive join, or a complex gateway before its reset."""
     spec: Branch = join.spec
     return bool(spec.masks) and (spec.activation is None or any(held[spec.need :]))
 
 
 def _may_pass(engine: EngineState, scope: Scope, join: Node) -> bool:
-    """Whether every other token of the scope that reaches an empty flow of the join reaches a filled one, too."""
+    """Return whether every other token of the scope that reaches an empty flow of the join reaches a filled one."""
     counts = (scope.joins or {})[join]
     filled = 0
     for number, count in enumerate(counts):
@@ -113,7 +113,7 @@ def _may_pass(engine: EngineState, scope: Scope, join: Node) -> bool:
 
 
 def _reach(join: Node, node: Node) -> int:
-    """The incoming flows of a join that a token at a node can reach, as a bit mask."""
+    """Return the incoming flows of a join that a token at a node can reach, as a bit mask."""
     if isinstance(node.spec, Port) and node.spec.join is join:
         return 1 << node.spec.number
     spec: Branch = join.spec
@@ -121,7 +121,7 @@ def _reach(join: Node, node: Node) -> int:
 
 
 def _holds_token(child: Scope | Wait) -> bool:
-    """Whether a child represents a token that can continue in the scope around it."""
+    """Return whether a child represents a token that can continue in the scope around it."""
     if isinstance(child, Wait):
         return child.token
     return child.node is not None and not isinstance(child.node.spec, Handler)
@@ -294,5 +294,5 @@ def _lead_on(context: ScopeCompiler, gateway: model.Gateway, node: Node, flows: 
 
 
 def _asks_for_phase(flow: model.SequenceFlow) -> bool:
-    """Whether the condition of a flow that leaves a complex gateway distinguishes its activation from its reset."""
+    """Return whether the condition of a flow behind a complex gateway distinguishes its activation from its reset."""
     return flow.condition is not None and "waitingForStart" in flow.condition.text

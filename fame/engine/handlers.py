@@ -128,13 +128,13 @@ def _continue(engine: EngineState, released: list[Scope], awake: list[Wait]) -> 
 
 
 def _held_scopes(scope: Scope) -> list[Scope]:
-    """The scopes in it, at any depth, that its suspension holds."""
+    """Return the scopes in it, at any depth, that its suspension holds."""
     older = [inner for inner in scope.children if isinstance(inner, Scope) and inner.key < scope.mark]
     return [inner for outer in older for inner in scopes.subtree(outer)]
 
 
 def _held_waits(scope: Scope) -> list[Wait]:
-    """The waits that its suspension holds, and what is armed because of them, in the order of arming."""
+    """Return the waits that its suspension holds, and what is armed because of them, in the order of arming."""
     found = [inner for inner in scope.children if isinstance(inner, Wait) and (inner.token or inner.catch.resume)]
     for inner in _held_scopes(scope):
         found += inner.arms
@@ -143,12 +143,12 @@ def _held_waits(scope: Scope) -> list[Wait]:
 
 
 def _waits_in(scope: Scope) -> list[Wait]:
-    """The waits of a scope itself."""
+    """Return the waits of a scope itself."""
     return [inner for inner in scope.children if isinstance(inner, Wait)]
 
 
 def _in_order(found: list[Wait]) -> list[Wait]:
-    """These waits and what is armed because of them, in the order of arming."""
+    """Return these waits and what is armed because of them, in the order of arming."""
     for wait in found:  # which grows
         found += wait.arms
     return sorted(found, key=attrgetter("key"))

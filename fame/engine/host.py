@@ -40,7 +40,7 @@ class Host(Protocol):
         """Compile a text to a callable of the variables. Raises ModelError if the text is wrong."""
 
     def service(self, operation: str, *, element: str, file: str) -> Compiled:
-        """The callable of the service that a service task names. Raises ModelError for an unknown service."""
+        """Return the callable of the service that a service task names. Raises ModelError for an unknown service."""
 
     def publish(self, topic: str, value: Any) -> Any:
         """Send `value` (the payload, or None) on the qualified topic to other nodes.
@@ -76,20 +76,20 @@ class Host(Protocol):
         """Warn about something that does not stop the mission: a dropped trigger, an uncaught escalation."""
 
     def output_missing(self, element: str, output: str) -> None:
-        """An activity has ended without setting an output that it declares. Raises NameError to make it fail."""
+        """Report a declared output that an activity has not set at its end. Raises NameError to make it fail."""
 
     def begun(self, instance: Instance) -> None:
-        """An instance starts."""
+        """Note that an instance starts."""
 
     def ended(self, instance: Instance) -> None:
-        """An instance completed, failed or was cancelled. The engine has forgotten it."""
+        """Note that an instance completed, failed or was cancelled. The engine has forgotten it."""
 
 
 _RAISE = (dis.opmap["RAISE_VARARGS"], dis.opmap["RERAISE"])
 
 
 def is_from_outside(error: KeyboardInterrupt) -> bool:
-    """Whether it is a user's Ctrl-C, which arrives between two instructions, and not raised by a script."""
+    """Return whether it is a user's Ctrl-C, which arrives between two instructions, and not raised by a script."""
     trace = error.__traceback__
     if trace is None:
         return False

@@ -94,13 +94,13 @@ class Engine(EngineState):
         self.unsettled = True
 
     def stepped(self) -> None:
-        """A suspended script ran and waits again: variables may have changed, messages may have been published."""
+        """Go on after a step of a script: variables may have changed, messages may have been published."""
         if self.conditions:
             waiting.check_conditions(self)
         self.run()
 
     def timer_fired(self, key: int, last: bool = True) -> None:
-        """A timer is due. `last`: it does not fire again."""
+        """Fire a timer that is due. `last`: it does not fire again."""
         start = self.armed_starts.get(key)
         if start is not None:
             if last:
@@ -111,12 +111,12 @@ class Engine(EngineState):
         self.run()
 
     def timed(self, key: int) -> Node:
-        """The node that a timer is set for."""
+        """Return the node that a timer is set for."""
         start = self.armed_starts.get(key)
         return start if start is not None else self.waits[key].node
 
     def script_ended(self, key: int, error: BaseException | None = None) -> None:
-        """A suspended script has ended: completed, failed, or cancelled."""
+        """Go on after a suspended script has ended: completed, failed, or cancelled."""
         continuation = self.cancelling.pop(key, None)
         if continuation is not None:
             scope = continuation.scope
@@ -149,7 +149,7 @@ class Engine(EngineState):
         self.run()
 
     def offers(self) -> list[str]:
-        """The ids of the elements that `activate` can start now."""
+        """Return the ids of the elements that `activate` can start now."""
         return adhoc.offers(self)
 
     def retry(self, element: str, values: dict[str, Any] | None = None) -> None:
@@ -295,7 +295,7 @@ class Engine(EngineState):
         faults.fail_without_token(self, variables, element, error)
 
     def is_alive(self, variables: dict[str, Any]) -> bool:
-        """Whether these are the variables of a scope that has not ended."""
+        """Return whether these are the variables of a scope that has not ended."""
         found = (scope for instance in self.instances.values() for scope in scopes_of(instance.root))
         return any(scope.variables is variables for scope in found)
 

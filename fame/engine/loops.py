@@ -89,7 +89,7 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def extent(loop: Loop, variables: dict[str, Any]) -> tuple[list[Any] | None, int]:
-    """The items of a multi-instance activity (None: by cardinality), and its number of instances."""
+    """Return the items of a multi-instance activity (None: by cardinality), and its number of instances."""
     if loop.collection is not None:
         found = loop.collection(variables)
         if not isinstance(found, Iterable) or isinstance(found, str | bytes | Mapping):
@@ -102,7 +102,7 @@ def extent(loop: Loop, variables: dict[str, Any]) -> tuple[list[Any] | None, int
 
 
 def whole_number(found: Any) -> int:
-    """The number of instances for a cardinality, a number or digits. Raises ValueError for any other value."""
+    """Return the number of instances for a cardinality, a number or digits. Raises ValueError for any other value."""
     number = float(found) if isinstance(found, str) and found.strip().isdecimal() else found
     try:
         if not isinstance(number, bool) and number >= 0 and int(number) == number:
@@ -163,7 +163,7 @@ def _decide(whole: Scope, instance: Scope) -> None:
 
 
 def _goes_on(loop: Loop, variables: dict[str, Any], done: int) -> bool:
-    """Whether a standard loop has another iteration."""
+    """Return whether a standard loop has another iteration."""
     if loop.maximum and done >= loop.maximum:
         return False
     return loop.condition is None or bool(loop.condition(Variables(variables, {"loopCounter": done})))

@@ -68,7 +68,7 @@ class Token:
 
 
 def migrate(data: Data, old: Program, new: Program, plan: Plan) -> tuple[Data, list[Token]]:
-    """The state in the new program, and the fate of each token.
+    """Return the state in the new program, and the fate of each token.
 
     Raises MissionError, with all reasons, if a token cannot be transferred.
     """
@@ -80,12 +80,12 @@ def migrate(data: Data, old: Program, new: Program, plan: Plan) -> tuple[Data, l
 
 
 def preview(data: Data, old: Program, new: Program, plan: Plan) -> list[Token]:
-    """The fate of each token, without migrating."""
+    """Return the fate of each token, without migrating."""
     return _Migration(data, old, new, plan).tokens
 
 
 def gone(old: Program, new: Program, plan: Plan) -> list[Token]:
-    """A blocked token for each element of the old program where one could wait and that has no counterpart."""
+    """Return a blocked token for each element of the old program where one could wait and that has no counterpart."""
     before, now = kinds(old), kinds(new)
     fresh = [id for id in now if id not in before]
     return [
@@ -100,12 +100,12 @@ def gone(old: Program, new: Program, plan: Plan) -> list[Token]:
 
 
 def kinds(program: Program) -> dict[str, str]:
-    """The kind of each element, as text."""
+    """Return the kind of each element, as text."""
     return {node.id: kind_of(node) for process in program.sources for node in process.body.walk()}
 
 
 def kind_of(element: model.FlowNode) -> str:
-    """The kind of an element: tokens and subscriptions are transferred between elements of one kind."""
+    """Return the kind of an element: tokens and subscriptions are transferred between elements of one kind."""
     match element:
         case model.Event():
             how = " ".join(type(each).__name__.removesuffix("Definition").lower() for each in element.definitions)
@@ -144,7 +144,7 @@ class _Migration:
         return self._plan.to.get(element, element)
 
     def _node(self, key: str | None) -> str | None:
-        """The key of a node in the new program; None if it has no counterpart."""
+        """Return the key of a node in the new program; None if it has no counterpart."""
         if key is None or key in self._pseudo:
             return key
         node = self._old.by_key.get(key)
@@ -199,14 +199,14 @@ class _Migration:
         return False
 
     def _has_other_alternatives(self, item: Data, key: str) -> bool:
-        """Whether an event-based gateway, or a multiple event, waits for other events in the new program."""
+        """Return whether an event-based gateway, or a multiple event, waits for other events in the new program."""
         old, now = self._old.by_key[key], self._new.by_key.get(self._node(key) or "")
         if old.catch is None or not old.catch.parts or now is None or now.catch is None:
             return False
         return [self._node(part.key) for part in old.catch.parts] != [part.key for part in now.catch.parts]
 
     def _entry(self, element: str, parent: int) -> str | None:
-        """The first node of an element in the new body of a scope."""
+        """Return the first node of an element in the new body of a scope."""
         body = self._scopes[parent]["body"]
         opener = self._node(body) if body else ""
         found = self._new.body if opener == "" else self._new.by_key[opener].body if opener is not None else None
@@ -244,7 +244,7 @@ class _Migration:
     # ---- the new state -----------------------------------------------------------------------------------------------
 
     def result(self) -> Data:
-        """The new state."""
+        """Return the new state."""
         data = self._data
         waits = [self._wait(item) for item in data["waits"] if item["key"] not in self._gone]
         kept_waits = {item["key"] for item in waits if item["node"] is not None}
@@ -309,13 +309,13 @@ class _Migration:
         }
 
     def _record(self, record: list[Any]) -> list[Any] | None:
-        """A record for compensation, unless its activity is not in the new model."""
+        """Return a record for compensation, unless its activity is not in the new model."""
         node = self._node(record[0])
         inner = [kept for item in record[2] if (kept := self._record(item)) is not None]
         return [node, record[1], inner] if node is not None else None
 
     def _counts(self, counts: list[int]) -> list[int]:
-        """The counts of completed elements, by the slots of the new program."""
+        """Return the counts of completed elements, by the slots of the new program."""
         slots: dict[str, list[int]] = {}
         for slot, element in enumerate(self._new.elements):
             slots.setdefault(element, []).append(slot)
@@ -327,7 +327,7 @@ class _Migration:
         return found
 
     def _listeners(self, waits: list[Data], boxes: list[Data]) -> dict[str, list[int]]:
-        """The listeners, in their old order, on the topics of the new program."""
+        """Return the listeners, in their old order, on the topics of the new program."""
         nodes = {item["key"]: self._new.by_key[item["node"]] for item in (*waits, *boxes)}
         found: dict[str, list[int]] = {}
         for keys in self._data["listeners"].values():
@@ -379,6 +379,6 @@ def arm_new(engine: Engine) -> None:
 
 
 def _missing(node: Node, arms: tuple[Wait, ...]) -> tuple[Node, ...]:
-    """The boundary events of an activity that are not armed."""
+    """Return the boundary events of an activity that are not armed."""
     there = {wait.node for wait in arms}
     return tuple(each for each in node.boundary.armed if each not in there) if node.boundary is not None else ()

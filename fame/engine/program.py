@@ -103,7 +103,7 @@ USER = Trigger("user", nothing, nothing, nothing, nothing)
 
 
 def _no_value(variables: dict[str, Any]) -> Any:
-    """The value of a trigger that is neither a timer nor a condition."""
+    """Return no value: the trigger is neither a timer nor a condition."""
 
 
 @dataclass(slots=True)

@@ -19,7 +19,7 @@ from fame.errors import MissionError
 
 
 def _forget(engine: EngineState, wait: Wait) -> None:
-    """An incident is over."""
+    """Forget an incident that is over."""
     engine.incidents.pop(wait, None)
 
 
@@ -104,7 +104,7 @@ def move(engine: EngineState, source: str, target: str) -> None:
 
 
 def _token_at(engine: EngineState, element: str) -> Wait | Scope:
-    """The first token at an element: one that waits, or the scope of an activity. Raises MissionError."""
+    """Return the first token at an element: one that waits, or the scope of an activity. Raises MissionError."""
     found = [token for instance in engine.instances.values() for token in _tokens(instance)]
     for token in found:
         if token.node is not None and token.node.id == element:
@@ -114,6 +114,6 @@ def _token_at(engine: EngineState, element: str) -> Wait | Scope:
 
 
 def _tokens(instance: Instance) -> list[Wait | Scope]:
-    """The waits and scopes of an instance that hold a token of the scope around them."""
+    """Return the waits and scopes of an instance that hold a token of the scope around them."""
     inside = [child for scope in scopes_of(instance.root) for child in scope.children]
     return [child for child in inside if isinstance(child, Scope) or child.token]

@@ -131,7 +131,7 @@ class ScopeCompiler:
         return node
 
     def slot(self, element: str) -> int:
-        """A new index for counting completions of an element."""
+        """Return a new index for counting completions of an element."""
         elements = self.compiler.program.elements
         elements.append(element)
         return len(elements) - 1
@@ -142,7 +142,7 @@ class ScopeCompiler:
             node.plain_step, node.step = node.step, steps.observed_end if ends else steps.observed
 
     def watch_event(self, node: Node) -> None:
-        """The same for an event that no token enters."""
+        """Notify observers, as `watch` does, of an event that no token enters."""
         if self.compiler.observed:
             node.plain_step = steps.pass_on
 
@@ -159,7 +159,7 @@ class ScopeCompiler:
         return self.compiler.host.compile(expression, element=element.id, file=self.file)
 
     def optional(self, expression: model.Expression | None, element: model.Element) -> Compiled | None:
-        """The same, for an expression that may be missing."""
+        """Compile an expression that may be missing."""
         return None if expression is None else self.expression(expression, element)
 
     def assignments(
@@ -173,7 +173,7 @@ class ScopeCompiler:
         raise ModelError.at(element, text, file=self.file)
 
     def inside(self, element: model.Element) -> int:
-        """The depth of the body that an element opens. Raises ModelError if that is too deep."""
+        """Return the depth of the body that an element opens. Raises ModelError if that is too deep."""
         if self.depth >= NESTED:
             self.refuse(TOO_DEEP, element)
         return self.depth + 1
@@ -241,7 +241,7 @@ class ScopeCompiler:
         self.exits[element] = [last]
 
     def _required(self, element: model.FlowNode) -> tuple[str, ...]:
-        """The variables that an activity must set: its own outputs, and those of the data objects it writes."""
+        """Return the variables that an activity must set: its own outputs, and those of the data objects it writes."""
         if not isinstance(element, model.Activity) or not (element.required or element.data_outputs):
             return ()
         objects = (self.objects[id] for id in element.data_outputs if id in self.objects)
@@ -250,7 +250,7 @@ class ScopeCompiler:
     def _values(
         self, objects: tuple[str, ...], copies: tuple[model.Assignment, ...]
     ) -> list[tuple[str, model.Expression]]:
-        """The assignments of data objects, by their ids (also of outer bodies), then the copies."""
+        """Return the assignments of data objects, by their ids (also of outer bodies), then the copies."""
         if not objects and not copies:
             return []
         return [pair for id in objects if id in self.objects for pair in self.objects[id].values] + _pairs(copies)
@@ -285,7 +285,7 @@ class ScopeCompiler:
         spec.default = next((self.target(flow) for flow in flows if flow.id == default), None)
 
     def target(self, flow: model.SequenceFlow) -> Node:
-        """The target node of a sequence flow: the port of a join, or the entry of an element."""
+        """Return the target node of a sequence flow: the port of a join, or the entry of an element."""
         entry = self.ports.get(flow.id) or self.entries.get(flow.target)
         if entry is None:
             self.refuse(f"a sequence flow cannot lead to {flow.target}", flow)
@@ -304,11 +304,11 @@ class ScopeCompiler:
     # ---- start ---------------------------------------------------------------------------------------
 
     def none_starts(self) -> list[model.Event]:
-        """The none start events of the body."""
+        """Return the none start events of the body."""
         return [event for event in self.content.events("start") if not event.definitions]
 
     def begin(self) -> Node:
-        """The first node of the body: its none start event, else a fork to all elements without incoming flow."""
+        """Return the first node of the body: its none start event, else a fork to elements without incoming flow."""
         starts = self.none_starts()
         if len(starts) > 1:
             self.refuse(f"{self.owner.id} has {len(starts)} none start events; expected at most one", starts[1])
@@ -323,13 +323,13 @@ class ScopeCompiler:
         return self.node(first[0], steps.fork, "/begin", Branch(targets=targets))
 
     def without_start(self, refusal: str) -> list[model.FlowNode]:
-        """The elements that start a body, which must have no start event."""
+        """Return the elements that start a body, which must have no start event."""
         if self.content.events("start"):
             self.refuse(refusal, self.owner)
         return [node for node in self.content.nodes if begins(node)]
 
     def nothing(self) -> Node:
-        """The first node of an empty sub-process, which ends at once."""
+        """Return the first node of an empty sub-process, which ends at once."""
         if isinstance(self.owner, model.Process) or any(map(is_reached, self.content.nodes)):
             self.refuse("has no element to start with: add a start event", self.owner)
         return self.node(self.owner, steps.end, "/empty")
@@ -348,12 +348,12 @@ def _attach(activity: Node, nodes: list[Node]) -> None:
 
 
 def _armed(nodes: list[Node]) -> tuple[Node, ...]:
-    """The nodes with a stimulus."""
+    """Return the nodes with a stimulus."""
     return tuple(node for node in nodes if node.catch is not None)
 
 
 def _of(kind: str, nodes: list[Node]) -> tuple[Node, ...]:
-    """The nodes that catch faults of a kind: ``error``, ``escalation`` or ``cancel``."""
+    """Return the nodes that catch faults of a kind: ``error``, ``escalation`` or ``cancel``."""
     return tuple(node for node in nodes if isinstance(node.spec, FaultCatch) and node.spec.kind == kind)
 
 
@@ -365,27 +365,27 @@ def boundary_of(activity: Node) -> Boundary:
 
 
 def instantiates(node: model.FlowNode) -> bool:
-    """Whether an element is a gateway or receive task that starts a process."""
+    """Return whether an element is a gateway or receive task that starts a process."""
     return node.instantiate and not node.incoming
 
 
 def begins(node: model.FlowNode) -> bool:
-    """Whether an element starts a body without start event (standard 13.2)."""
+    """Return whether an element starts a body without start event (standard 13.2)."""
     if node.incoming or node.place == "boundary" or (node.place == "catch" and links_of(node)):
         return False
     return is_reached(node)
 
 
 def is_reached(node: model.FlowNode) -> bool:
-    """Whether sequence flow can reach an element: it is no event sub-process or compensation handler."""
+    """Return whether sequence flow can reach an element: it is no event sub-process or compensation handler."""
     return not (node.for_compensation or node.triggered_by_event)
 
 
 def links_of(node: model.FlowNode) -> set[str]:
-    """The names of the links that an event throws or catches."""
+    """Return the names of the links that an event throws or catches."""
     return {each.name for each in node.defined(model.LinkDefinition)}
 
 
 def jumping_to(content: model.Body, event: model.FlowNode) -> list[str]:
-    """The ids of the throwing link events that jump to a catching one."""
+    """Return the ids of the throwing link events that jump to a catching one."""
     return [other.id for other in content.events("throw") if links_of(event) & links_of(other)]

@@ -26,7 +26,7 @@ def open_child(engine: EngineState, parent: Scope, node: Node, body: Body | None
 
 
 def too_many() -> RecursionError:
-    """The error of an instance that exceeds `state.SCOPES` scopes."""
+    """Return the error of an instance that exceeds `state.SCOPES` scopes."""
     return RecursionError(f"more than {state.SCOPES} calls, sub-processes and handlers at a time")
 
 
@@ -213,7 +213,7 @@ def proceed(engine: EngineState, node: Node, scope: Scope, cancelling: Cancellin
 
 
 def subtree(scope: Scope) -> list[Scope]:
-    """A scope and all scopes in it, outer ones first."""
+    """Return a scope and all scopes in it, outer ones first."""
     found, reached = [scope], 0
     while reached < len(found):
         found.extend(inner for inner in found[reached].children if isinstance(inner, Scope))

@@ -53,7 +53,7 @@ _write_engine, _read_engine = writing(ENGINE), reading(ENGINE)
 
 
 def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | None = None) -> Data:
-    """The state of an engine between two stimuli, as data for JSON.
+    """Return the state of an engine between two stimuli, as data for JSON.
 
     `dump` makes plain data of other values (messages, arrays). Raises MissionError for values that it cannot. `dicts`
     numbers and writes the dicts of variables, by default anew for each snapshot.
@@ -72,7 +72,7 @@ def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | 
 
 
 def without_instances(engine: Engine, dump: Convert = no_data) -> Data:
-    """The part of a snapshot that is there without running instances too."""
+    """Return the part of a snapshot that is there without running instances too."""
     program = engine.program
     to = Writer(_Dicts(), {}, dump)
     return {"program": program.hash, "observed": program.observed, **_write_engine(engine, to)}
@@ -85,7 +85,7 @@ class _Dicts:
         self.found: list[dict[str, Any]] = []
 
     def number(self, variables: dict[str, Any]) -> int:
-        """The number of a dict; its outer dicts are numbered first."""
+        """Return the number of a dict; its outer dicts are numbered first."""
         if isinstance(variables, Variables):
             self.number(variables.outer)
         for number, known in enumerate(self.found):
@@ -95,7 +95,7 @@ class _Dicts:
         return len(self.found) - 1
 
     def written(self, dump: Convert) -> list[Data]:
-        """All numbered dicts."""
+        """Return all numbered dicts."""
         return [
             {
                 "outer": self.number(item.outer) if isinstance(item, Variables) else None,
@@ -106,12 +106,12 @@ class _Dicts:
 
 
 def all_scopes(engine: Engine) -> list[Scope]:
-    """Every scope, outer before inner."""
+    """Return every scope, outer before inner."""
     return [scope for instance in engine.instances.values() for scope in scopes_of(instance.root)]
 
 
 def all_waits(scopes: list[Scope]) -> list[Wait]:
-    """Every wait in some scopes, owners before the waits that are armed for them."""
+    """Return every wait in some scopes, owners before the waits that are armed for them."""
     found = [child for scope in scopes for child in scope.children if isinstance(child, Wait)]
     found += [arm for scope in scopes for arm in scope.arms]
     for wait in found:  # which grows
@@ -130,7 +130,7 @@ def restore(
     *,
     load: Convert = no_data,
 ) -> Engine:
-    """The engine of a snapshot. No token moves, and the host is not called, until `Engine.restart`.
+    """Return the engine of a snapshot. No token moves, and the host is not called, until `Engine.restart`.
 
     The engine never changes `data`: any number of engines can be restored from it.
 
@@ -173,7 +173,7 @@ def _objects(data: Data, of: Reader) -> None:
 
 
 def _derived(data: Data, of: Reader) -> None:
-    """What follows from the fields."""
+    """Set what follows from the fields."""
     engine = of.engine
     engine.instances = of.instances
     for item in data["scopes"]:

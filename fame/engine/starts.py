@@ -108,13 +108,13 @@ def _gather(engine: EngineState, whole: Node, part: Node, message: Any) -> Arriv
 
 
 def _catch(node: Node) -> Catch:
-    """The `Catch` of a start event."""
+    """Return the `Catch` of a start event."""
     assert node.catch is not None
     return node.catch
 
 
 def is_awaited(node: Node, listeners: Sequence[Listener]) -> bool:
-    """Whether a running instance waits for an event of a parallel gateway, which then starts no other instance."""
+    """Return whether a running instance waits for an event of a parallel gateway, which then starts no other one."""
     event = node.spec.event
     return event is not None and any(listener.node.part_of is event for listener in listeners)
 
@@ -136,7 +136,7 @@ def make(context: ScopeCompiler) -> None:
 
 
 def _ways_in(context: ScopeCompiler, element: model.FlowNode) -> list[Node]:
-    """The triggers by which an element starts the process."""
+    """Return the triggers by which an element starts the process."""
     if element.place == "start":
         found = context.triggers.get(element.id, [])
         for node in found:

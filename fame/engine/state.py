@@ -220,7 +220,7 @@ class Instance:
         return visits
 
     def waits(self) -> Iterator[Wait]:
-        """Every waiting token in it, in the order of entry, outermost first."""
+        """Yield every waiting token in it, in the order of entry, outermost first."""
         if self.status == "running":
             for scope in scopes_of(self.root):
                 for child in scope.children:
@@ -248,7 +248,7 @@ class Continuation:
 
 
 def scopes_of(root: Scope) -> Iterator[Scope]:
-    """A scope and all scopes in it, outer before inner, in the order of entry; without recursion."""
+    """Yield a scope and all scopes in it, outer before inner, in the order of entry; without recursion."""
     stack = [root]
     while stack:
         scope = stack.pop()
@@ -257,7 +257,7 @@ def scopes_of(root: Scope) -> Iterator[Scope]:
 
 
 def joins_reached(root: Scope) -> Iterator[tuple[Scope, Node, list[int]]]:
-    """Joins that wait for further tokens, with the number of tokens of each incoming flow."""
+    """Yield joins that wait for further tokens, with the number of tokens of each incoming flow."""
     for scope in scopes_of(root):
         for join, counts in (scope.joins or {}).items():
             if any(held := counts[: join.spec.need]):

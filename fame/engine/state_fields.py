@@ -24,10 +24,10 @@ class VariableTable(Protocol):
     """The dicts of variables in a snapshot."""
 
     def number(self, variables: dict[str, Any]) -> int:
-        """The number of a dict, greater than those of its outer dicts."""
+        """Return the number of a dict, greater than those of its outer dicts."""
 
     def written(self, dump: Convert) -> list[Data]:
-        """All dicts, as `restore` reads them (a table of the host can have another form)."""
+        """Return all dicts, as `restore` reads them (a table of the host can have another form)."""
 
 
 @dataclass(slots=True)
@@ -78,7 +78,7 @@ def many(kind: Kind, container: Callable[[Iterable[Any]], Any]) -> Kind:
 
 
 def mapping(keys: Kind, values: Kind) -> Kind:
-    """A dict whose keys and values have these kinds."""
+    """Return a dict whose keys and values have these kinds."""
     return Kind(
         lambda found, to: {keys.write(key, to): values.write(value, to) for key, value in found.items()},
         lambda data, of: {keys.read(key, of): values.read(value, of) for key, value in data.items()},
@@ -87,7 +87,7 @@ def mapping(keys: Kind, values: Kind) -> Kind:
 
 
 def parts(*kinds: Kind) -> Kind:
-    """A tuple whose parts have these kinds."""
+    """Return a tuple whose parts have these kinds."""
     return Kind(
         lambda found, to: [kind.write(part, to) for kind, part in zip(kinds, found, strict=True)],
         lambda data, of: tuple([kind.read(part, of) for kind, part in zip(kinds, data, strict=True)]),
@@ -111,7 +111,7 @@ def _write_continuations(found: Mapping[int, Continuation], to: Writer) -> Any:
 
 
 def _read_continuations(data: list[Any], of: Reader) -> dict[int, Any]:
-    """The tokens continue at once: scripts that were being cancelled count as ended."""
+    """Let the tokens continue at once: scripts that were being cancelled count as ended."""
     of.engine.ready.extend((of.nodes[item["node"]], of.objects[item["scope"]]) for item in data)
     return {}
 
@@ -178,7 +178,7 @@ _parts: Callable[[Record], tuple[Any, ...]] = attrgetter(*RECORD)
 
 
 def writing(table: Table) -> Callable[[Any, Writer], Data]:
-    """The function that gives the data of an object with these fields."""
+    """Return the function that gives the data of an object with these fields."""
     values, names = attrgetter(*table), [STORED.get(field, field) for field in table]
     kinds = [(name, kind) for name, kind in zip(names, table.values(), strict=True) if kind is not VALUE]
     references = [name for name, kind in kinds if kind.single]
@@ -201,7 +201,7 @@ def writing(table: Table) -> Callable[[Any, Writer], Data]:
 
 
 def reading(table: Table) -> Callable[[Any, Data, Reader], None]:
-    """The function that sets these fields of an object from its data."""
+    """Return the function that sets these fields of an object from its data."""
     kinds = [(field, STORED.get(field, field), kind.read) for field, kind in table.items()]
 
     def read(item: Any, data: Data, of: Reader) -> None:

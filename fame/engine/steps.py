@@ -55,7 +55,7 @@ def observed(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def observed_end(engine: EngineState, scope: Scope, node: Node) -> Node | None:
-    """The same for an element that ends the token: it completes before the scope that it ends."""
+    """Observe an element that ends the token: it completes before the scope that it ends."""
     engine.notify(scope, node.entered)
     engine.notify(scope, node.left)
     step = node.plain_step
@@ -145,7 +145,7 @@ def inclusive(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def take_all(engine: EngineState, scope: Scope, node: Node, variables: dict[str, Any]) -> Node | None:
-    """The same, with conditions over these variables."""
+    """Split as `inclusive` does, with conditions over these variables."""
     spec: Branch = node.spec
     try:
         chosen = [target for condition, target in spec.ways if condition is None or condition(variables)]
@@ -160,7 +160,7 @@ def take_all(engine: EngineState, scope: Scope, node: Node, variables: dict[str,
 
 
 def _no_flow() -> BpmnError:
-    """The error of a gateway without a flow to take."""
+    """Return the error of a gateway without a flow to take."""
     return BpmnError("no_flow", "no condition is true and there is no default flow")
 
 

@@ -56,7 +56,7 @@ def enter(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def _own_variables(engine: EngineState, spec: Activity, outer: dict[str, Any]) -> dict[str, Any]:
-    """The variables of an activity with a mapping: chained to the outer ones, or (of a call) separate."""
+    """Return the variables of an activity with a mapping: chained to the outer ones, or (of a call) separate."""
     inner = {name: source(outer) for name, source in spec.inputs}
     inner = {name: value for name, value in inner.items() if value is not UNDEFINED}
     if spec.shares:

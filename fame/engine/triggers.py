@@ -44,12 +44,12 @@ def fire_part(engine: EngineState, wait: Wait) -> None:
 
 
 def catching(fire: Callable[[EngineState, Wait], object] = fire_catch, trigger: Trigger = NO_TRIGGER) -> Catch:
-    """The `Catch` of an event or task."""
+    """Return the `Catch` of an event or task."""
     return Catch(trigger, fire, faults.give_up)
 
 
 def part_of_event(fire: Callable[[EngineState, Wait], object], trigger: Trigger = NO_TRIGGER) -> Catch:
-    """The `Catch` of one part of a multiple event or event-based gateway."""
+    """Return the `Catch` of one part of a multiple event or event-based gateway."""
     return Catch(trigger, fire, faults.give_up_part)
 
 
@@ -139,6 +139,6 @@ def keep_queue(context: ScopeCompiler, node: Node) -> None:
 
 
 def queue_of(context: ScopeCompiler, choice: Node, catch: Catch) -> Node | None:
-    """The node of the event that an alternative of an event-based gateway stands for, if it has a queue."""
+    """Return the node of the event that an alternative of an event-based gateway stands for, if it has a queue."""
     same = (node for node in context.queued if node.id == choice.id)
     return next((node for node in same if node.catch is not None and node.catch.topic == catch.topic), None)

@@ -138,7 +138,7 @@ def take_kept(engine: EngineState, wait: Wait) -> None:
 
 
 def _kept_for(engine: EngineState, wait: Wait) -> Iterator[tuple[tuple[int, Any], Mailbox]]:
-    """The oldest message for a wait in its own queue, and in each whose token has passed."""
+    """Yield the oldest message for a wait in its own queue, and in each whose token has passed."""
     catch = wait.catch
     own = mailbox_of(wait) if catch.queue else None
     for box in engine.listeners.get(catch.topic, ()):
@@ -149,7 +149,7 @@ def _kept_for(engine: EngineState, wait: Wait) -> Iterator[tuple[tuple[int, Any]
 
 
 def fits(catch: Catch, scope: Scope, message: Any) -> bool:
-    """Whether a message correlates, in a scope. It sets no key."""
+    """Return whether a message correlates, in a scope. It sets no key."""
     return not catch.keys or correlation(catch.keys, scope.variables, message) is not None
 
 
@@ -171,14 +171,14 @@ def keep(engine: EngineState, boxes: list[Mailbox], message: Any) -> bool:
 
 
 def pass_activity(engine: EngineState, activity: Scope, scope: Scope) -> None:
-    """The token of an activity with a scope of its own has left: others may take what is kept for it in `scope`."""
+    """Let others take what is kept in `scope` for an activity with a scope of its own, whose token has left."""
     for box in (scope.mail or {}).values():
         if activity.node is not None and activity.node.id == box.node.id and box.catch.trigger is MESSAGE:
             _pass(engine, box)
 
 
 def _pass(engine: EngineState, box: Mailbox) -> None:
-    """A token has left an event with a queue: what is left there is for others."""
+    """Mark an event with a queue whose token has left: what is left there is for others."""
     box.passed = True
     if box.messages:
         engine.ready.append((HAND_ON, box.scope))
@@ -203,7 +203,7 @@ HAND_ON = Node("", "(hand on)", _hand_on)
 
 
 def mailbox_of(wait: Wait) -> Mailbox | None:
-    """The queue of a wait's event: its own, that of its scope, or of an outer scope if the activity is repeated."""
+    """Return the queue of a wait's event: its own, that of its scope, or (activity repeated) of an outer scope."""
     home = wait.catch.home or wait.node
     scope: Scope | None = wait.scope if wait.box is None else None
     while scope is not None:
