@@ -1,6 +1,7 @@
 """An action server in a process of its own, for `test_servers_that_fail`: ``python driver_child.py MIDDLEWARE DOMAIN``.
 
-Its robot drives one step for each line that it reads. What happens it says on stdout. It ends with its stdin.
+It is a server from the first byte that it reads. Its robot drives one step for each further one. What happens it says on
+stdout. It ends with its stdin.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ from fame.clock import SECOND, WallScheduler
 
 
 def main(middleware: str, domain: int) -> None:
-    scheduler, made = WallScheduler(), Any
+    make: Any
     if middleware == "dds":
-        from fame.middleware.dds import DdsMiddleware
-
-        made = DdsMiddleware(scheduler, domain=domain)
+        from fame.middleware.dds import DdsMiddleware as make
     else:
-        from fame.middleware.zenoh import ZenohMiddleware
-
-        made = ZenohMiddleware(scheduler, domain=domain)
+        from fame.middleware.zenoh import ZenohMiddleware as make
+    print("loaded", flush=True)
+    os.read(0, 1)
+    scheduler = WallScheduler()
+    made = make(scheduler, domain=domain)
     server = Server(made.node("driver", "REX"))
     server.on_goal = lambda: print("goal", flush=True)
     os.set_blocking(0, False)
