@@ -1,7 +1,7 @@
 """An action server in a process of its own, for `test_servers_that_fail`: ``python driver_child.py MIDDLEWARE DOMAIN``.
 
-It is a server from the first byte that it reads. Its robot drives one step for each further one. What happens it says on
-stdout. It ends with its stdin.
+It is a server from the first byte that it reads. Its robot drives one step for each further one. What happens it says
+on stdout. It ends with its stdin.
 """
 
 from __future__ import annotations

@@ -35,7 +35,10 @@ def test_a_run_is_recorded_without_being_changed(tmp_path: Path) -> None:
         assert {event.robot for event in recording.events()} == {"A"}
 
 
-@pytest.mark.parametrize(("name", "file"), [("a promise that is not read again", "seed_727")])
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [("a promise that is not read again", "seed_727"), ("a start before its record", "seed_253789720")],
+)
 def test_a_planted_bug_is_found(name: str, file: str) -> None:
     plan = Plan.from_json((Path(__file__).parent / "torture" / "found" / f"{file}.json").read_text())
     with planted(name):

@@ -10,6 +10,7 @@ from fame.clock import SECOND
 
 from .missions import version_of
 from .once import each_model_once
+from .plan import DISK_FAULTS
 from .team import STRANGER, Said, Team
 
 LAST = 99
@@ -155,8 +156,12 @@ def effects(team: Team) -> Iterator[str]:
         last[version] = max(before, count), process, bisect(starts, time)
 
 
+_LOSING = {"cut", "match", "stop", "kill", "migrate", "repair", *DISK_FAULTS}
+"""What separates robots, ends one, or lets a person move the token with what it was about to keep."""
+
+
 def order(team: Team) -> Iterator[str]:
-    """What a robot has taken is in its sender's order, and nothing is taken more often than it was sent."""
+    """What a robot has taken is in its sender's order, nothing more often than it was sent; and nothing is left out."""
     sent = Counter(message.data for _, _, message in team.fabric.published.get("/tick", ()))
     for robot in list(team.robots.values())[1:]:
         process = robot.engine.running if robot.engine is not None else None
@@ -168,6 +173,8 @@ def order(team: Team) -> Iterator[str]:
                 counts = [count for count in taken if count // 1000 == version]
                 if counts != sorted(counts):
                     yield f"{robot.name} has taken counts out of order: {counts}"
+                elif len(counts) <= counts[-1] - counts[0] and not _LOSING & {step.kind for step in team.plan.steps}:
+                    yield f"{robot.name} has lost counts without a cause: {counts}"
 
 
 def repairs(team: Team) -> Iterator[str]:

@@ -104,7 +104,8 @@ def draw(seed: int) -> Plan:
     moments = [_moment(chance, begun) for _ in range(chance.randint(1, 2))]
     for kind in [kind for kind in kinds if chance.random() < 0.3]:
         for _ in range(chance.randint(1, 4)):
-            steps.append(_when(chance, moments, _fault(chance, kind, min(begun))))
+            step = _when(chance, moments, _fault(chance, kind, min(begun)))
+            steps += _everywhere(chance, step) if kind in _OF_ROBOTS else [step]
     if signed and "splitter" in {step.kind for step in steps}:  # what is signed later has to be dated later
         steps = [step for step in steps if not (step.kind in ("clock", "drift") and step.target == DESK)]
     heal = chance.choice((12.0, 20.0, 30.0, LONG))  # many short runs try more than a few long ones
@@ -127,6 +128,11 @@ def _when(chance: random.Random, moments: list[tuple[float, str]], step: Step) -
         return step
     time, on = chance.choice(moments)
     return replace(step, time=_rounded(time + (0 if on else 0.5 * chance.random())), on=on)
+
+
+def _everywhere(chance: random.Random, step: Step) -> list[Step]:
+    """Sometimes a fault of one robot strikes all at that moment: they share a room, its power, and what fills disks."""
+    return [replace(step, target=robot) for robot in (ROBOTS if chance.random() < 0.15 else (step.target,))]
 
 
 def _deployments(chance: random.Random) -> list[Step]:

@@ -195,6 +195,16 @@ def _again_after_migration(original: Any) -> Any:
     return lambda self: None
 
 
+def _some_dropped(original: Any) -> Any:
+    """Every tenth message is lost on its way to the engine."""
+
+    def on_message(self: RobotNode, topic: str, message: Any) -> None:
+        if message.data % 10:
+            original(self, topic, message)
+
+    return on_message
+
+
 def _repair_each_time(original: Any) -> Any:
     """A request that is repeated is done again, and answered by its last result."""
 
@@ -243,6 +253,7 @@ BUGS: dict[str, Bug] = {
     "a ready robot that says aborted": (termination, "reply", _ready_is_aborted),
     "what was set aside is forgotten": (_transition, "_set_aside", _set_aside_is_dropped),
     "messages twice after a migration": (RobotNode, "forget_early", _again_after_migration),
+    "a message that is dropped": (RobotNode, "_on_message", _some_dropped),
     "a repair done each time it is asked": (TaskServer, "_on_request", _repair_each_time),
     "a sequence compared wrongly": (Envelope, "order", _sequence_reversed),
     "a robot that does not report": (EngineNode, "_on_loaded", _nothing),
