@@ -30,6 +30,11 @@ _FRAME = "world"
 _LINE_LOOP = 1
 
 
+def sampling(world: World) -> int:
+    """After how many steps a world is sampled."""
+    return max(1, math.floor(1 / (_RATE * world.step) + 0.5))
+
+
 class SceneRecorder:
     """Samples a world ten times a second (as near as its step allows), from its start to its stop.
 
@@ -38,7 +43,7 @@ class SceneRecorder:
 
     def __init__(self, world: World, put: Put, wanted: Callable[[], bool] = lambda: True) -> None:
         self._put, self._wanted = put, wanted
-        self._every = max(1, math.floor(1 / (_RATE * world.step) + 0.5))
+        self._every = sampling(world)
         self._robots = [_constant_part(robot, number) for number, robot in enumerate(world.robots.values())]
         self._looks: list[dict[str, Any]] = []
         self._state: _GroundState | None = None

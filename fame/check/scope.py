@@ -25,7 +25,8 @@ LEVELS: tuple[Level, ...] = ("error", "warning", "note")
 class Finding:
     """One problem or note.
 
-    `line` is 1-based, 0 if unknown; `element` is the id of an element, empty for the file; `name` is its label.
+    `line` is 1-based, 0 if unknown; `element` is the id of an element, empty for the file; `name` is its label;
+    `column` is 1-based, 0 if unknown.
     """
 
     level: Level
@@ -34,17 +35,18 @@ class Finding:
     line: int = 0
     element: str = ""
     name: str = ""
+    column: int = 0
 
     def __str__(self) -> str:
         """One line: ``mission.bpmn:12: warning: "Sure?" (Gateway_1): ...``."""
-        line = str(self.line) if self.line else ""
+        line = f"{self.line}:{self.column}" if self.column else str(self.line) if self.line else ""
         place = ":".join(part for part in (self.file, line) if part)
         return ": ".join(part for part in (place, self.level, display_name(self.element, self.name), self.text) if part)
 
 
 def of_error(error: ModelError | ConfigError) -> Finding:
     """The finding that reports an error."""
-    return Finding("error", error.text, error.file, error.line, error.element, error.name)
+    return Finding("error", error.text, error.file, error.line, error.element, error.name, error.column)
 
 
 def arranged(findings: Iterable[Finding], files: Iterable[str]) -> list[Finding]:

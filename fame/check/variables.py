@@ -18,7 +18,7 @@ from fame.bpmn.model import CallActivity, DataObject, Definitions, Element, Expr
 from fame.bpmn.reader.expressions import has_placeholders
 from fame.check.endpoints import fields_taken, taken_by_prefix, types_of
 from fame.check.expressions import ExpressionUse, expressions_in, names_of
-from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Level, find_scope
 from fame.engine import gateways, loops
 from fame.engine.data import variable_name
 from fame.monitor.services import SERVICES
@@ -262,6 +262,19 @@ def _other_language(name: str, expression: Expression) -> str:
         return f"; in this language it is {here[name]}"
     known = name in NAMES or hasattr(builtins, name)
     return f"; {name} is a name of Python: write Python, without ${{ }}" if known else ""
+
+
+def variable_names(definitions: Definitions, process: str, library: Library) -> frozenset[str] | None:
+    """The variables of a process (id) and of what it calls without a mapping; None if something may set any name.
+
+    Raises ModelError for a called process that is not found.
+    """
+    scope = find_scope(definitions, library)
+    types = types_of(scope)
+    uses = {one: uses_of(one, types) for one in scope.processes}
+    root = next(one for one in scope.processes if one.bpmn.id == process and one.definitions is definitions)
+    space = _space(root, uses[root].declared, False, None, uses)
+    return None if space.opaque else space.known
 
 
 # ---- parameters ------------------------------------------------------------------------------------------------------

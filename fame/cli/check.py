@@ -174,6 +174,7 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
     from fame.bpmn.library import Library
     from fame.bpmn.reader import read
     from fame.check.scope import of_error
+    from fame.properties.files import beside
 
     if str(path) != "-":
         _expect_file(path)
@@ -189,6 +190,7 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
             file.model = read(scenario_plan.model)
         else:
             file.model = read(path)
+            file.scenario = path if beside(path) else None
     except (ModelError, ConfigError) as error:
         file.found.append(of_error(error))
     return file

@@ -1,4 +1,4 @@
-"""Commands for recordings: ``fame log record``, ``merge`` and ``convert``."""
+"""Commands for recordings: ``fame log record``, ``merge``, ``convert`` and ``judge``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, Parser, add_types, command, group
+from fame.cli.arguments import Commands, Parser, add_json, add_types, command, group
 from fame.cli.network import add_network, note_ready
 from fame.cli.output import note
 from fame.errors import ConfigError
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def add(commands: Commands) -> None:
     """Declare the command."""
     parser = group(
-        commands, "log", help="record a team on the network, merge recordings and convert them",
+        commands, "log", help="record a team on the network; merge, convert and judge recordings",
         examples=("fame log record -o run.mcap", "fame log convert run.mcap -o run.xes"),
     )  # fmt: skip
     parts = parser.add_subparsers(dest="part", required=True, metavar="SUBCOMMAND")
@@ -62,6 +62,23 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     merging.add_argument("recordings", type=Path, nargs="+", metavar="FILE.mcap")
     _add_output(merging, "FILE.mcap", "the merged recording, in place of an old one")
+
+    judging = command(
+        parts, "judge", judge,
+        examples=("fame log judge mission.properties.yaml run.mcap", "fame log judge examples/agriculture.yaml out"),
+        help="judge the properties of a team in recordings: what fame run says while it runs",
+    )  # fmt: skip
+    judging.add_argument(
+        "properties",
+        type=Path,
+        metavar="FILE.yaml",
+        help="properties (NAME.properties.yaml), or a scenario that has some",
+    )
+    judging.add_argument(
+        "runs", type=Path, nargs="+", metavar="RUN",
+        help="a recording (.mcap) or a log (.jsonl, .csv: of the model beside the properties), or a folder of them",
+    )  # fmt: skip
+    add_json(judging)
 
 
 def _add_output(parser: Parser, metavar: str, help: str) -> None:
@@ -145,3 +162,34 @@ def merge(arguments: Namespace) -> int:
     for warning in warnings:
         note(f"fame: {warning}")
     return 0
+
+
+_LOGS = (".mcap", ".jsonl", ".csv")
+
+
+def judge(arguments: Namespace) -> int:
+    """Judge logs, and print a table of each; exit code 1 on a violation, 3 if something is pending or not known."""
+    from fame.cli.output import print_json, table
+    from fame.log.judge import judge_log
+    from fame.properties.files import properties_and_model
+    from fame.properties.judge import HEADS, exit_code
+
+    properties, model = properties_and_model(arguments.properties)
+    found = {str(path): judge_log(path, properties, model) for path in _runs(arguments.runs)}
+    if arguments.json:
+        print_json({"runs": {path: [one.to_json() for one in each] for path, each in found.items()}})
+    else:
+        rows = [(path, *one.row) for path, each in found.items() for one in each]
+        print(table(("run", *HEADS), rows) if len(found) > 1 else table(HEADS, [row[1:] for row in rows]))
+    return exit_code(one for each in found.values() for one in each)
+
+
+def _runs(paths: list[Path]) -> list[Path]:
+    """The logs, and those in folders. Raises ConfigError for a folder without one."""
+    found: list[Path] = []
+    for path in paths:
+        inside = sorted(one for one in path.rglob("*") if one.suffix.lower() in _LOGS) if path.is_dir() else [path]
+        if not inside:
+            raise ConfigError(f"has no log ({', '.join(_LOGS)})", file=str(path))
+        found += inside
+    return found

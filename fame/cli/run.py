@@ -324,6 +324,7 @@ def _draw(arguments: Namespace, logs: Sequence[Path], line: ProgressLine | None)
 
 def _print_summary(result: Result, *, quiet: bool, reports: bool) -> None:
     """The summary on stdout; what scripts and robots reported, and what went wrong, on stderr."""
+    from fame.properties.judge import HEADS as HEADS_OF_PROPERTIES
     from fame.scenario.result import HEADS
 
     if not quiet:
@@ -336,6 +337,8 @@ def _print_summary(result: Result, *, quiet: bool, reports: bool) -> None:
         print(table(HEADS, [robot.row for robot in result.robots]), end="\n\n")
         ended = f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}"
         print(coloured(ended, sys.stdout), flush=True)
+        if result.judgements:
+            print(f"\n{table(HEADS_OF_PROPERTIES, [each.row for each in result.judgements])}", flush=True)
     for message in result.messages:
         note(f"fame: {message}")
 

@@ -29,7 +29,7 @@ def visits(path: str | Path) -> Counter[str]:
 
     Raises ConfigError if the file is not such a log.
     """
-    with _rows_of(path) as rows:
+    with rows_of(path) as rows:
         return Counter(row["element"] for row in rows if row["what"] in ("enter", "take"))
 
 
@@ -72,7 +72,7 @@ def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collecti
     """The path of a run through a model. See `outcomes`."""
     instances: dict[tuple[str, str], _Instance] = {}
     seconds: list[float] = []
-    with _rows_of(path) as rows:
+    with rows_of(path) as rows:
         for row in rows:
             if row["what"] not in _MOVES:
                 continue
@@ -168,7 +168,7 @@ def damage(path: Path) -> Sequence[str]:
 
 
 @contextmanager
-def _rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
+def rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
     """The rows of a log. Raises ConfigError if the file cannot be read, or if the block fails on malformed rows."""
     path = Path(path)
     if path.suffix.lower() == ".mcap":

@@ -95,6 +95,7 @@ class Recorder:
         self._writer = KeyWriter(lambda topic, time, data: self.begin().put(topic, time, data))
         self._trackers: dict[str, ChangeTracker] = {}
         self._changed: dict[str, ChangeTracker] = {}
+        self._latest: ChangeTracker | None = None
         self._scheduler: Scheduler | None = None
         self._flush_due = _FLUSH
 
@@ -121,6 +122,12 @@ class Recorder:
         """Record a simulated world: `record` is called with a function that takes its messages."""
         record(lambda topic, time, data: self.begin().put(topic, time, data))
 
+    def run_ends(self, complete: bool) -> None:
+        """Record whether nothing could come any more (`complete`), or the run is cut."""
+        assert self._scheduler is not None
+        self._flush()
+        self.begin().describe({"ended": "complete" if complete else "cut", "end": str(self._scheduler.now)})
+
     def __call__(self, event: Event) -> None:
         tracker = self._trackers.get(event.robot)
         if tracker is not None:
@@ -130,6 +137,9 @@ class Recorder:
     def trail(self, time: int, robot: str, trail: Trail) -> None:
         """Record what happened at one instant."""
         tracker = self._trackers[robot]
+        if self._latest is not None and self._latest is not tracker:  # robots act on each other at one instant
+            self._latest.give_events(time)
+        self._latest = tracker
         tracker.trail(trail)
         if robot not in self._changed:
             self._mark(tracker)
@@ -146,7 +156,7 @@ class Recorder:
             return
         assert self._scheduler is not None
         now = self._scheduler.now
-        changed, self._changed = self._changed, {}
+        changed, self._changed, self._latest = self._changed, {}, None
         for tracker in changed.values():
             tracker.flush(now)
         if isinstance(self._scheduler, WallScheduler) and now >= self._flush_due:

@@ -187,8 +187,6 @@ def _getter(
         constant = value.constant
         return (), lambda values, time: constant
     if value.kind == "distance":
-        if not vocabulary.poses:
-            raise made.error("distance needs a world: the positions of robots are not known here", value.subject.offset)
         one, other = (Source("pose", robot) for robot in robots)
         return (one, other), lambda values, time: distance(values.get(one), values.get(other), time)
     if value.kind == "topic":

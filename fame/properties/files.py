@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fame.bpmn.model import Definitions
 from fame.config.loader import read_document
 from fame.config.values import ConfigValue
+from fame.errors import ConfigError
 from fame.properties.grammar import parse
 from fame.properties.sentence import Place, Property
 
@@ -31,3 +33,18 @@ def beside(model: Path) -> tuple[Property, ...]:
     """The properties of the file ``NAME.properties.yaml`` beside a model ``NAME.bpmn``, if there is one."""
     path = model.with_name(model.stem + SUFFIX)
     return read_properties(path) if path.is_file() else ()
+
+
+def properties_and_model(path: Path) -> tuple[tuple[Property, ...], Definitions | None]:
+    """The properties in a file of their own or a scenario, and the model that they are about, if that is there.
+
+    Raises ConfigError for a file that has no properties, ModelError for a model that cannot be read.
+    """
+    from fame.bpmn.reader import read
+
+    keys = read_document(path).mapping()
+    if "properties" not in keys:
+        raise ConfigError("expected the key properties: {NAME: SENTENCE}", file=str(path))
+    named = path.parent / str(keys["model"].data) if "model" in keys else None
+    model = named or path.with_name(path.name.removesuffix(SUFFIX) + ".bpmn")
+    return properties_of(keys["properties"]), read(model) if model.is_file() else None

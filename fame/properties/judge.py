@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from fame.errors import NOT_KNOWN
 from fame.properties.conditions import Source
 from fame.properties.monitor import OPEN, SECOND, VIOLATED, Monitor, PartState, Verdict, VerdictWord, overall
 
@@ -67,6 +68,12 @@ class Judgement:
 _SAID: Mapping[str, str] = {"holds": "", "not triggered": "was"}
 
 
+def exit_code(judgements: Iterable[Judgement]) -> int:
+    """The exit code of a command: 1 if a property is violated, 3 if one is pending or not known, else 0."""
+    words = {each.verdict for each in judgements}
+    return 1 if "violated" in words else NOT_KNOWN if words & {"pending", "not known"} else 0
+
+
 class Judge:
     """Monitors and their states. `on_violation` is called once for each property that is violated, at once."""
 
@@ -82,7 +89,7 @@ class Judge:
         self._dirty: dict[_Place, None] = {}
         self._messages: dict[tuple[str, str], deque[Any]] = defaultdict(deque)
         self._began: dict[_Place, tuple[int, str, str]] = {}
-        self._broken: dict[_Place, tuple[str, str]] = {}
+        self._broken: dict[_Place, tuple[str, str, str]] = {}  # robot, element, values
         self._reasons: dict[int, str] = {}
         self._on_violation, self._told = on_violation, set[int]()
         for number, monitor in enumerate(monitors):
@@ -216,7 +223,9 @@ class Judge:
         number, part = place
         old, self._states[number][part] = self._states[number][part], new
         if new[0] == VIOLATED:
-            self._broken[place] = robot, element
+            condition = self.monitors[number].parts[part].condition
+            values = " and ".join(condition.shown(self.values, self._now)) if condition is not None else ""
+            self._broken[place] = robot, element, values
             if self._on_violation is not None and number not in self._told:
                 self._told.add(number)
                 self._on_violation(self._judgement(number, self.monitors[number].parts[part].verdict(new, part)))
@@ -228,7 +237,7 @@ class Judge:
     def finish(self, time: int, *, complete: bool) -> list[Judgement]:
         """The judgements at the end of a run at `time` (ns). `complete`: nothing can come any more.
 
-        Otherwise the run was cut, and what is pending stays so.
+        Otherwise the run was cut, and what is pending stays so. What is given later is not judged.
         """
         self.advance(time)
         self.advance(self._now + 1)
@@ -238,6 +247,7 @@ class Judge:
                 new = one.finish(state, time)
                 if new is not state:
                     self._put((number, part), new, "", "")
+        self._watched, self._readers, self._due = {}, {}, None
         return self.judgements()
 
     def judgements(self) -> list[Judgement]:
@@ -252,7 +262,9 @@ class Judge:
         made, parts = self.monitors[number].spec, self.monitors[number].parts
         place = number, verdict.part
         began = self._began.get(place) if verdict.word in ("violated", "pending") else None
-        ends = [each[-2:] for each in (began, self._broken.get(place)) if each is not None]
+        broken = self._broken.get(place, ("", "", ""))
+        ends = [began[1:]] if began is not None else []
+        ends.append(broken[:2])
         decides = verdict.word in ("violated", "pending")
         return Judgement(
             made.name,
@@ -260,13 +272,15 @@ class Judge:
             verdict.word,
             verdict.slack,
             None if verdict.time is None else verdict.time / SECOND,
-            self._why(number, verdict, began),
+            self._why(number, verdict, began, broken),
             tuple(parts[verdict.part].binding.values()) if decides and parts else (),
             None if began is None else began[0] / SECOND,
             tuple(each for each in dict.fromkeys(ends) if each[1]),
         )
 
-    def _why(self, number: int, verdict: Verdict, began: tuple[int, str, str] | None) -> str:
+    def _why(
+        self, number: int, verdict: Verdict, began: tuple[int, str, str] | None, broken: tuple[str, str, str]
+    ) -> str:
         """Why a property is violated, pending or not known."""
         made = self.monitors[number].spec
         part = self.monitors[number].parts[verdict.part] if self.monitors[number].parts else None
@@ -286,17 +300,10 @@ class Judge:
         if made.pattern == "exists":
             text = f"{after}not: {event}" + (f" by {at}" if at else "")
         elif made.condition:
-            text = f"{after}at {at} {self._shown(number, verdict.part)}"
+            text = f"{after}at {at} {broken[2]}"
         else:
-            robot = self._broken.get((number, verdict.part), ("", ""))[0]
-            text = f"{after}{event} at {at}" + (f" ({robot})" if robot and made.main and made.main.some else "")
+            text = f"{after}{event} at {at}" + (f" ({broken[0]})" if made.main and made.main.some else "")
         return text + robots
-
-    def _shown(self, number: int, part: int) -> str:
-        """The values of a condition, as they are now."""
-        condition = self.monitors[number].parts[part].condition
-        assert condition is not None
-        return " and ".join(condition.shown(self.values, self._now))
 
 
 def _topics(monitors: Iterable[Monitor]) -> Iterable[str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -14,6 +15,8 @@ from fame.properties.sentence import Occurrence, Property, Word
 from fame.text import suggestion
 
 Path = tuple[str | int, ...]
+Closure = Sequence[tuple[Definitions, Process]]
+"""A process and all that it calls, with their files."""
 CheckField = Callable[[str, Path], str]
 """Takes the full name of a topic and a path in its messages, and gives what is wrong with it, or an empty text."""
 
@@ -42,20 +45,24 @@ class RobotTerms:
 class Vocabulary:
     """The robots of a collaboration, and the robots of its multi-instance pools.
 
-    check_field  what is wrong with a field of a topic's messages; `poses`: whether the positions of robots are known
+    check_field  what is wrong with a field of a topic's messages
     """
 
     robots: Mapping[str, RobotTerms]
     pools: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     check_field: CheckField = lambda topic, path: ""
-    poses: bool = True
 
     def robots_of(self, name: Word, at: Property) -> tuple[str, ...]:
-        """The robots that a name means: one, or those of a pool. Raises ConfigError for an unknown name."""
+        """The robots that a name means: one, those of a pool, or none: one of a pool that is not there.
+
+        Raises ConfigError for an unknown name.
+        """
         if name.text in self.robots:
             return (name.text,)
         if name.text in self.pools:
             return self.pools[name.text]
+        if any(is_of_pool(name.text, pool) for pool in self.pools):
+            return ()
         text = f"unknown robot or pool {name.text!r}; {suggestion(name.text, [*self.robots, *self.pools])}"
         raise at.error(text, name.offset)
 
@@ -126,28 +133,42 @@ def vocabulary_of(
     *,
     variables: Mapping[str, Collection[str]] = MappingProxyType({}),
     check_field: CheckField = lambda topic, path: "",
-    poses: bool = True,
 ) -> Vocabulary:
     """The vocabulary of a collaboration with these robots. `variables`: names of process variables by robot.
 
     Raises ModelError for a called process that is not found.
     """
+    closures = {pool.process.id: library.closure(definitions, pool.process) for pool in cast.values()}
+    played = {robot: closures[pool.process.id] for robot, pool in cast.items()}
+    return vocabulary(played, [definitions], variables=variables, check_field=check_field)
+
+
+def vocabulary(
+    closures: Mapping[str, Closure],
+    models: Iterable[Definitions],
+    *,
+    variables: Mapping[str, Collection[str]] = MappingProxyType({}),
+    check_field: CheckField = lambda topic, path: "",
+) -> Vocabulary:
+    """The vocabulary of robots whose process, and what it calls, is given. `models` have the multi-instance pools."""
     terms: dict[str, RobotTerms] = {}
-    pools: dict[str, list[str]] = {}
-    made: dict[str, RobotTerms] = {}
-    for robot, pool in cast.items():
-        if pool.process.id not in made or robot in variables:
-            made[pool.process.id] = _terms(library.closure(definitions, pool.process), variables.get(robot))
-        terms[robot] = made[pool.process.id]
-        if pool.multi_instance:
-            pools.setdefault(pool.name, []).append(robot)
-    for participant in definitions.participants:
-        if participant.multi_instance:
-            pools.setdefault(participant.label, [])
-    return Vocabulary(terms, {name: tuple(robots) for name, robots in pools.items()}, check_field, poses)
+    made: dict[tuple[str, str], RobotTerms] = {}
+    for robot, closure in closures.items():
+        key = closure[0][0].file, closure[0][1].id
+        if key not in made:
+            made[key] = _terms(closure, variables.get(robot))
+        terms[robot] = made[key]
+    several = {one.label for model in models for one in model.participants if one.multi_instance}
+    pools = {name: tuple(robot for robot in terms if is_of_pool(robot, name)) for name in sorted(several)}
+    return Vocabulary(terms, pools, check_field)
 
 
-def _terms(closure: Iterable[tuple[Definitions, Process]], variables: Collection[str] | None) -> RobotTerms:
+def is_of_pool(robot: str, pool: str) -> bool:
+    """Whether a name is that of a robot of a multi-instance pool."""
+    return re.fullmatch(re.escape(pool) + r"_\d+", robot, re.IGNORECASE) is not None
+
+
+def _terms(closure: Closure, variables: Collection[str] | None) -> RobotTerms:
     process, *called = (one for _, one in closure)
     own = {node.id: node.label for node in process.body.walk()}
     throws: dict[str, tuple[str, ...]] = {}

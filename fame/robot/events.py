@@ -7,7 +7,8 @@ each record is passed on at once.
 An observer is a function of an `Event`. An observer with a method `trail` gets the records as they are, so that no
 event need be made of each: logs do that. One with a method `watch` gets each `RobotNode` whose events it will get, and
 returns a function that is called after each step of a script. One with a method `watch_world` gets a function that
-records the simulated world. Recordings use both (`fame.log.recorder`).
+records the simulated world, and `run_ends` is told whether the run was complete. Recordings use all of them
+(`fame.log.recorder`).
 """
 
 from __future__ import annotations
@@ -113,6 +114,12 @@ class _CombinedObserver:
         for observer in self._observers:
             if hasattr(observer, "watch_world"):
                 observer.watch_world(record)
+
+    def run_ends(self, complete: bool) -> None:
+        """Tell the observers that record it how the run ends, before it is stopped."""
+        for observer in self._observers:
+            if hasattr(observer, "run_ends"):
+                observer.run_ends(complete)
 
     def __call__(self, event: Event) -> None:
         for observer in self._observers:

@@ -21,6 +21,7 @@ from fame.errors import ConfigError, MessageError
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue
     from fame.middleware.network import NetworkConfig
+    from fame.properties.sentence import Property
     from sim2d.config import WorldConfig
 
 
@@ -74,7 +75,8 @@ class Plan:
     `signals` published from outside.
 
     `duration` is in simulated s; `epoch` is the date of simulated second 0; `variables` has what the process of a robot
-    starts with; `network` is between the robots; `types` are folders of message types, which are registered.
+    starts with; `network` is between the robots; `types` are folders of message types, which are registered;
+    `properties` are judged.
     """
 
     file: str
@@ -91,6 +93,7 @@ class Plan:
     variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     network: NetworkConfig | None = None
     types: tuple[Path, ...] = ()
+    properties: tuple[Property, ...] = ()
 
     def processes(self) -> list[Process]:
         """Return the processes that the robots run, each once."""
@@ -120,6 +123,7 @@ _KEYS = (
     "signal",
     "network",
     "variables",
+    "properties",
 )
 
 _COMPLETE = "{at: 12, robot: REX, element: Task_Sign, values: {approved: true}}"
@@ -145,6 +149,7 @@ class ScenarioFile:
     signals: tuple[tuple[OutsideSignal, str], ...] = ()
     network: NetworkConfig | None = None
     variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    properties: tuple[Property, ...] = ()
     source: Source = field(default_factory=Source)
 
 
@@ -163,6 +168,7 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
     Raises ConfigError with file, line and key.
     """
     from fame.config.loader import read_document
+    from fame.properties.files import properties_of
     from fame.scenario.settings import read_network, read_variables
     from fame.scenario.variation import changed
     from sim2d.config import read_world, world_config
@@ -192,6 +198,7 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
         signals=tuple(map(_signal, _all(keys["signal"]))) if "signal" in keys else (),
         network=read_network(keys["network"]) if "network" in keys else None,
         variables=read_variables(keys["variables"]) if "variables" in keys else {},
+        properties=properties_of(keys["properties"]) if "properties" in keys else (),
         source=document.source,
     )
 

@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING, Any, Literal
 from fame.clock import EPOCH, SECOND, date_text
 from fame.errors import MissionError
 from fame.middleware.interface import TopicInfo
+from fame.properties.judge import exit_code
 from fame.robot import Event, PendingStarts, WaitingToken
 from fame.robot.waiting_tokens import A_PERSON
 
 if TYPE_CHECKING:
     from fame.bpmn.pools import Pool
     from fame.deploy import Report
+    from fame.properties.judge import Judgement
     from fame.robot import RobotNode
 
 
@@ -92,7 +94,7 @@ class Result:
     `simulated` and `wall` are in s; `world` is the summary of the final world. `ending` says why the mission was not
     over at the end: its time was up, or it was stuck; else it is empty. `never_started` are the pools that were
     required but not started, `problems` errors of operating-system processes, or before the mission began. `epoch` is
-    the date of second 0.
+    the date of second 0. `judgements` are about the properties of the scenario.
     """
 
     status: Status
@@ -106,11 +108,13 @@ class Result:
     epoch: datetime = EPOCH
     never_started: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
+    judgements: tuple[Judgement, ...] = ()
 
     @property
     def exit_code(self) -> int:
-        """The exit code of `fame run`: 0 completed, 130 interrupted, else 1."""
-        return {"completed": 0, "interrupted": 130}.get(self.status, 1)
+        """The exit code of `fame run`: 130 interrupted, 1 not completed or violated, 3 pending or not known, else 0."""
+        own = {"completed": 0, "interrupted": 130}.get(self.status, 1)
+        return own or exit_code(self.judgements)
 
     @property
     def messages(self) -> list[str]:
@@ -172,6 +176,7 @@ class Result:
             },
             "never_started": list(self.never_started),
             "world": self.world,
+            "properties": [judgement.to_json() for judgement in self.judgements],
             "reports": [
                 {"time": event.time / SECOND, "robot": event.robot, "element": event.element, "text": event.detail}
                 for event in self.reports

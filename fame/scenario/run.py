@@ -26,12 +26,14 @@ from fame.randomness import ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, Service, make_mission
 from fame.robot.events import Observer, combine_observers
 from fame.scenario.film_captions import Captions
+from fame.scenario.judging import RunJudge
 from fame.scenario.plan import Completion, Fault, OutsideSignal, published_from_outside
 from fame.scenario.process import signals_call
 from fame.scenario.result import Progress, Result, at_rest, mistyped_topics, never_started, robot_result, status_of
 from fame.scripting import heartbeat
 
 if TYPE_CHECKING:
+    from fame.properties.judge import Judgement
     from fame.scenario.plan import Plan
     from sim2d.world import World
 
@@ -89,7 +91,9 @@ class Run:
         self.captions: Captions | None = Captions(scenario.closures(), cast) if progress else None
         captions = self.captions.add if self.captions is not None else None
         self._logs = observer
-        self.observer: Observer | None = combine_observers([each for each in (captions, observer) if each is not None])
+        self.judging: RunJudge | None = RunJudge(scenario, self._on_violation) if scenario.properties else None
+        observers = [each for each in (captions, self.judging, observer) if each is not None]
+        self.observer: Observer | None = combine_observers(observers)
         self.dead: set[str] = set()
         self._outside, self._published = self.middleware.node("outside"), 0
         self._last_looks: list[Callable[[], None]] = []  # at the world, for recordings
@@ -97,6 +101,8 @@ class Run:
         try:
             self.nodes: list[RobotNode] = self._build_nodes(strict)
             self._check_faults()
+            if self.judging is not None:
+                self.judging.begin(self.middleware, self.world)
         except BaseException:
             if self.world is not None:
                 self.world.close()
@@ -158,6 +164,15 @@ class Run:
         world.watchers.append(lambda _: self.scheduler.stop() if self.over else None)
         return world
 
+    def _on_violation(self, judgement: Judgement) -> None:
+        """Report a violation, also in logs."""
+        robot, element = next(reversed(judgement.elements), ("", ""))
+        robot = robot or next(iter((*judgement.robots, *self.scenario.cast)))
+        event = Event(self.scheduler.now, robot, 0, 0, element, "report", str(judgement))
+        self.reports.append(event)
+        if self._logs is not None:
+            self._logs(event)
+
     @property
     def over(self) -> bool:
         """Whether a process has run, none is running, and no timer or signal from outside is still to come."""
@@ -191,6 +206,11 @@ class Run:
         world = self.world.summary() if self.world is not None else None
         for look in self._last_looks:
             look()
+        complete = not self.interrupted and (self.over or self._stuck)
+        judgements = self.judging.finish(self.scheduler.now, complete=complete) if self.judging is not None else ()
+        on_end = getattr(self._logs, "run_ends", None)
+        if on_end is not None:
+            on_end(complete)
         names = {node.node.full_name: node.name for node in self.nodes}
         for end, text in mistyped_topics(self.middleware.graph()):
             if end in names:
@@ -209,6 +229,7 @@ class Run:
             world=world,
             epoch=self.scenario.epoch,
             never_started=unstarted,
+            judgements=tuple(judgements),
         )
 
     @contextmanager

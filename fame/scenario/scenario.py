@@ -28,6 +28,7 @@ from fame.text import suggestion
 
 if TYPE_CHECKING:
     from fame.middleware.network import NetworkConfig
+    from fame.properties.sentence import Property
     from sim2d.config import WorldConfig
 
 
@@ -108,6 +109,7 @@ class Scenario(Plan):
             network=joined,
             variables=chosen,
             types=content.types,
+            properties=_properties(content),
         )
 
     def run(
@@ -129,6 +131,14 @@ class Scenario(Plan):
         result.
         """
         return Run(self, real_time, observer, progress, strict, on_interrupt, pace=pace).result()
+
+
+def _properties(content: ScenarioFile) -> tuple[Property, ...]:
+    """The properties of a file, and those beside its model that it does not have itself. Raises ConfigError."""
+    from fame.properties.files import beside
+
+    own = {each.name for each in content.properties}
+    return (*content.properties, *(each for each in beside(content.model) if each.name not in own))
 
 
 def _joined(content: ScenarioFile, added: NetworkConfig | None, robots: Sequence[str]) -> NetworkConfig | None:
@@ -328,20 +338,26 @@ def with_semantics(definitions: Definitions, semantics: str) -> Definitions:
 
 
 def scenario_findings(path: Path, *, library: Sequence[Path] = (), strict: bool = False) -> list[Finding]:
-    """Return the first error of a scenario file, its world and its robots, if there is one; `library` adds folders.
+    """Return the first error of a scenario file (or of a model with properties), its world and its robots, if there is
+    one, and properties that can never be judged; `library` adds folders.
 
     Errors that `fame.check.check` finds in the model are found here too, so check the model first. A world that cannot
     be built because a package is missing is a warning.
     """
     try:
-        Run(Scenario.load(path, library=library), False, None, None, strict=strict).close()
+        run = Run(Scenario.load(path, library=library), False, None, None, strict=strict)
+        never = list(run.judging.never_judged()) if run.judging is not None else []
+        run.close()
     except (ConfigError, ModelError) as error:
         return [of_error(error)]
     except UnavailableError as error:
         return [Finding("warning", f"cannot be checked: {error}", str(path))]
     except FameError as error:
         return [Finding("error", str(error), str(path))]
-    return []
+    return [
+        Finding("warning", f"can never be judged: {why}", one.spec.place.file, one.spec.place.line, one.spec.name)
+        for one, why in never
+    ]
 
 
 def _merged(

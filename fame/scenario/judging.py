@@ -1,0 +1,176 @@
+"""Judge the properties of a scenario while it runs: an observer that samples what they read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from fame.bpmn.model import Definitions
+from fame.check.variables import variable_names
+from fame.clock import Kind
+from fame.engine.state import Trail
+from fame.errors import MessageError
+from fame.middleware import messages
+from fame.middleware.interface import ENGINE
+from fame.properties.conditions import Pose, Source, field_of
+from fame.properties.judge import Judge, Judgement
+from fame.properties.monitor import Monitor, compile
+from fame.properties.vocabulary import CheckField, Vocabulary, vocabulary_of
+from fame.robot.events import Event
+from fame.text import suggestion
+
+if TYPE_CHECKING:
+    from fame.middleware.local import LocalMiddleware
+    from fame.robot import RobotNode
+    from fame.scenario.plan import Plan
+    from sim2d.world import World
+
+BATTERY = "sensor_msgs/msg/BatteryState"
+
+
+def team_vocabulary(plan: Plan, check_field: CheckField = lambda topic, path: "") -> Vocabulary:
+    """The vocabulary of a scenario. Raises ModelError for a called process that is not found."""
+    reads = [each.condition for each in plan.properties if "." in each.sentence and each.condition]
+    variables = _variables(plan.definitions, plan) if reads else {}
+    return vocabulary_of(plan.definitions, plan.library, plan.cast, variables=variables, check_field=check_field)
+
+
+def _variables(definitions: Definitions, plan: Plan) -> dict[str, frozenset[str]]:
+    """The process variables of each robot, of those of which all are known."""
+    known = {id: variable_names(definitions, id, plan.library) for id in {p.process.id for p in plan.cast.values()}}
+    found = {robot: known[pool.process.id] for robot, pool in plan.cast.items()}
+    return {robot: names for robot, names in found.items() if names is not None}
+
+
+class RunJudge:
+    """Judges the properties of a plan. `begin` is called when nodes and world are there, before the first token moves.
+
+    `report` gets each violation: a time is that of the violation, not that at which it was noticed.
+    """
+
+    judge: Judge
+
+    def __init__(self, plan: Plan, report: Callable[[Judgement], object]) -> None:
+        self._plan, self._report = plan, report
+        self._nodes: dict[str, RobotNode] = {}
+        self._reads: dict[str, list[Source]] = {}
+        self._changed: set[str] = set()
+
+    def begin(self, middleware: LocalMiddleware, world: World | None) -> None:
+        """Compile the properties, and sample what they read. Raises ConfigError for what they name and nobody has."""
+        vocabulary = team_vocabulary(self._plan, partial(_wrong_field, middleware))
+        self.judge = Judge([compile(each, vocabulary) for each in self._plan.properties], self._report)
+        self._middleware, self._world = middleware, world
+        for source in self.judge.sources:
+            if source.kind == "variable":
+                self._reads.setdefault(source.subject, []).append(source)
+        self._batteries = {source.subject for source in self.judge.sources if source.kind == "battery"}
+        self._bodies = [one.subject for one in self.judge.sources if one.kind == "pose" and self._has_body(one.subject)]
+        if self.judge.topics or self._batteries:
+            middleware.tap(self._tap)
+        if world is not None and self._bodies:
+            from sim2d.scene import sampling
+
+            every = sampling(world)
+            world.watchers.append(lambda world: self.look() if world.steps % every == 0 else None)
+
+    def _has_body(self, robot: str) -> bool:
+        return self._world is not None and robot in self._world.robots
+
+    # ---- what happens ------------------------------------------------------------------------------------------------
+
+    def watch(self, node: RobotNode) -> Callable[[], object]:
+        """Take a robot; the result is called after each step of a script."""
+        self._nodes[node.name] = node
+        return partial(self._mark, node.name)
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """Take what happened at one instant."""
+        self.judge.trail(time, robot, trail)
+        self._mark(robot)
+
+    def __call__(self, event: Event) -> None:
+        if event.what in ("log", "end"):
+            self.judge.event(event.time, event.robot, event.element, event.what, event.detail)
+
+    def _mark(self, robot: str) -> None:
+        """Read the variables of a robot at the end of the instant."""
+        if robot in self._reads:
+            if not self._changed:
+                self._middleware.scheduler.soon(self._read, Kind.WORLD)
+            self._changed.add(robot)
+
+    def _read(self) -> None:
+        changed, self._changed = self._changed, set()
+        now = self._middleware.scheduler.now
+        for robot in changed:
+            instance = next(reversed(self._nodes[robot].engine.instances.values()), None)
+            for source in self._reads[robot] if instance is not None else ():
+                variables: dict[str, Any] = instance.root_variables  # type: ignore[union-attr]
+                if source.name in variables:
+                    self.judge.sample(now, source, variables[source.name])
+
+    def _tap(self, publisher: Any) -> Callable[[Any], object] | None:
+        """Take the messages of a publisher, if a property reads them."""
+        topic, node, scheduler = publisher.topic, publisher.node, self._middleware.scheduler
+        if topic in self.judge.topics:
+            robot = node.namespace if node.name == ENGINE else ""
+            return lambda message: self.judge.message(scheduler.now, robot, topic, message)
+        if publisher.type == BATTERY and node.namespace in self._batteries:
+            source = Source("battery", node.namespace)
+            return lambda message: self.judge.sample(scheduler.now, source, float(message.percentage))
+        return None
+
+    def look(self) -> None:
+        """Sample the positions of robots."""
+        for robot in self._bodies if self._world is not None else ():
+            (x, y, _), altitude = self._world.robots[robot].appearance[:2]  # type: ignore[union-attr]
+            self.judge.sample(self._world.scheduler.now, Source("pose", robot), pose(x, y, altitude))  # type: ignore[union-attr]
+
+    # ---- the end -----------------------------------------------------------------------------------------------------
+
+    def finish(self, time: int, *, complete: bool) -> list[Judgement]:
+        """The judgements at the end of the run; what is done to stop it is not judged."""
+        self._read()
+        self.look()
+        return self.judge.finish(time, complete=complete)
+
+    def never_judged(self) -> Iterator[tuple[Monitor, str]]:
+        """Properties that no run of this team can judge, and why."""
+        there = {info.name: info for info in self._middleware.graph()}
+        batteries = {name.split("/")[1] for name, info in there.items() if info.types[:1] == (BATTERY,)}
+        for monitor in self.judge.monitors:
+            missing = [
+                f"{each.subject} has no {'position' if each.kind == 'pose' else 'battery'} here"
+                for each in sorted(monitor.sources)
+                if (each.kind == "pose" and each.subject not in self._bodies)
+                or (each.kind == "battery" and each.subject not in batteries)
+            ]
+            if missing or not monitor.parts:
+                yield monitor, missing[0] if missing else "no robot that it names takes part"
+
+
+def pose(x: float, y: float, altitude: float) -> Pose:
+    """A position in the world, as recordings have it."""
+    return Pose(round(x, 4), round(y, 4), round(altitude, 3))
+
+
+def _wrong_field(middleware: LocalMiddleware, topic: str, path: tuple[str | int, ...]) -> str:
+    """What is wrong with a field of a topic; empty if it is right."""
+    if topic not in middleware.topics:
+        return f"no robot uses topic {topic}; {suggestion(topic, sorted(middleware.topics))}"
+    type = middleware.topics[topic].type
+    names = path[: next((at for at, one in enumerate(path) if isinstance(one, int)), None)]
+    try:
+        message: Any = messages.create(type)
+    except MessageError as error:
+        return str(error)
+    for at, name in enumerate(names):
+        if field_of(message, names[: at + 1]) is None:
+            inner = field_of(message, names[:at])
+            known: Mapping[str, str] = (
+                messages.fields(messages.type_name(inner)) if hasattr(inner, "__msgtype__") else {}
+            )
+            return f"{type} has no field {'.'.join(map(str, names[: at + 1]))}; {suggestion(str(name), known)}"
+    return ""

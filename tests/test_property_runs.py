@@ -1,0 +1,135 @@
+"""Properties of runs: judged while a mission runs, checked before, and judged again from its logs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from collaborations import text_of
+
+from fame.cli import main
+from fame.log.judge import judge_log
+from fame.properties.files import read_properties
+from fame.scenario import Scenario
+
+TEAM = {"A": ["timer PT2S", "run x = 3", "throw go", "work"], "B": ["catch go", "timer PT1S", "throw done"]}
+PROPERTIES = """\
+properties:
+  answer:  after A throws /go, B throws /done within 1 s
+  late:    after A throws /go, B throws /done within 500 ms
+  order:   B throws /done only after A throws /go
+  small:   always A.x < 4
+  big:     always A.x > 3
+  over:    B completes within 3 s
+  unasked: after A fails, B completes
+  fresh:   B throws /done each time only after A throws /go
+"""
+WORDS = {
+    "answer": "holds", "late": "violated", "order": "holds", "small": "holds", "big": "violated", "over": "holds",
+    "unasked": "not triggered", "fresh": "holds",
+}  # fmt: skip
+
+
+@pytest.fixture
+def team(tmp_path: Path) -> Path:
+    """A model of two robots with properties beside it."""
+    path = tmp_path / "team.bpmn"
+    path.write_text(text_of(TEAM))
+    path.with_name("team.properties.yaml").write_text(PROPERTIES)
+    return path
+
+
+def test_a_run_judges_the_properties_beside_its_model(team: Path) -> None:
+    result = Scenario.load(team).run()
+    found = {each.name: each for each in result.judgements}
+    assert {name: each.verdict for name, each in found.items()} == WORDS
+    assert (found["answer"].slack, found["small"].slack, found["big"].slack) == (0.0, 1.0, 0.0)
+    assert (found["late"].time, found["late"].began) == (2.5, 2.0)
+    assert found["late"].text == "A throws /go at 2 s, and not: B throws /done by 2.5 s"
+    assert found["big"].text == "at 2 s A.x is 3"
+    assert (result.status, result.exit_code) == ("completed", 1)
+    reports = [event.detail for event in result.reports if "property" in event.detail]
+    assert reports == [f"property {name} is violated: {found[name].text}" for name in ("big", "late")]
+
+
+def test_a_run_that_is_cut_leaves_properties_pending(team: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    team.with_name("team.properties.yaml").write_text(
+        "properties: {done: B completes within 9 s, low: always A.x < 9}\n"
+    )
+    assert main(["run", str(team), "--duration", "2.5", "--json"]) == 1  # the mission itself is not over
+    found = json.loads(capsys.readouterr().out)["properties"]
+    assert [(each["property"], each["verdict"], each["time"]) for each in found] == [
+        ("done", "pending", 9.0), ("low", "holds", None)
+    ]  # fmt: skip
+
+
+def test_what_cannot_come_any_more_is_violated(team: Path) -> None:
+    team.write_text(text_of({"A": ["throw go"], "B": ["catch never"]}))
+    team.with_name("team.properties.yaml").write_text("properties:\n  answer: after A throws /go, B completes\n")
+    (found,) = Scenario.load(team).run().judgements
+    assert (found.verdict, found.time) == ("violated", 0.0)
+
+
+def test_values_that_nothing_samples_are_not_known(team: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    team.with_name("team.properties.yaml").write_text("properties:\n  full: always A.battery > 0.1\n")
+    assert main(["run", str(team)]) == 3
+    assert "full      not known         its values were not sampled" in capsys.readouterr().out
+    assert main(["check", str(team)]) == 0
+    place = team.with_name("team.properties.yaml")
+    assert f"{place}:2: warning: full: can never be judged: A has no battery here" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("sentence", "column", "text"),
+    [
+        ("Aa completes", 10, "unknown robot or pool 'Aa'; did you mean 'A'?"),
+        ("always A.y < 1", 17, "A has no variable 'y'; known are: x, battery"),
+        ("always /go.sec > 1", 17, "std_msgs/msg/Empty has no field sec"),
+        ("always /gone.sec > 1", 17, "no robot uses topic /gone; did you mean '/done'?"),
+    ],
+)
+def test_a_wrong_property_is_refused(
+    team: Path, capsys: pytest.CaptureFixture[str], sentence: str, column: int, text: str
+) -> None:
+    place = team.with_name("team.properties.yaml")
+    place.write_text(f"properties:\n  wrong: {sentence}\n")
+    assert main(["run", str(team)]) == 2
+    assert f"{place}:2:{column}: properties.wrong: {text}" in capsys.readouterr().err
+    assert main(["check", str(team)]) == 1
+    assert f"{place}:2:{column}: error: properties.wrong: {text}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("form", ["mcap", "jsonl", "csv"])
+def test_a_log_is_judged_as_its_run_was(team: Path, form: str) -> None:
+    log = team.with_name(f"run.{form}")
+    assert main(["run", str(team), "--quiet", "--log", str(log)]) == 1
+    result = Scenario.load(team).run()
+    definitions = Scenario.load(team).definitions
+    found = judge_log(log, read_properties(team.with_name("team.properties.yaml")), definitions)
+    if form == "mcap":
+        assert found == list(result.judgements)
+    else:
+        events = [each for each in result.judgements if each.name not in ("small", "big")]
+        assert [each for each in found if each.name not in ("small", "big")] == events
+        assert {each.verdict for each in found if each.name in ("small", "big")} == {"not known"}
+
+
+def test_the_command_judges_a_folder_of_logs(team: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("one.mcap", "two.mcap"):
+        main(["run", str(team), "--quiet", "--log", str(team.parent / "logs" / name)])
+    capsys.readouterr()
+    assert main(["log", "judge", str(team.with_name("team.properties.yaml")), str(team.parent / "logs")]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["run", "property", "verdict", "slack", "why"]
+    assert len(lines) == 1 + 2 * len(WORDS)
+    assert main(["log", "judge", str(team), str(team.parent / "logs")]) == 2
+
+
+def test_every_log_has_the_violations(team: Path) -> None:
+    log = team.with_name("run.jsonl")
+    main(["run", str(team), "--quiet", "--log", str(log)])
+    rows = [json.loads(line) for line in log.read_text().splitlines()]
+    assert [(row["time"], row["robot"]) for row in rows if str(row.get("detail")).startswith("property late is")] == [
+        (3.0, "A")
+    ]
