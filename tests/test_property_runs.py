@@ -9,9 +9,13 @@ import pytest
 from collaborations import text_of
 
 from fame.cli import main
+from fame.errors import ConfigError
 from fame.log.judge import judge_log
 from fame.properties.files import read_properties
 from fame.scenario import Scenario
+from fame.testing import ExpectationError, MissionLoader
+
+pytest_plugins = ["pytester"]
 
 TEAM = {"A": ["timer PT2S", "run x = 3", "throw go", "work"], "B": ["catch go", "timer PT1S", "throw done"]}
 PROPERTIES = """\
@@ -133,3 +137,39 @@ def test_every_log_has_the_violations(team: Path) -> None:
     assert [(row["time"], row["robot"]) for row in rows if str(row.get("detail")).startswith("property late is")] == [
         (3.0, "A")
     ]
+
+
+def test_a_test_expects_properties(team: Path, tmp_path: Path) -> None:
+    mission = MissionLoader(lambda: tmp_path / "saved").load(team)
+    mission.advance(2.2)
+    assert mission.expect_property("order").holds(vacuous=True).judgement.verdict == "not triggered"
+    with pytest.raises(ExpectationError, match="expected property answer to hold: property answer is pending"):
+        mission.expect_property("answer").holds()
+    mission.advance(5)
+    mission.expect_property("answer").holds()
+    with pytest.raises(ConfigError, match="judges no property 'anwser'; did you mean 'answer'"):
+        mission.expect_property("anwser")
+    with pytest.raises(ExpectationError, match="property big is violated: at 2 s"):
+        mission.check_properties()
+    mission.expect_property("big").is_violated()
+    mission.expect_property("late").is_violated()
+    mission.check_properties()
+    mission.close()
+
+
+def test_a_test_that_violates_a_property_fails(team: Path, pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        f"""
+        def test_nothing_is_said(mission):
+            mission.load({str(team)!r}).advance(5)
+
+        def test_it_is_expected(mission):
+            m = mission.load({str(team)!r})
+            m.advance(5)
+            m.expect_property("late").is_violated()
+            m.expect_property("big").is_violated()
+        """
+    )
+    result = pytester.runpytest("-p", "no:randomly")
+    result.assert_outcomes(passed=1, failed=1)
+    result.stdout.fnmatch_lines(["*property late is violated: A throws /go at 2 s, and not: B throws /done by 2.5 s*"])

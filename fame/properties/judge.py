@@ -7,7 +7,7 @@ something later is given, or `advance` is called. A message that a robot throws 
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +48,8 @@ class Judgement:
         return self.name, self.verdict, "" if self.slack is None else f"{self.slack:.3g}", self.text
 
     def __str__(self) -> str:
-        return f"property {self.name} {_SAID.get(self.verdict, 'is')} {self.verdict}: {self.text or self.sentence}"
+        verb = "" if self.verdict == "holds" else "is "
+        return f"property {self.name} {verb}{self.verdict}: {self.text or self.sentence}"
 
     def to_json(self) -> dict[str, Any]:
         """Everything, JSON-serialisable."""
@@ -63,9 +64,6 @@ class Judgement:
             "began": self.began,
             "elements": [list(each) for each in self.elements],
         }
-
-
-_SAID: Mapping[str, str] = {"holds": "", "not triggered": "was"}
 
 
 def exit_code(judgements: Iterable[Judgement]) -> int:

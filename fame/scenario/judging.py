@@ -33,12 +33,16 @@ def team_vocabulary(plan: Plan, check_field: CheckField = lambda topic, path: ""
     """The vocabulary of a scenario. Raises ModelError for a called process that is not found."""
     reads = [each.condition for each in plan.properties if "." in each.sentence and each.condition]
     variables = _variables(plan.definitions, plan) if reads else {}
-    return vocabulary_of(plan.definitions, plan.library, plan.cast, variables=variables, check_field=check_field)
+    return vocabulary_of(
+        plan.definitions, plan.library.declared, plan.cast, variables=variables, check_field=check_field
+    )
 
 
 def _variables(definitions: Definitions, plan: Plan) -> dict[str, frozenset[str]]:
     """The process variables of each robot, of those of which all are known."""
-    known = {id: variable_names(definitions, id, plan.library) for id in {p.process.id for p in plan.cast.values()}}
+    known = {
+        id: variable_names(definitions, id, plan.library.declared) for id in {p.process.id for p in plan.cast.values()}
+    }
     found = {robot: known[pool.process.id] for robot, pool in plan.cast.items()}
     return {robot: names for robot, names in found.items() if names is not None}
 
@@ -127,6 +131,13 @@ class RunJudge:
         for robot in self._bodies if self._world is not None else ():
             (x, y, _), altitude = self._world.robots[robot].appearance[:2]  # type: ignore[union-attr]
             self.judge.sample(self._world.scheduler.now, Source("pose", robot), pose(x, y, altitude))  # type: ignore[union-attr]
+
+    def judgements(self) -> list[Judgement]:
+        """The judgements now, as if this instant were over."""
+        self._read()
+        self.look()
+        self.judge.advance(self._middleware.scheduler.now + 1)
+        return self.judge.judgements()
 
     # ---- the end -----------------------------------------------------------------------------------------------------
 

@@ -71,8 +71,9 @@ class MissionByHand(MissionUnderTest):
         self.skipped: list[str] = []
 
     def make_run(self, observer: Observer) -> Run:
-        """Make the run: without world, parameters, faults and completions."""
-        plan = replace(self.scenario, world=None, network=None, faults=(), completions=(), signals=(), variables={})
+        """Make the run: without world, parameters, faults, completions, and properties: its times mean nothing."""
+        nothing: dict[str, Any] = dict.fromkeys(("faults", "completions", "signals", "properties"), ())
+        plan = replace(self.scenario, world=None, network=None, variables={}, **nothing)
         run = _RunByHand(plan, False, observer, None)
         for (robot, element), ways in self._decisions.items():
             run.hosts[robot].decided[element].extend(ways)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
@@ -12,6 +12,7 @@ from fame.testing.failure import ExpectationError, failure
 from fame.testing.trace import Step
 
 if TYPE_CHECKING:
+    from fame.properties.judge import Judgement
     from fame.testing.mission import MissionUnderTest
 
 
@@ -155,6 +156,29 @@ class Passage(Expectation):
         if not holds(self.steps[0], others[0]):
             text = f"{self._shown} was at {_moment(self.steps[0])}, and {shown} was entered at {_moment(others[0])}"
             raise self._error(f"expected {self._shown} {word} {shown}, but {text}")
+        return self
+
+
+class PropertyExpectation:
+    """Expectations of a property, as it is judged now (docs/properties.md). Methods raise ExpectationError."""
+
+    def __init__(self, mission: MissionUnderTest, judgement: Judgement) -> None:
+        self._mission, self.judgement = mission, judgement
+
+    def holds(self, *, vacuous: bool = False) -> PropertyExpectation:
+        """It holds; `vacuous`: or there was nothing to judge."""
+        __tracebackhide__ = True
+        return self._is("hold", ("holds", *["not triggered"] * vacuous))
+
+    def is_violated(self) -> PropertyExpectation:
+        """It is violated, which then does not fail the test."""
+        __tracebackhide__ = True
+        return self._is("be violated", ("violated",))
+
+    def _is(self, wanted: str, words: Collection[str]) -> PropertyExpectation:
+        __tracebackhide__ = True
+        if self.judgement.verdict not in words:
+            raise failure(self._mission, f"expected property {self.judgement.name} to {wanted}: {self.judgement}")
         return self
 
 

@@ -34,7 +34,7 @@ from fame.scenario import Fault, Scenario
 from fame.scenario.run import Run
 from fame.scenario.settings import ALL, with_parameters
 from fame.testing.elements import Elements
-from fame.testing.expectations import Expectation
+from fame.testing.expectations import Expectation, PropertyExpectation
 from fame.testing.failure import failure, save_diagrams
 from fame.testing.fakes import Fakes
 from fame.testing.late_recording import LateFile
@@ -81,6 +81,7 @@ class MissionUnderTest:
         self._folder = folder
         self._pending: list[Callable[[], object]] = []
         self._published: dict[str, list[Published]] = {}
+        self.expected_properties: set[str] = set()
         self._run: Run | None = None
         self._resources = ExitStack()
         self._recording = LateFile()
@@ -360,6 +361,22 @@ class MissionUnderTest:
     def expect(self, robot: str = "") -> Expectation:
         """The expectations of a robot."""
         return Expectation(self, self.robot(robot))
+
+    def expect_property(self, name: str) -> PropertyExpectation:
+        """The expectations of a property of the scenario. Raises ConfigError if it has none of this name."""
+        judging = self.run.judging
+        known = [each.name for each in self.run.scenario.properties]
+        if judging is None or name not in known:
+            raise ConfigError(f"the mission judges no property {name!r}; {suggestion(name, known)}")
+        self.expected_properties.add(name)
+        return PropertyExpectation(self, judging.judgements()[known.index(name)])
+
+    def check_properties(self) -> None:
+        """Raise ExpectationError for a property that is violated, unless the test has said what it expects of it."""
+        judging = self._run.judging if self._run is not None else None
+        for judgement in judging.judgements() if judging is not None else ():
+            if judgement.verdict == "violated" and judgement.name not in self.expected_properties:
+                raise failure(self, str(judgement))
 
     def published(self, topic: str) -> list[Published]:
         """What processes have published on a topic, with times, in order. Raises ConfigError for an unknown topic."""

@@ -108,6 +108,16 @@ def _folder(factory: pytest.TempPathFactory, name: str) -> Callable[[], Path]:
 
 
 @pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Any:
+    """Fail a test whose mission has violated a property that the test does not mention."""
+    result = yield
+    loader = item.stash.get(_LOADER, None)
+    for loaded in loader.loaded if loader is not None else ():
+        loaded.check_properties()
+    return result
+
+
+@pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> Any:
     """Add the state of the missions to the report of a test that failed for another reason than an expectation."""
     report = yield
