@@ -15,7 +15,15 @@ from bpmn_text import process, properties
 from fame.cli import main
 from fame.errors import ConfigError
 from fame.scenario.campaign import Campaign, Folder, cause_of, run_campaign
-from fame.scenario.campaign_report import causes, counted, html_report, importance, interval, summary
+from fame.scenario.campaign_report import (
+    causes,
+    counted,
+    html_report,
+    importance,
+    interval,
+    summary,
+    text_report,
+)
 from fame.scenario.scenario import Scenario
 from fame.scenario.variation import Distribution, Variation, changed, points, read_variation
 
@@ -401,3 +409,33 @@ def test_a_cluster_of_dask_does_the_runs(scenario: Path, tmp_path: Path) -> None
     local = Campaign(scenario=str(scenario), runs=6, variation=speeds(0.2, 1.2), workers=1)
     expected = rows_of(local, tmp_path / "local")
     assert [(one["status"], one["duration"]) for one in rows] == [(one["status"], one["duration"]) for one in expected]
+
+
+# ---- properties ------------------------------------------------------------------------------------------------------
+
+
+def test_a_campaign_says_how_often_properties_are_violated_and_how_close_others_came(
+    scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario.with_name("m.properties.yaml").write_text(
+        "properties:\n  quick: P completes within 2 s\n  rest: after P fails, P completes\n"
+    )
+    rows = rows_of(Campaign(scenario=str(scenario), runs=12, variation=speeds(0.3, 0.8), workers=1), tmp_path / "out")
+    slow = [row for row in rows if row["changes"]["variables.P.speed"] < 0.5]
+    assert 0 < len(slow) < 12
+    assert [row["property.quick"] for row in rows] == ["violated" if row in slow else "holds" for row in rows]
+    quick, rest = summary(rows)["properties"].values()
+    assert quick["verdicts"] == {"violated": len(slow), "holds": 12 - len(slow)}
+    assert quick["violation"] == pytest.approx(len(slow) / 12, abs=1e-6)
+    assert quick["interval"] == pytest.approx(interval(rows, property="quick"), abs=1e-6)
+    least = min((row for row in rows if row not in slow), key=lambda row: row["changes"]["variables.P.speed"])
+    assert quick["nearest"][0]["command"] == least["command"]
+    assert quick["nearest"][0]["slack"] == pytest.approx(2 - 1 / least["changes"]["variables.P.speed"])
+    assert (rest["verdicts"], rest["violation"], rest["interval"]) == ({"not triggered": 12}, None, [0.0, 1.0])
+    text = "\n".join(text_report(rows))
+    assert f"P(violation) {len(slow) / 12:.3f}" in text
+    assert f"slack {quick['nearest'][0]['slack']:.3g}: {least['command']}" in text
+    assert "quick: P(violation)" in html_report(rows, "s.yaml")
+    assert main(["campaign", str(scenario), "--width", "0.1", "--property", "quik", "-o", str(tmp_path / "no")]) == 2
+    assert "unknown property 'quik'; did you mean 'quick'?" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()

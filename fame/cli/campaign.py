@@ -45,6 +45,9 @@ def add(commands: Commands) -> None:
         metavar="W",
         help="stop when the 95 %% interval of the success rate is narrower, as in 0.02",
     )
+    parser.add_argument(
+        "--property", metavar="NAME", help="with --width: that of the probability that this property is violated"
+    )
     parser.add_argument("--jobs", type=_count, metavar="N", help="number of parallel runs (all cores)")
     parser.add_argument(
         "--backend", choices=("loky", "dask", "ray"), default="loky",
@@ -72,6 +75,8 @@ def run(arguments: Namespace) -> int:
     from fame.scenario.campaign_report import summary, text_report, write_reports
 
     require("joblib")  # before a folder is written, which would be in the way of the next try
+    if arguments.property is not None and arguments.width is None:
+        raise ConfigError("--property needs --width W")
     campaign, folder = _campaign(arguments)
     interrupted = False
     with progress_line(sys.stderr, wanted=not arguments.json) as line:
@@ -82,7 +87,7 @@ def run(arguments: Namespace) -> int:
                 line.write(f"{len(rows)} of {campaign.runs} runs, {done} completed", len(rows) / campaign.runs)
 
         try:
-            rows = run_campaign(campaign, folder, width=arguments.width, progress=show)
+            rows = run_campaign(campaign, folder, width=arguments.width, property=arguments.property, progress=show)
         except KeyboardInterrupt:
             interrupted, rows = True, folder.rows()
     if not rows:
@@ -116,6 +121,7 @@ def _campaign(arguments: Namespace) -> tuple[Campaign, Folder]:
             raise ConfigError("expected a scenario or --resume DIR, got both")
         folder = Folder(arguments.resume)
         campaign = folder.campaign()
+        campaign.check_property(arguments.property)
         return replace(campaign, workers=arguments.jobs or campaign.workers), folder
     if arguments.scenario is None:
         raise ConfigError("expected a scenario, or --resume DIR (see fame campaign --help)")
@@ -137,6 +143,7 @@ def _campaign(arguments: Namespace) -> tuple[Campaign, Folder]:
         address=arguments.address,
     )
     campaign.check()
+    campaign.check_property(arguments.property)
     campaign.jobs()
     folder = Folder(arguments.output or Path("out/campaign"))
     folder.begin(campaign)

@@ -19,8 +19,10 @@ from typing import Any, Literal
 from fame.errors import ConfigError, FameError, display_name
 from fame.imports import require
 from fame.scenario.plan import Fault
+from fame.scenario.property_statistics import columns
 from fame.scenario.settings import ALL
 from fame.scenario.variation import FAULTS, Variation, points
+from fame.text import suggestion
 
 ROWS, ABOUT = "runs.jsonl", "campaign.json"
 Row = dict[str, Any]
@@ -98,6 +100,7 @@ def run_job(job: Job) -> Row:
         "collisions": len(world.get("collisions", ())),
         "lost": sum(run.network.lost.values()) if run.network is not None else 0,
         **{f"measure.{name}": _measured(text, variables) for name, text in job.measures.items()},
+        **columns(result.judgements),
     }
 
 
@@ -232,6 +235,14 @@ class Campaign:
             changed(read_document(self.scenario).data, dict.fromkeys(paths), self.scenario)
             Scenario.load(self.scenario, library=self.library, variables=_varied_variables(paths))
         Run(Scenario.load(self.scenario, duration=self.duration, library=self.library), False, None, None).close()
+
+    def check_property(self, name: str | None) -> None:
+        """Raise ConfigError if the scenario has no property of this name; None: of any name."""
+        from fame.scenario.scenario import Scenario
+
+        known = [each.name for each in Scenario.load(self.scenario, library=self.library).properties]
+        if name is not None and name not in known:
+            raise ConfigError(f"unknown property {name!r}; {suggestion(name, known)}", file=self.scenario)
 
     def rows(self, done: Sequence[int] = ()) -> Iterator[Row]:
         """Execute the remaining runs, and yield their rows as they end."""
@@ -374,9 +385,11 @@ def run_campaign(
     folder: Folder,
     *,
     width: float | None = None,
+    property: str | None = None,
     progress: Callable[[list[Row]], object] = lambda rows: None,
 ) -> list[Row]:
-    """Do what is left of a campaign, until the interval of the success rate is narrower than `width`, if given.
+    """Do what is left of a campaign, until the interval of the success rate (or that of the probability that `property`
+    is violated) is narrower than `width`, if given.
 
     Raises KeyboardInterrupt after Ctrl-C, and ConfigError if a script of the model fails in the very first run; what is
     done is in the folder. `progress` gets all rows after each run.
@@ -395,7 +408,7 @@ def run_campaign(
             if len(rows) == 1 and row["cause"].endswith(": script"):
                 raise ConfigError(_broken(row, folder))
             if width is not None and len(rows) >= 20:
-                low, high = interval(rows)
+                low, high = interval(rows, property=property)
                 if high - low <= width:
                     break
     finally:

@@ -12,6 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from fame.imports import require
+from fame.scenario.property_statistics import (
+    counts,
+    lines as lines_of_properties,
+    slacks,
+    statistics as statistics_of_properties,
+)
 from fame.scenario.variation import is_number
 
 Row = Mapping[str, Any]
@@ -24,17 +30,22 @@ def counted(rows: Iterable[Row]) -> list[Row]:
     return [row for row in rows if row["status"] in COUNTED]
 
 
-def interval(rows: Sequence[Row], confidence: float = 0.95) -> tuple[float, float]:
-    """The Wilson interval of the probability of completion; (0, 1) without runs (Wilson 1927, by scipy)."""
+def interval(rows: Sequence[Row], *, property: str | None = None) -> tuple[float, float]:
+    """The interval of the probability of completion, or of that `property` is violated."""
+    if property is not None:
+        return wilson(*counts(rows, property))
     runs = counted(rows)
-    if not runs:
+    return wilson(sum(row["status"] == "completed" for row in runs), len(runs))
+
+
+def wilson(count: int, total: int, confidence: float = 0.95) -> tuple[float, float]:
+    """The Wilson interval of a probability; (0, 1) without trials (Wilson 1927, by scipy)."""
+    if not total:
         return 0.0, 1.0
     require("scipy")
     from scipy.stats import binomtest
 
-    found = binomtest(sum(row["status"] == "completed" for row in runs), len(runs)).proportion_ci(
-        confidence, method="wilson"
-    )
+    found = binomtest(count, total).proportion_ci(confidence, method="wilson")
     return float(found.low), float(found.high)
 
 
@@ -57,6 +68,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
             for name in ("duration", "distance", "collisions", "lost", *measures)
             if (spread := _spread([row.get(name) for row in done]))
         },
+        "properties": statistics_of_properties(rows, wilson, _spread),
         "causes": causes(rows),
         "parameters": importance(rows),
     }
@@ -163,6 +175,7 @@ def text_report(rows: Sequence[Row]) -> Iterator[str]:
     for name, spread in found["distributions"].items():
         values = "  ".join(f"{key} {value:g}" for key, value in spread.items())
         yield f"{name} of completed runs: {values}"
+    yield from lines_of_properties(found["properties"])
     for cause in found["causes"]:
         yield f"{cause['count']} x {cause['status']}: {cause['cause']}"
         yield f"    {cause['command']}"
@@ -232,6 +245,14 @@ def html_report(rows: Sequence[Row], scenario: str) -> str:
     if found["distributions"]:
         heads = ("", "mean", *_QUANTILES)
         body.append(_table(heads, ((name, *spread.values()) for name, spread in found["distributions"].items())))
+    for name, one in found["properties"].items():
+        share = "not judged" if one["violation"] is None else f"P(violation) {one['violation']:.1%}"
+        low, high = one["interval"]
+        body.append(f"<h2>{escape(name)}: {share}</h2><p>95&nbsp;% interval {low:.1%} to {high:.1%}</p>")
+        body.append(_table(("verdict", "runs"), one["verdicts"].items()))
+        if one["slack"]:
+            body += ["<p>Slack of runs in which it holds</p>", _histogram(slacks(rows, name))]
+            body.append(_table(("run", "slack", "command"), (tuple(each.values()) for each in one["nearest"])))
     if found["causes"]:
         body.append("<h2>Failures by cause</h2>")
         lines = ((c["count"], c["status"], c["cause"], c["seed"], c["command"]) for c in found["causes"])
