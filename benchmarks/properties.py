@@ -1,0 +1,90 @@
+"""What properties cost: a step of a monitor, and a run of the farm with twenty of them.
+
+    python benchmarks/properties.py [--runs 3]
+
+Times are CPU seconds of this process, the least of several runs, so that other load counts little.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from fame.properties import Judge, Monitor, compile, parse
+from fame.properties.monitor import OPENS, OTHER
+from fame.scenario import Scenario
+from fame.scenario.judging import team_vocabulary
+
+ROOT = Path(__file__).parent.parent
+STEPS = 100_000
+SENTENCES = (
+    'after Drone throws /weed_found, some Tractor starts "Go To" within 12 s',
+    'after Drone throws /weed_found, some Tractor completes "Cut Grass" within 120 s',
+    "always distance(any two Tractor) > 0.5",
+    "always Drone.battery > 0.1",
+    'Tractor starts "Cut Grass" each time only after Tractor completes "Go To"',
+    'never Drone starts "Return to Base" before Drone completes "Explore"',
+    "Drone completes within 300 s",
+    "Drone throws /weed_found at most 9 times",
+    'between Drone starts "Explore" and Drone starts "Land", always Drone.battery > 0.1',
+    "never Tractor fails",
+)
+
+
+def least(runs: int, action: Callable[[], object]) -> float:
+    """CPU s of the fastest of several runs."""
+    times = []
+    for _ in range(runs):
+        begun = time.process_time()
+        action()
+        times.append(time.process_time() - begun)
+    return min(times)
+
+
+def step_cost(monitor: Monitor, runs: int) -> None:
+    """Print what a step costs, in events that ask and answer by turns: of a part alone, and with its judge."""
+    turns = sorted(((found[0].roles & (OPENS | OTHER) == 0, key) for key, found in monitor.events.items()))
+    asks, answers = (next(key for late, key in turns if late is wanted) for wanted in (False, True))
+    roles = [monitor.events[key][0].roles for key in (asks, answers)]
+    number = monitor.events[answers][0].part
+
+    def step() -> None:
+        part, state = monitor.parts[number], monitor.initial[number]
+        for at in range(STEPS):
+            state = part.step(state, at, roles[at & 1])
+        assert part.verdict(state).word in ("holds", "pending")
+
+    def judged() -> None:
+        judge = Judge([monitor])
+        for at in range(STEPS):
+            judge.event(at, *(answers if at & 1 else asks))
+
+    shown = monitor.spec.sentence
+    print(
+        f"{shown}: a step {least(runs, step) / STEPS * 1e6:.2f} us, judged {least(runs, judged) / STEPS * 1e6:.2f} us"
+    )
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=3)
+    runs = parser.parse_args().runs
+    scenario = Scenario.load(ROOT / "examples" / "agriculture.yaml")
+    vocabulary = team_vocabulary(scenario)
+    for sentence in (SENTENCES[0], SENTENCES[4]):
+        step_cost(compile(parse(sentence), vocabulary), runs)
+    properties = tuple(parse(text, name=f"p{at}") for at, text in enumerate(SENTENCES * 2))
+    plain, twenty = replace(scenario, properties=()), replace(scenario, properties=properties)
+    ignore = lambda event: None  # noqa: E731  (as the progress of fame run: the engines are observed)
+    pairs = [(least(1, lambda: plain.run(observer=ignore)), least(1, lambda: twenty.run(observer=ignore)))
+             for _ in range(runs)]  # fmt: skip
+    without, judged_run = (min(times) for times in zip(*pairs, strict=True))
+    print(f"agriculture: {without:.2f} s, with 20 properties {judged_run:.2f} s: {judged_run / without - 1:+.1%}")
+
+
+if __name__ == "__main__":
+    main()
