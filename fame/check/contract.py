@@ -9,12 +9,12 @@ robots' own topics, other types, incompatible QoS.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, FlowNode, Process
+from fame.bpmn.model import Definitions, Process
 from fame.bpmn.pools import Pool, pools_of, shared_topics
 from fame.bpmn.topics import EMPTY_TYPE, topics_of_processes
 from fame.check.scope import Finding
@@ -26,6 +26,9 @@ from fame.middleware.interface import SIGNAL, Client, Middleware, Node, QoS, res
 from fame.scripting import script_topics
 
 Direction = Literal["publishes", "subscribes to", "calls the service", "calls the action"]
+_DOES: Mapping[str, Direction] = {
+    "publish": "publishes", "subscribe": "subscribes to", "call": "calls the service", "act": "calls the action",
+}  # fmt: skip
 NODE = "fame_check"
 _STEP = SECOND // 10
 
@@ -98,33 +101,15 @@ def _of_pool(
             yield made("subscribes to", use.name, use.type, profile)
     for _, process in closure:
         for node in process.body.walk():
-            yield from (made(*one) for one in _services(node))
-            for direction, name, type in _scripted(node):
-                if name not in table:
-                    yield made(direction, name, type, SIGNAL)
-
-
-def _services(node: FlowNode) -> Iterator[tuple[Direction, str, str]]:
-    if node.service is not None:
-        type = node.service.type or ""
-        yield "calls the action" if messages.is_action(type) else "calls the service", _own(node.service.name), type
-    for topic in script_topics(node.script) if node.script is not None else ():
-        if topic.direction in ("call", "act"):
-            kind: Direction = "calls the service" if topic.direction == "call" else "calls the action"
-            yield kind, _own(topic.name), topic.type or ""
-
-
-def _scripted(node: FlowNode) -> Iterator[tuple[Direction, str, str]]:
-    for topic in script_topics(node.script) if node.script is not None else ():
-        if topic.direction in ("publish", "subscribe"):
-            direction: Direction = "publishes" if topic.direction == "publish" else "subscribes to"
-            type = topic.type or ""
-            yield direction, _own(topic.name), type.replace("/", "/msg/") if type.count("/") == 1 else type
-
-
-def _own(name: str) -> str:
-    """A name that is absolute, or relative to the robot."""
-    return name if name.startswith(("/", "~/")) else f"~/{name}"
+            if node.service is not None:
+                name, type = node.service.name, node.service.type or ""
+                name = name if name.startswith(("/", "~/")) else f"~/{name}"
+                yield made(_DOES["act" if messages.is_action(type) else "call"], name, type)
+            for topic in script_topics(node.script) if node.script is not None else ():
+                if topic.direction in ("call", "act"):
+                    yield made(_DOES[topic.direction], topic.qualified, topic.type or "")
+                elif topic.qualified not in table:
+                    yield made(_DOES[topic.direction], topic.qualified, topic.full_type or "", SIGNAL)
 
 
 # ---- the running graph -----------------------------------------------------------------------------------------------

@@ -86,9 +86,8 @@ def _scripted(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint
     tries = node.script.language == "javascript" and re.search(r"\btry\b", node.script.text) is not None
     for topic in named:
         if topic.direction not in ("call", "act"):
-            name = topic.name if topic.name.startswith(("/", "~/")) else f"~/{topic.name}"
-            full = topic.type.replace("/", "/msg/") if topic.type and topic.type.count("/") == 1 else topic.type
-            yield TopicEndpoint(process, node, name, full, topic.direction == "publish", topic.line, tries=tries)
+            throws = topic.direction == "publish"
+            yield TopicEndpoint(process, node, topic.qualified, topic.full_type, throws, topic.line, tries=tries)
 
 
 def public_topics(team: Sequence[CheckScope]) -> Topics:

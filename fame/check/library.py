@@ -96,9 +96,8 @@ def _topics(definitions: Definitions, process: Process, nodes: Iterable[FlowNode
     types = {name: type for (_, name), type in used.items()}
     for node in nodes:
         for topic in script_topics(node.script) if node.script is not None else ():
-            name = topic.name if topic.name[0] in "/~" else f"~/{topic.name}"
-            used.setdefault((topic.direction, name), topic.type or "")
-            types[name] = types.get(name) or topic.type or ""
+            used.setdefault((topic.direction, topic.qualified), topic.type or "")
+            types[topic.qualified] = types.get(topic.qualified) or topic.type or ""
     for direction, name in sorted(used):
         yield BehaviourTopic(name, used[direction, name] or types[name], direction)
 

@@ -127,6 +127,16 @@ class ScriptTopic:
     type: str | None = None
     line: int = 0
 
+    @property
+    def qualified(self) -> str:
+        """The name with its scope: ``/weed_found``, or ``~/odom`` for one in the robot's namespace."""
+        return self.name if self.name.startswith(("/", "~/")) else f"~/{self.name}"
+
+    @property
+    def full_type(self) -> str | None:
+        """The type of a message in its long form: ``std_msgs/msg/Bool`` for ``std_msgs/Bool``."""
+        return self.type.replace("/", "/msg/") if self.type and self.type.count("/") == 1 else self.type
+
 
 @lru_cache(maxsize=1024)
 def script_topics(expression: Expression) -> tuple[ScriptTopic, ...]:

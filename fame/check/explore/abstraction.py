@@ -217,7 +217,7 @@ def _ends(home: model.Definitions, process: model.Process) -> Iterator[tuple[str
         if isinstance(node, model.Task) and node.script is not None:
             for one in _script_topics(node.script):
                 if one.direction in ("publish", "subscribe"):
-                    yield _qualified(one.name), one.direction == "publish"
+                    yield one.qualified, one.direction == "publish"
 
 
 def _topics(home: model.Definitions, process: model.Process) -> set[str]:
@@ -231,13 +231,9 @@ def _script_topics(script: model.Expression) -> Iterable:  # type: ignore[type-a
         return ()
 
 
-def _qualified(name: str) -> str:
-    return name if name.startswith(("/", "~/")) else f"~/{name}"
-
-
 def emitted(script: model.Expression) -> tuple[str, ...]:
     """The topics that a script names to publish on."""
-    return tuple(_qualified(one.name) for one in _script_topics(script) if one.direction == "publish")
+    return tuple(one.qualified for one in _script_topics(script) if one.direction == "publish")
 
 
 def _writes(process: model.Process) -> Iterator[str]:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from random import Random
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
 from fame.engine.host import BpmnError
@@ -20,19 +20,14 @@ from fame.scripting.javascript.source import located
 from fame.scripting.javascript.values import Encoded, encode
 from fame.scripting.requests import MOMENT, SERVICE_TIMEOUT, Inbox, MessageQueue
 
+if TYPE_CHECKING:
+    from fame.scripting.javascript.realm import Realm
+
 HOST_API = "__javascript__"
 """The name under which the script interface of the variables holds it."""
 
 REALM = "__realm__"
 """The name under which the script interface holds the realm of its scripts, once there is one."""
-
-
-class OpenRealm(Protocol):
-    """The scripts of one process instance."""
-
-    variables: dict[str, Any]
-
-    def close(self) -> None: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +63,7 @@ class HostApi:
     lost: Callable[[Any, str, str, Callable[[], object], Callable[[BaseException], object]], object]
     failed: Callable[[dict[str, Any], str, BaseException], object]
     alive: Callable[[dict[str, Any]], bool]
-    realms: list[OpenRealm] = field(default_factory=list)
+    realms: list[Realm] = field(default_factory=list)
     encoded: Encoded = field(default_factory=Encoded)
 
     def sweep(self) -> None:
@@ -91,35 +86,7 @@ _POLL = 50 * _MILLISECOND
 """Interval in which waitForService checks whether the service is available (ns)."""
 
 
-class CommandTarget(Protocol):
-    """The part of a realm that commands use."""
-
-    host: HostApi | None
-
-    @property
-    def robot(self) -> HostApi:
-        """The host API. Raises UnavailableError where scripts run without a robot."""
-
-    def expect(self, number: int, run: Run, cancel: Callable[[], object]) -> None:
-        """Register a callback that may come; `cancel` prevents it."""
-
-    def drop(self, number: int) -> None:
-        """Forget a callback."""
-
-    def call_back(self, number: int, payload: str, *, again: bool = False) -> None:
-        """Run a callback with a JSON text; `again`: it may come again."""
-
-    def expects(self, number: int) -> bool:
-        """Whether a callback may still come."""
-
-    def fail(self, number: int, error: BaseException) -> None:
-        """Fail the run of a callback that does not come."""
-
-    def end_other(self, number: int, error: dict[str, str] | None) -> None:
-        """End the run of another script."""
-
-
-def execute(realm: CommandTarget, run: Run, command: list[Any]) -> BaseException | None:
+def execute(realm: Realm, run: Run, command: list[Any]) -> BaseException | None:
     """Execute a command. Returns the error, None if there was none."""
     name, *values = command
     try:
@@ -135,17 +102,17 @@ def execute(realm: CommandTarget, run: Run, command: list[Any]) -> BaseException
 # ---- topics ----------------------------------------------------------------------------------------------------------
 
 
-def advertise(realm: CommandTarget, run: Run, type: str, topic: str) -> None:
+def advertise(realm: Realm, run: Run, type: str, topic: str) -> None:
     """createPublisher: create the endpoint before the first message."""
     realm.robot.advertise(topic, type)
 
 
-def publish(realm: CommandTarget, run: Run, type: str, topic: str, message: Any) -> None:
+def publish(realm: Realm, run: Run, type: str, topic: str, message: Any) -> None:
     """publish: send a message."""
     realm.robot.publish(topic, type, message)
 
 
-def subscribe(realm: CommandTarget, run: Run, number: int, type: str, topic: str) -> None:
+def subscribe(realm: Realm, run: Run, number: int, type: str, topic: str) -> None:
     """createSubscription: deliver messages one by one, each in an entry of the scheduler."""
     queue = realm.robot.inbox.queue(topic, type, QUEUE)
 
@@ -165,12 +132,12 @@ def _unsubscribe(queue: MessageQueue) -> None:
 # ---- services --------------------------------------------------------------------------------------------------------
 
 
-def client(realm: CommandTarget, run: Run, type: str, service: str) -> None:
+def client(realm: Realm, run: Run, type: str, service: str) -> None:
     """createClient."""
     realm.robot.inbox.client(service, type)
 
 
-def wait_for_service(realm: CommandTarget, run: Run, number: int, type: str, service: str, ms: float | None) -> None:
+def wait_for_service(realm: Realm, run: Run, number: int, type: str, service: str, ms: float | None) -> None:
     """waitForService: true as soon as the service is available, false after the timeout."""
     called, scheduler = realm.robot.inbox.client(service, type), realm.robot.scheduler
     end = None if ms is None else scheduler.now + max(0, round(ms * _MILLISECOND))
@@ -186,7 +153,7 @@ def wait_for_service(realm: CommandTarget, run: Run, number: int, type: str, ser
     realm.expect(number, run, scheduler.soon(poll, Kind.RESUMPTION).cancel)
 
 
-def request(realm: CommandTarget, run: Run, number: int, type: str, service: str, fields: Any, stack: str) -> None:
+def request(realm: Realm, run: Run, number: int, type: str, service: str, fields: Any, stack: str) -> None:
     """sendRequest: the response is a callback. The service is waited for as that of a task, and its loss treated so."""
     robot, client = realm.robot, realm.robot.inbox.client(service, type)
     scheduler, timers = robot.scheduler, list[Callable[[], object]]()
@@ -228,29 +195,29 @@ def request(realm: CommandTarget, run: Run, number: int, type: str, service: str
 # ---- timers, log, other runs -----------------------------------------------------------------------------------------
 
 
-def timer(realm: CommandTarget, run: Run, number: int, ms: float) -> None:
+def timer(realm: Realm, run: Run, number: int, ms: float) -> None:
     """setTimeout."""
     scheduler, on_time = realm.robot.scheduler, partial(realm.call_back, number, "null")
     realm.expect(number, run, scheduler.after(round(ms * _MILLISECOND), on_time, Kind.RESUMPTION).cancel)
 
 
-def drop(realm: CommandTarget, run: Run, number: int) -> None:
+def drop(realm: Realm, run: Run, number: int) -> None:
     """destroySubscription, clearTimeout."""
     realm.drop(number)
 
 
-def log(realm: CommandTarget, run: Run, level: str, text: str) -> None:
+def log(realm: Realm, run: Run, level: str, text: str) -> None:
     """The console and the logger."""
     if realm.host is not None:
         realm.host.log(level, text)
 
 
-def late(realm: CommandTarget, run: Run, element: str) -> None:
+def late(realm: Realm, run: Run, element: str) -> None:
     """next() in a later step than its first call: the token has moved on, so nothing can fail any more."""
     realm.robot.report(element, "next() was called again, after the script was over")
 
 
-def end(realm: CommandTarget, run: Run, number: int, error: dict[str, str] | None) -> None:
+def end(realm: Realm, run: Run, number: int, error: dict[str, str] | None) -> None:
     """End another run: this step called its next() or destroyed its last callback."""
     realm.end_other(number, error)
 

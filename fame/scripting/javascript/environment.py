@@ -17,23 +17,19 @@ import marshal
 from collections.abc import Callable, Sequence
 from operator import is_
 from types import ModuleType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from fame.engine.data import Variables
 from fame.scripting.javascript.source import Script
 from fame.scripting.javascript.values import ATOMS, encode
 from fame.scripting.requests import MessageQueue, Next
 
+if TYPE_CHECKING:
+    from fame.scripting.javascript.realm import Realm
+
 _NEW = object()
 _CHANGING = frozenset({list, dict})
 _NOTHING: dict[str, Any] = {}
-
-
-class NamedVariables(Protocol):
-    """The names that the scripts of a realm contain; `computed`: they may use others too."""
-
-    names: set[str]
-    computed: bool
 
 
 class Environment:
@@ -55,14 +51,14 @@ class Environment:
         self._texts: dict[str, str] = {}  # of all collections that were sent
         self._watched: dict[str, bytes | None] = {}  # mutable ones, with their last `_mark`
 
-    def changes(self, named: NamedVariables) -> tuple[str | None, Sequence[str]]:
+    def changes(self, realm: Realm) -> tuple[str | None, Sequence[str]]:
         """The changes to send, as text, and the names of objects of JavaScript, which cannot be sent as text."""
         view = self.variables if self.lasting else _chained(self.variables)
         known = self._known
         if len(known) == len(view) and all(map(is_, known.values(), view.values())) and [*known] == [*view]:
             collections = self._collections(view) if self._watched else _NOTHING
             return (encode([{}, collections, []]) if collections else None), ()
-        values, kept = self._compare(view, named)
+        values, kept = self._compare(view, realm)
         gone = [name for name in known if name not in view]
         self._known = dict(view)
         for name in (*gone, *values):
@@ -70,7 +66,7 @@ class Environment:
             self._watched.pop(name, None)
         return encode([values, self._collections(view), gone]), kept
 
-    def _compare(self, view: dict[str, Any], named: NamedVariables) -> tuple[dict[str, Any], list[str]]:
+    def _compare(self, view: dict[str, Any], realm: Realm) -> tuple[dict[str, Any], list[str]]:
         """New numbers and texts, and the names of new objects of JavaScript."""
         values: dict[str, Any] = {}
         kept: list[str] = []
@@ -82,7 +78,7 @@ class Environment:
                 values[name] = value
             elif is_native(value):
                 kept.append(name)
-            elif named.computed or name in named.names:
+            elif realm.computed or name in realm.names:
                 self._texts.pop(name, None)
                 self._watched[name] = None
         return values, kept
