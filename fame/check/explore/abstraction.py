@@ -93,7 +93,7 @@ class Abstraction:
 
     def bodies(self, home: model.Definitions, process: model.Process) -> list[model.Body]:
         """All bodies of an abstract process and of what it calls."""
-        found, seen = [], set()
+        found, seen = list[model.Body](), set[tuple[str, str]]()
         pending = [(home, process)]
         while pending:
             home, process = pending.pop()
@@ -101,18 +101,15 @@ class Abstraction:
                 continue
             seen.add((home.file, process.id))
             body = self.process(home, process).body
-            inner = [node.body for node in body.walk() if isinstance(node, model.SubProcess)]
-            found += [body, *inner]
-            calls = (node for node in body.walk() if isinstance(node, model.CallActivity))
-            pending += [self.library.find(home, call) for call in calls]
+            found += body.bodies()
+            pending += [self.library.find(home, call) for call in body.calls()]
         return found
 
     def _body(self, body: model.Body, home: model.Definitions, around: bool = False) -> model.Body:
         nodes: list[model.FlowNode] = []
-        caught = {node.attached_to for node in body.nodes if isinstance(node, model.Event) and _catches_errors(node)}
-        around |= any(_catches_errors(start) for node in body.nodes
-                      if isinstance(node, model.SubProcess) and node.triggered_by_event
-                      for start in node.body.nodes)  # fmt: skip
+        caught = {node.attached_to for node in body.nodes if node.defined(model.ErrorDefinition)}
+        around |= any(start.defined(model.ErrorDefinition) for node in body.nodes
+                      if node.triggered_by_event and node.body is not None for start in node.body.nodes)  # fmt: skip
         for node in body.nodes:
             if isinstance(node, model.SubProcess):
                 node = replace(node, body=self._body(node.body, home, around or node.id in caught))
@@ -193,10 +190,6 @@ def abstraction(
     return found
 
 
-def _catches_errors(node: model.FlowNode) -> bool:
-    return isinstance(node, model.Event) and any(isinstance(one, model.ErrorDefinition) for one in node.definitions)
-
-
 def _with_way_out(gateway: model.Gateway, body: model.Body) -> model.Gateway:
     """A gateway of which one condition is always true: if no other one is, the last one is, on unknown values, too."""
     flows = [flow for flow in body.flows if flow.source == gateway.id]
@@ -214,7 +207,7 @@ def _ends(home: model.Definitions, process: model.Process) -> Iterator[tuple[str
     for node in process.body.walk():
         for topic, throws in node.topics():
             yield topic.qualified, throws
-        if isinstance(node, model.Task) and node.script is not None:
+        if node.script is not None:
             for one in _script_topics(node.script):
                 if one.direction in ("publish", "subscribe"):
                     yield one.qualified, one.direction == "publish"
@@ -239,10 +232,10 @@ def emitted(script: model.Expression) -> tuple[str, ...]:
 def _writes(process: model.Process) -> Iterator[str]:
     """The variables that a called process may set."""
     for node in process.body.walk():
-        if isinstance(node, model.Task):
-            if node.script is not None:
-                yield from script_writes(node.script)
-            yield from (node.result_variable,) if node.result_variable else ()
+        if node.script is not None:
+            yield from script_writes(node.script)
+        if isinstance(node, model.Task) and node.result_variable:
+            yield node.result_variable
         for topic, throws in node.topics():
             if not throws:
                 yield from taken(node, topic, process.body)
@@ -254,7 +247,7 @@ def _writes(process: model.Process) -> Iterator[str]:
 def _may_change(process: model.Process) -> Iterator[str]:
     """The variables whose values a called process may change in place."""
     for node in process.body.walk():
-        if isinstance(node, model.Task) and node.script is not None:
+        if node.script is not None:
             yield from script_writes(node.script) | may_change(node.script)
 
 
@@ -268,8 +261,7 @@ def taken(node: model.FlowNode, topic: model.Topic, body: model.Body) -> tuple[s
 
 def step_codes(node: model.Activity, thrown: set[str] | None, body: model.Body) -> tuple[str, ...]:
     """The codes that a step may raise: those that it names, else those that its boundary events catch."""
-    caught = [one.code for event in body.nodes if isinstance(event, model.Event) and event.attached_to == node.id
-              for one in event.definitions if isinstance(one, model.ErrorDefinition)]  # fmt: skip
+    caught = [one.code for event in body.boundary(node.id) for one in event.defined(model.ErrorDefinition)]
     codes = set(thrown or ()) | {code for code in caught if code and (thrown is None or code in ("script", "no_flow"))}
     if None in caught and not codes:
         codes.add("script")
@@ -287,11 +279,11 @@ def _thrown_in(library: Library, home: model.Definitions, process: model.Process
 def _thrown_by(library: Library, home: model.Definitions, body: model.Body, seen: set[str]) -> set[str] | None:
     caught: dict[str, set[str | None]] = defaultdict(set)
     for node in body.nodes:
-        if isinstance(node, model.Event) and node.place == "boundary":
-            caught[node.attached_to] |= {d.code for d in node.definitions if isinstance(d, model.ErrorDefinition)}
-        elif isinstance(node, model.SubProcess) and node.triggered_by_event:
-            starts = [one for one in node.body.nodes if isinstance(one, model.Event) and one.place == "start"]
-            caught[""] |= {d.code for one in starts for d in one.definitions if isinstance(d, model.ErrorDefinition)}
+        if node.place == "boundary":
+            caught[node.attached_to] |= {one.code for one in node.defined(model.ErrorDefinition)}
+        elif node.triggered_by_event and node.body is not None:
+            starts = node.body.events("start")
+            caught[""] |= {one.code for start in starts for one in start.defined(model.ErrorDefinition)}
     found: set[str] | None = set()
     for node in body.nodes:
         codes = _thrown_at(library, home, node, seen)
@@ -305,19 +297,19 @@ def _thrown_by(library: Library, home: model.Definitions, body: model.Body, seen
 
 
 def _thrown_at(library: Library, home: model.Definitions, node: model.FlowNode, seen: set[str]) -> set[str] | None:
-    if isinstance(node, model.SubProcess):
+    if node.body is not None:
         return _thrown_by(library, home, node.body, seen)
     if isinstance(node, model.CallActivity):
         try:
             return _thrown_in(library, *library.find(home, node), seen)
         except FameError:
             return None
-    if isinstance(node, model.Event):
-        ends = [one for one in node.definitions if isinstance(one, model.ErrorDefinition) and node.place == "end"]
+    if node.place == "end":
+        ends = node.defined(model.ErrorDefinition)
         return None if any(one.computed for one in ends) else {one.code for one in ends if one.code}
     if isinstance(node, model.Task) and (node.operation or node.kind == "service"):
         return None
-    return raised_codes(node) if isinstance(node, model.Activity) else set()
+    return raised_codes(node)
 
 
 # ---- variables that decide something ---------------------------------------------------------------------------------
@@ -384,20 +376,17 @@ def _flow_of(found: Abstraction, bodies: Sequence[model.Body], *, divided: bool 
                     flow.links += links(use.expression) if divided and not caught else (whole,)
         for node in body.nodes:
             _flow_of_topics(flow, node, body)
-            if isinstance(node, model.Activity) and isinstance(node.loop, model.MultiInstance):
+            if isinstance(node.loop, model.MultiInstance):
                 flow.needed |= {node.loop.output_collection} - {""}
     return flow
 
 
 def _flow_of_topics(flow: _Flow, node: model.FlowNode, body: model.Body) -> None:
-    keys = [one.keys for one in getattr(node, "definitions", ()) if isinstance(one, model.MessageDefinition)]
-    keys += [node.keys] if isinstance(node, model.Task) else []
-    names = {name for pairs in keys for name, _ in pairs}
+    names = {name for topic, _ in node.topics() for name, _ in node.keys_of(topic)}
     flow.needed |= names
     for topic, throws in node.topics():
-        payload = topic.payload
-        if throws and payload is not None:
-            flow.payloads.append((topic.qualified, names_of(payload)[0]))
+        if throws and topic.payload is not None:
+            flow.payloads.append((topic.qualified, names_of(topic.payload)[0]))
         elif not throws:
             reads = frozenset(name for item in topic.takes for name in names_of(item.source)[0])
             flow.takes.append((topic.qualified, reads, frozenset(taken(node, topic, body)) | names))
@@ -421,20 +410,10 @@ def _counted(processes: Iterable[model.Process]) -> frozenset[str]:
 
 def used_besides_texts(node: model.FlowNode, body: model.Body) -> Iterator[str]:
     """The variables that an element uses besides its texts."""
-    yield from (item.target for item in (*node.copies_in, *node.copies_out))
-    if isinstance(node, model.Event | model.Activity) and node.io is not None:
-        yield from (item.target for item in (*node.io.inputs, *node.io.outputs))
-    if isinstance(node, model.Activity) and isinstance(node.loop, model.MultiInstance):
-        yield from (node.loop.output_collection, node.loop.element_variable)
-    if isinstance(node, model.Task):
-        yield node.result_variable
-        yield from (name for key, source in node.keys for name in (key, *names_of(source)[0]))
-    for one in getattr(node, "definitions", ()):
-        if isinstance(one, model.MessageDefinition):
-            yield from (name for key, source in one.keys for name in (key, *names_of(source)[0]))
-        elif isinstance(one, model.ErrorDefinition | model.EscalationDefinition):
-            yield one.code_variable or ""
+    yield from node.sets()
+    yield from node.io.sets() if node.io is not None else ()
     for topic, throws in node.topics():
+        yield from (name for key, source in node.keys_of(topic) for name in (key, *names_of(source)[0]))
         if not throws:
             yield from taken(node, topic, body)
             yield from (name for item in topic.takes for name in names_of(item.source)[0])
@@ -450,7 +429,7 @@ def _unknown(processes: Iterable[model.Process], outside: Set[str]) -> frozenset
                 for name, value in item.values:
                     values[name] += [] if value.text in ("", f"${{{name}}}") else [None]
             for node in body.nodes:
-                if isinstance(node, model.Task) and node.script is not None:
+                if node.script is not None:
                     for name, assigned in assignments(node.script):
                         values[name].append(assigned)
                 sensed = {variable_name(topic.name) for topic, throws in node.topics()

@@ -43,10 +43,9 @@ class Structure:
     @classmethod
     def of(cls, local: Local) -> Structure | None:
         """The structure of a process that calls no other; else None."""
-        if any((isinstance(node, model.CallActivity | model.SubProcess) and node.loop is not None)
-               or isinstance(node, model.CallActivity) for node in local.body.walk()):  # fmt: skip
-            return None
-        return cls(local)
+        calls = any(local.body.calls())
+        loops = any(node.body is not None and node.loop is not None for node in local.body.walk())
+        return None if calls or loops else cls(local)
 
     def _add(self, body: model.Body, around: tuple[str, ...]) -> None:
         ids = [node.id for node in body.nodes]
@@ -65,7 +64,7 @@ class Structure:
         for node in body.nodes:
             self._nodes[node.id] = node
             self._add_node(node, owner, around)
-        if any(isinstance(use.element, model.Event) and use.use == "condition" for use in expressions_in(body)):
+        if any(node.defined(model.ConditionalDefinition) for node in body.nodes):
             self._restless.add(owner)
         if body.data_objects:  # they assign variables where elements begin and end
             self._restless.add(owner)
@@ -134,9 +133,7 @@ class Structure:
         node = self._nodes[id]
         if isinstance(node, model.Task):
             return node.kind != "plain" and not (node.script is not None and "await" not in node.script.text)
-        if isinstance(node, model.Event):
-            return node.place == "catch"
-        return isinstance(node, model.SubProcess) or (isinstance(node, model.Gateway) and node.kind == "event")
+        return node.body is not None or node.tag in ("intermediateCatchEvent", "eventBasedGateway")
 
     def _future(self, element: str, stops: frozenset[str]) -> frozenset[str]:
         """All elements that a token may ever pass, until joins that it cannot pass alone."""
@@ -158,7 +155,7 @@ class Structure:
         """What follows an element, into sub-processes and out of them."""
         yield from self._after[element]
         node = self._nodes[element]
-        if isinstance(node, model.SubProcess):
+        if node.body is not None:
             yield from (inner.id for inner in node.body.nodes)
         if self._around[element]:
             yield from self._after[self._around[element][0]]

@@ -28,7 +28,7 @@ def remembered(bodies: Iterable[model.Body], steps: Mapping[str, Step]) -> dict[
     for body in bodies:
         others |= {name for item in body.data_objects for name in item.names}
         for node in body.nodes:
-            if isinstance(node, model.Task) and node.kind == "user":  # a person may set any variable
+            if node.tag == "userTask":  # a person may set any variable
                 return {}
             others |= {*used_besides_texts(node, body)}
         for use in expressions_in(body):

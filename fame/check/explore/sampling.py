@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from itertools import accumulate, chain
 from random import Random
 
-from fame.bpmn.model import Element, Task, TimerDefinition
+from fame.bpmn.model import Element, Task
 from fame.check.explore.graph import Errors, Explored
 from fame.check.explore.host import seconds_of
 from fame.check.explore.product import Product
@@ -41,11 +41,11 @@ def durations(elements: Iterable[Iterable[Element]]) -> dict[str, float]:
     """The times that timers and scripts take (s), as far as the model names them."""
     found = dict[str, float]()
     for one in chain.from_iterable(elements):
-        if isinstance(one, Task) and one.script is not None:
-            found[one.id] = sum(map(float, _SLEEP.findall(one.script.text))) or 1.0
-        for definition in getattr(one, "definitions", ()):
-            if isinstance(definition, TimerDefinition) and definition.expression is not None:
-                found[one.id] = seconds_of(definition.expression.text) or 1.0
+        for expression, use in one.texts():
+            if use == "timer":
+                found[one.id] = seconds_of(expression.text) or 1.0
+            elif isinstance(one, Task) and expression is one.script:
+                found[one.id] = sum(map(float, _SLEEP.findall(expression.text))) or 1.0
     return found
 
 
