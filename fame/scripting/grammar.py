@@ -16,7 +16,7 @@ from difflib import get_close_matches
 from typing import Any, Literal, NamedTuple
 
 from fame.scripting.budget import metered
-from fame.scripting.data import PLAIN, Evaluate, Undefined, checked
+from fame.scripting.data import NUMBERS, PLAIN, Evaluate, Undefined, checked
 from fame.scripting.signatures import Argument, Function, called, chosen
 
 _TOKEN = re.compile(
@@ -96,6 +96,7 @@ def _unescape(match: re.Match[str]) -> str:
     return chr(point) if point <= sys.maxunicode else code
 
 
+Operation = Callable[[Any, Any], Any]
 Prefix = Callable[["Parser"], Evaluate]
 Infix = Callable[["Parser", Evaluate], Evaluate]
 
@@ -375,6 +376,21 @@ def _of_robot(variables: Mapping[str, Any], name: str, undefined_is_null: bool) 
     if undefined_is_null:
         return None
     raise Undefined(f"`{name}` is not set")
+
+
+def numbers_first(compute: Operation, otherwise: Operation) -> Callable[[Evaluate, Evaluate], Evaluate]:
+    """An operator that computes with plain numbers at once, and otherwise with anything else."""
+
+    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
+        def evaluate(variables: Mapping[str, Any]) -> Any:
+            a, b = left(variables), right(variables)
+            if a.__class__ in NUMBERS and b.__class__ in NUMBERS:
+                return compute(a, b)
+            return otherwise(a, b)
+
+        return evaluate
+
+    return combine
 
 
 def infix(power: int, combine: Callable[[Evaluate, Evaluate], Evaluate]) -> tuple[int, Infix]:

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from fame.scripting.data import (
-    NUMBERS,
     Evaluate,
     Undefined,
     field,
@@ -35,11 +35,13 @@ from fame.scripting.grammar import (
     infix,
     listing,
     mapping,
+    numbers_first,
     parenthesized,
 )
 from fame.scripting.signatures import functions
 
 Compare = Callable[[Any, Any], bool]
+Compute = Callable[[Any, Any], Any]
 
 OR, AND, EQUAL, ORDER, SUM, PRODUCT, UNARY, PATH = 2, 3, 4, 5, 6, 7, 8, 9
 """Binding powers; the ternary ``? :`` has 1."""
@@ -56,6 +58,8 @@ def equal(left: Any, right: Any) -> bool:
     """``==``, after EL section 1.8.2."""
     if left is None or right is None:
         return left is right
+    if left.__class__ is str and right.__class__ is str:
+        return bool(left == right)
     if isinstance(left, bool) != isinstance(right, bool):
         return isinstance(left, (bool, str)) and isinstance(right, (bool, str)) and truth(left) == truth(right)
     if is_number(left) != is_number(right):
@@ -115,57 +119,25 @@ _METHODS: dict[str, Callable[..., Any]] = {
 
 
 def _comparison(compare: Compare) -> Callable[[Evaluate, Evaluate], Evaluate]:
-    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
-        def evaluate(variables: Mapping[str, Any]) -> bool:
-            a, b = left(variables), right(variables)
-            if a.__class__ in NUMBERS and b.__class__ in NUMBERS:
-                return compare(a, b)
-            return order(compare, a, b)
-
-        return evaluate
-
-    return combine
+    return numbers_first(compare, partial(order, compare))
 
 
-def _equality(same: bool) -> Callable[[Evaluate, Evaluate], Evaluate]:
-    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
-        def evaluate(variables: Mapping[str, Any]) -> bool:
-            a, b = left(variables), right(variables)
-            if a.__class__ is b.__class__ and (a.__class__ in NUMBERS or a.__class__ is str):
-                return (a == b) is same
-            return equal(a, b) is same
-
-        return evaluate
-
-    return combine
+def _equality(compare: Compare) -> Callable[[Evaluate, Evaluate], Evaluate]:
+    return numbers_first(compare, lambda left, right: compare(equal(left, right), True))
 
 
-def _arithmetic(compute: Callable[[Any, Any], Any]) -> Callable[[Evaluate, Evaluate], Evaluate]:
-    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
-        def evaluate(variables: Mapping[str, Any]) -> Any:
-            a, b = left(variables), right(variables)
-            if a.__class__ in NUMBERS and b.__class__ in NUMBERS:
-                return compute(a, b)
-            return compute(to_number(a) or 0, to_number(b) or 0)
-
-        return evaluate
-
-    return combine
+def _arithmetic(compute: Compute) -> Callable[[Evaluate, Evaluate], Evaluate]:
+    return numbers_first(compute, lambda left, right: compute(to_number(left) or 0, to_number(right) or 0))
 
 
-def _plus(left: Evaluate, right: Evaluate) -> Evaluate:
-    def evaluate(variables: Mapping[str, Any]) -> Any:
-        a, b = left(variables), right(variables)
-        if a.__class__ in NUMBERS and b.__class__ in NUMBERS:
-            return operator.add(a, b)
-        try:
-            return (to_number(a) or 0) + (to_number(b) or 0)
-        except TypeError:
-            if isinstance(a, str) or isinstance(b, str):
-                return to_text(a) + to_text(b)
-            raise
-
-    return evaluate
+def _plus(left: Any, right: Any) -> Any:
+    """The sum; of texts that are no numbers, the two joined."""
+    try:
+        return (to_number(left) or 0) + (to_number(right) or 0)
+    except TypeError:
+        if isinstance(left, str) or isinstance(right, str):
+            return to_text(left) + to_text(right)
+        raise
 
 
 def _remainder(dividend: Any, divisor: Any) -> Any:
@@ -232,13 +204,13 @@ def _table() -> dict[str, tuple[int, Infix]]:
     operators: list[tuple[str, int, Callable[[Evaluate, Evaluate], Evaluate]]] = [
         ("|| or", OR, _either),
         ("&& and", AND, _both),
-        ("== eq", EQUAL, _equality(True)),
-        ("!= ne", EQUAL, _equality(False)),
+        ("== eq", EQUAL, _equality(operator.eq)),
+        ("!= ne", EQUAL, _equality(operator.ne)),
         ("< lt", ORDER, _comparison(operator.lt)),
         ("<= le", ORDER, _comparison(operator.le)),
         ("> gt", ORDER, _comparison(operator.gt)),
         (">= ge", ORDER, _comparison(operator.ge)),
-        ("+", SUM, _plus),
+        ("+", SUM, numbers_first(operator.add, _plus)),
         ("-", SUM, _arithmetic(operator.sub)),
         ("*", PRODUCT, _arithmetic(product)),
         ("/ div", PRODUCT, _arithmetic(operator.truediv)),

@@ -9,10 +9,11 @@ from __future__ import annotations
 import operator
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from fame.scripting.budget import spend, weight
-from fame.scripting.data import NUMBERS, Evaluate, fields_of, is_list, is_number, power, product, quotient
+from fame.scripting.data import Evaluate, fields_of, is_list, is_number, power, product, quotient
 from fame.scripting.feel.functions import FUNCTIONS
 from fame.scripting.feel.functions.dates import literal
 from fame.scripting.feel.syntax import (
@@ -40,7 +41,7 @@ from fame.scripting.feel.values import (
     order,
     within,
 )
-from fame.scripting.grammar import Dialect, Infix, Parser, constant, infix
+from fame.scripting.grammar import Dialect, Infix, Parser, constant, infix, numbers_first
 
 OR, AND, SUM, PRODUCT, POWER, UNARY, PATH = 1, 2, 4, 5, 6, 7, 8
 """Binding powers (DMN 1.5, section 10.3.1.2); comparisons have `COMPARE`, 3."""
@@ -50,30 +51,15 @@ OR, AND, SUM, PRODUCT, POWER, UNARY, PATH = 1, 2, 4, 5, 6, 7, 8
 
 
 def _comparison(compare: Callable[[Any, Any], bool]) -> Callable[[Evaluate, Evaluate], Evaluate]:
-    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
-        def evaluate(variables: Mapping[str, Any]) -> bool | None:
-            a, b = left(variables), right(variables)
-            if a.__class__ in NUMBERS and b.__class__ in NUMBERS:
-                return compare(a, b)
-            return order(compare, a, b)
-
-        return evaluate
-
-    return combine
+    return numbers_first(compare, partial(order, compare))
 
 
-def _equality(same: bool) -> Callable[[Evaluate, Evaluate], Evaluate]:
-    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
-        def evaluate(variables: Mapping[str, Any]) -> bool | None:
-            a, b = left(variables), right(variables)
-            if a.__class__ is b.__class__ and a.__class__ in NUMBERS:
-                return (a == b) is same
-            result = equal(a, b)
-            return None if result is None else result is same
+def _equality(compare: Callable[[Any, Any], bool]) -> Callable[[Evaluate, Evaluate], Evaluate]:
+    def otherwise(left: Any, right: Any) -> bool | None:
+        result = equal(left, right)
+        return None if result is None else compare(result, True)
 
-        return evaluate
-
-    return combine
+    return numbers_first(compare, otherwise)
 
 
 def _arithmetic(compute: Callable[[Any, Any], Any]) -> Callable[[Evaluate, Evaluate], Evaluate]:
@@ -298,8 +284,8 @@ def _table() -> dict[str, tuple[int, Infix]]:
     operators: dict[str, tuple[int, Callable[[Evaluate, Evaluate], Evaluate]]] = {
         "or": (OR, _either),
         "and": (AND, _both),
-        "=": (COMPARE, _equality(True)),
-        "!=": (COMPARE, _equality(False)),
+        "=": (COMPARE, _equality(operator.eq)),
+        "!=": (COMPARE, _equality(operator.ne)),
         "<": (COMPARE, _comparison(operator.lt)),
         "<=": (COMPARE, _comparison(operator.le)),
         ">": (COMPARE, _comparison(operator.gt)),
