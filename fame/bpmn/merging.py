@@ -121,11 +121,9 @@ def _script(element: Node, found: Extensions) -> None:
     _default(element, "resultVariable", found.result)
 
 
-_B = f"{{{BPMN}}}"
 _PROCESS, _COLLABORATION, _DIAGRAM = f"{_B}process", f"{_B}collaboration", f"{{{BPMNDI}}}BPMNDiagram"
 _PLANE = f"{{{BPMNDI}}}BPMNPlane"
-_EXTENSION_ELEMENTS = f"{_B}extensionElements"
-_OF_THE_FILE = {_PROCESS, _COLLABORATION, _DIAGRAM, _EXTENSION_ELEMENTS, f"{_B}documentation", f"{_B}import"}
+_OF_THE_FILE = {_PROCESS, _COLLABORATION, _DIAGRAM, EXTENSION_ELEMENTS, f"{_B}documentation", f"{_B}import"}
 _OF_OTHER_POOLS = {
     f"{_B}{name}"
     for name in ("participant", "messageFlow", "messageFlowAssociation", "conversation", "conversationLink")
@@ -322,5 +320,5 @@ def _holders(element: Node, node: FlowNode, count: int) -> list[Node]:
 
 def has_property(element: Node, name: str) -> bool:
     """Whether the extension elements of the element have a property of that name."""
-    extensions = element.find(_EXTENSION_ELEMENTS)
+    extensions = element.find(EXTENSION_ELEMENTS)
     return extensions is not None and any(one.get("name") == name for one in extensions.iter("*"))

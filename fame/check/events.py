@@ -12,10 +12,9 @@ import difflib
 from collections.abc import Callable, Iterator, Mapping
 
 from fame.bpmn.model import CallActivity, ErrorDefinition, FlowNode, Task, TimerDefinition
+from fame.check.expressions import syntax_tree
 from fame.check.scope import CheckedProcess, CheckScope, Finding
-from fame.errors import ModelError
 from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
-from fame.scripting.python import parse_python
 
 _PARSERS: Mapping[str, Callable[[str], object]] = {
     "duration": parse_duration,
@@ -123,9 +122,8 @@ def raised_codes(node: FlowNode) -> set[str] | None:
         return None
     if "BpmnError" not in script.text:
         return set()
-    try:
-        tree = parse_python(script)
-    except ModelError:  # the compiler reports it
+    tree = syntax_tree(script)
+    if tree is None:
         return None
     named = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "BpmnError"]
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and node.func in named and node.args]

@@ -22,7 +22,7 @@ from fame.errors import ModelError
 from fame.scripting import code_names, script_names
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.languages import parse_expression
-from fame.scripting.python import called_name
+from fame.scripting.python import called_name, parse_python
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +63,16 @@ def names_of(expression: Expression, script: bool = False) -> tuple[frozenset[st
         return script_names(expression, script=script)
     except (ModelError, RecursionError):  # the one is told by the compiler, the other is nested too deeply
         return frozenset(), frozenset()
+
+
+def syntax_tree(expression: Expression, *, script: bool = True) -> ast.AST | None:
+    """The tree of a text in Python, with the lines of the file; None of an invalid one, which the compiler reports."""
+    if expression.language != "python":
+        return None
+    try:
+        return parse_python(expression, "exec" if script else "eval")
+    except ModelError:
+        return None
 
 
 def _code_of(script: Expression) -> frozenset[str]:

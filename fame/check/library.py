@@ -6,18 +6,17 @@ from the diagram; nothing is declared twice.
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from fame.bpmn.library import BUILT_IN, Library
-from fame.bpmn.model import Body, DataObject, Definitions, Expression, FlowNode, Process
+from fame.bpmn.model import Body, DataObject, Definitions, FlowNode, Process
 from fame.bpmn.topics import topic_table
-from fame.check.expressions import expressions_in, names_of
+from fame.check.explore.script_effects import read_first
+from fame.check.expressions import expressions_in
 from fame.errors import ConfigError
 from fame.scripting.analysis import Direction, script_topics
-from fame.scripting.python import parse_python
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,8 +134,8 @@ def _gather(body: Body, uses: _Uses) -> None:
         uses.reads[element.id], uses.sets[element.id] = set(), set()
     for text in expressions_in(body):
         if text.element.id in uses.reads:
-            first = _read_first(text.expression) if text.use == "script" else text.reads
-            uses.reads[text.element.id] |= first
+            first = read_first(text.expression) if text.use == "script" else text.reads
+            uses.reads[text.element.id] |= first & text.reads
             uses.sets[text.element.id] |= text.writes
     for node in body.nodes:
         for item in (uses.objects[id] for id in node.data_inputs if id in uses.objects):
@@ -151,18 +150,6 @@ def _set_in(body: Body) -> set[str]:
     uses = _Uses({}, {}, {})
     _gather(body, uses)
     return set().union(*uses.sets.values())
-
-
-def _read_first(script: Expression) -> set[str]:
-    """The names that a Python script reads before it sets them."""
-    if script.language != "python":
-        return set()
-    found, written = set[str](), set[str]()
-    for statement in ast.iter_child_nodes(parse_python(script)):
-        reads, writes = names_of(replace(script, text=ast.unparse(statement)), script=True)
-        found |= reads - written
-        written |= writes
-    return found
 
 
 def _has_value(item: DataObject, name: str) -> bool:

@@ -8,13 +8,12 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 
 from fame.bpmn.model import Body, Element, Expression
-from fame.check.expressions import ExpressionUse, constant, expressions_in
+from fame.check.expressions import ExpressionUse, constant, expressions_in, syntax_tree
 from fame.check.graph import graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
-from fame.errors import ModelError
 from fame.scripting.analysis import identifiers_of
 from fame.scripting.interface import Log, Robot
-from fame.scripting.python import called_name, parse_python
+from fame.scripting.python import called_name
 
 # ---- requests and the script interface -------------------------------------------------------------------------------
 
@@ -79,7 +78,7 @@ def check_scripts(scope: CheckScope) -> Iterator[Finding]:
 
 def _misused_interface(process: CheckedProcess, text: ExpressionUse) -> Iterator[Finding]:
     """Methods that the script interface does not have, and requests that are not awaited."""
-    tree = _tree(text)
+    tree = syntax_tree(text.expression, script=text.use == "script")
     bound = _bound(tree) if tree is not None else set()
     have = _HAVE if tree is not None else _IN_EXPRESSIONS
     for name, method, line in _attributes(text.expression, tree):
@@ -87,16 +86,6 @@ def _misused_interface(process: CheckedProcess, text: ExpressionUse) -> Iterator
             yield process.finding("warning", _unknown(name, method, have[name]), text.element, line)
     if tree is not None and text.use == "script":
         yield from _not_awaited(process, text.element, tree, bound)
-
-
-def _tree(text: ExpressionUse) -> ast.AST | None:
-    """The Python syntax tree with the lines of the file; None for another language or an invalid text."""
-    if text.expression.language != "python":
-        return None
-    try:
-        return parse_python(text.expression, "exec" if text.use == "script" else "eval")
-    except ModelError:  # the compiler reports it
-        return None
 
 
 def _bound(tree: ast.AST) -> set[str]:
@@ -141,7 +130,8 @@ def _not_awaited(process: CheckedProcess, element: Element, tree: ast.AST, bound
 
 def _not_repeatable(process: CheckedProcess, texts: Sequence[ExpressionUse]) -> Iterator[Finding]:
     """Calls whose values a run with the same seed does not repeat. What one script imports, all of the process see."""
-    trees = [(text, tree) for text in texts if (tree := _tree(text)) is not None]
+    found = [(text, syntax_tree(text.expression, script=text.use == "script")) for text in texts]
+    trees = [(text, tree) for text, tree in found if tree is not None]
     imported = {name: path for _, tree in trees for name, path in _imports(tree)}
     for text, tree in trees if imported else ():
         for node in ast.walk(tree):

@@ -24,13 +24,14 @@ from fame.check.endpoints import (
     select_topics,
     taken_by_prefix,
 )
+from fame.check.expressions import syntax_tree
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.engine import UNDEFINED
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.grammar import ExpressionError
-from fame.scripting.python import called_name, parse_python
+from fame.scripting.python import called_name
 from fame.scripting.substitution import is_text, payload
 from fame.text import NAMES, is_ros_name
 
@@ -236,11 +237,7 @@ def payload_findings(process: CheckedProcess, node: FlowNode, expression: Expres
 def publish_findings(process: CheckedProcess) -> Iterator[Finding]:
     """Check fields and literals of ``robot.publish("led", "std_msgs/msg/ColorRGBA", r=1.0)`` in scripts."""
     for node in process.nodes():
-        if node.script is not None and _publishes(node.script):
-            try:
-                tree = parse_python(node.script)
-            except ModelError:  # the compiler reports it
-                continue
+        if node.script is not None and "publish" in node.script.text and (tree := syntax_tree(node.script)) is not None:
             caught = {id(one) for tried in ast.walk(tree) if isinstance(tried, ast.Try) for one in _inside(tried)}
             for call in ast.walk(tree):
                 if isinstance(call, ast.Call) and called_name(call) == "robot.publish" and len(call.args) == 2:
@@ -250,10 +247,6 @@ def publish_findings(process: CheckedProcess) -> Iterator[Finding]:
 def _inside(tried: ast.Try) -> Iterator[ast.AST]:
     """The nodes whose errors a ``try`` statement may catch."""
     return (one for statement in tried.body if tried.handlers for one in ast.walk(statement))
-
-
-def _publishes(script: Expression) -> bool:
-    return script.language == "python" and "publish" in script.text
 
 
 def _publish(process: CheckedProcess, node: FlowNode, call: ast.Call, level: Level) -> Iterator[Finding]:

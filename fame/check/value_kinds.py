@@ -17,17 +17,17 @@ from typing import Any
 from fame.bpmn.model import Element, Expression, FlowNode
 from fame.bpmn.topics import EMPTY_TYPE
 from fame.check.endpoints import TopicEndpoint, by_topic, message_fields, types_of
-from fame.check.expressions import ExpressionUse, constant, expressions_in, names_of, python_tree
+from fame.check.expressions import ExpressionUse, constant, expressions_in, names_of, python_tree, syntax_tree
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.check.topics import misfit
 from fame.check.variables import assigned_objects, named_by, sharing, uses_of
 from fame.engine import UNDEFINED
 from fame.engine.data import variable_name
-from fame.errors import MessageError, ModelError
+from fame.errors import MessageError
 from fame.middleware import messages
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.grammar import ExpressionError
-from fame.scripting.python import called_name, parse_python
+from fame.scripting.python import called_name
 from fame.scripting.substitution import payload
 
 _MOST = 16
@@ -158,15 +158,11 @@ def _field(type: str, path: str) -> tuple[Any, bool]:
 def _of_script(text: ExpressionUse) -> Iterator[tuple[str, tuple[Any, bool]]]:
     """(variable, (value, whether it is exact)) of each assignment in a script; the value is None if unknown."""
     left = set(text.writes)
-    if text.expression.language == "python":
-        try:
-            tree = parse_python(text.expression)
-        except ModelError:  # the compiler reports it
-            return
-        for target, value in _assignments(tree):
-            if target in text.writes:
-                left.discard(target)
-                yield target, _value(value)
+    tree = syntax_tree(text.expression)
+    for target, value in _assignments(tree) if tree is not None else ():
+        if target in text.writes:
+            left.discard(target)
+            yield target, _value(value)
     yield from ((name, (None, True)) for name in sorted(left))
 
 
@@ -238,11 +234,8 @@ def _overwritten(
 
 def _computes(text: ExpressionUse, name: str) -> bool:
     """Whether a text computes with or orders the variable itself."""
-    try:
-        script = text.use == "script" and text.expression.language == "python"
-        tree = parse_python(text.expression) if script else python_tree(text.expression)
-    except ModelError:  # the compiler reports it
-        return False
+    script = text.use == "script" and text.expression.language == "python"
+    tree = syntax_tree(text.expression) if script else python_tree(text.expression)
     for node in ast.walk(tree) if tree is not None else ():
         operands: list[ast.expr] = []
         if isinstance(node, ast.BinOp):
