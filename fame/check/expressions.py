@@ -65,8 +65,12 @@ def names_of(expression: Expression, script: bool = False) -> tuple[frozenset[st
         return frozenset(), frozenset()
 
 
+@lru_cache(maxsize=1024)
 def syntax_tree(expression: Expression, *, script: bool = True) -> ast.AST | None:
-    """The tree of a text in Python, with the lines of the file; None of an invalid one, which the compiler reports."""
+    """The tree of a text in Python, with the lines of the file; None of an invalid one, which the compiler reports.
+
+    It is shared: do not change it.
+    """
     if expression.language != "python":
         return None
     try:

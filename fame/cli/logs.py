@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, Parser, add_json, add_types, command, group
 from fame.cli.network import add_network, note_ready
-from fame.cli.output import note
+from fame.cli.output import note, progress_line
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -133,31 +135,24 @@ def record(arguments: Namespace) -> int:
 
 def convert(arguments: Namespace) -> int:
     """Convert a recording."""
-    from fame.cli.output import progress_line
     from fame.log.conversion import convert as convert_recording
 
-    with progress_line(sys.stderr) as line:
-        warnings = convert_recording(
-            arguments.recording,
-            arguments.output,
-            lambda done: line.write(f"converting: {done:.0%}", done) if line is not None else None,
-            level=arguments.level,
-        )
-    for warning in warnings:
-        note(f"fame: {warning}")
-    return 0
+    return _write("converting", partial(convert_recording, arguments.recording, level=arguments.level), arguments)
 
 
 def merge(arguments: Namespace) -> int:
     """Merge recordings."""
-    from fame.cli.output import progress_line
     from fame.log.conversion import merge as merge_recordings
 
+    return _write("merging", partial(merge_recordings, arguments.recordings), arguments)
+
+
+def _write(doing: str, write: Callable[..., Iterable[str]], arguments: Namespace) -> int:
+    """Write the output, and note what `write` warns of."""
     with progress_line(sys.stderr) as line:
-        warnings = merge_recordings(
-            arguments.recordings,
+        warnings = write(
             arguments.output,
-            lambda done: line.write(f"merging: {done:.0%}", done) if line is not None else None,
+            lambda done: line.write(f"{doing}: {done:.0%}", done) if line is not None else None,
         )
     for warning in warnings:
         note(f"fame: {warning}")

@@ -10,7 +10,7 @@ import builtins
 import math
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, Literal, NamedTuple
@@ -253,24 +253,27 @@ class Parser:
         """The error for the next token."""
         return ExpressionError(f"expected {expected}, got {self.token}", self.token.place)
 
-    def listed(self, close: str) -> list[Evaluate]:
-        """Expressions with commas between them, up to and with the closing sign."""
-        items: list[Evaluate] = []
+    def separated(self, close: str) -> Iterator[None]:
+        """Go through items with commas between them, up to and with the closing sign; each is parsed in the loop."""
         while not self.take(close):
-            items.append(self.expression())
+            yield
             if not self.at(close):
                 self.expect(",")
-        return items
+
+    def listed(self, close: str) -> list[Evaluate]:
+        """Expressions with commas between them, up to and with the closing sign."""
+        return [self.expression() for _ in self.separated(close)]
+
+    def key(self) -> str:
+        """Take the key of an entry, a name or text, and the colon after it."""
+        key = str(self.advance().value) if self.token.kind == "text" else self.name()
+        self.expect(":")
+        return key
 
     def arguments(self) -> list[Argument]:
         """After ``(``: what a function is called with, up to and with the closing sign. Each may have its name."""
         self.counts = True
-        given: list[Argument] = []
-        while not self.take(")"):
-            given.append((self._label(), self.expression()))
-            if not self.at(")"):
-                self.expect(",")
-        return given
+        return [(self._label(), self.expression()) for _ in self.separated(")")]
 
     def _label(self) -> str:
         """``start position:`` before an argument, if it is there."""
@@ -413,11 +416,5 @@ def listing(parser: Parser) -> Evaluate:
 
 def mapping(parser: Parser) -> Evaluate:
     """After ``{``: a mapping; its keys are names or texts."""
-    entries: list[tuple[str, Evaluate]] = []
-    while not parser.take("}"):
-        key = str(parser.advance().value) if parser.token.kind == "text" else parser.name()
-        parser.expect(":")
-        entries.append((key, parser.expression()))
-        if not parser.at("}"):
-            parser.expect(",")
+    entries = [(parser.key(), parser.expression()) for _ in parser.separated("}")]
     return lambda variables: {key: value(variables) for key, value in entries}

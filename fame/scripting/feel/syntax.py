@@ -143,12 +143,8 @@ def iteration(parser: Parser) -> Evaluate:
 def context(parser: Parser) -> Evaluate:
     """After ``{``: keys are names or texts; an entry sees those before it (DMN 1.5, section 10.3.2.6)."""
     entries: list[tuple[str, Evaluate]] = []
-    while not parser.take("}"):
-        key = str(parser.advance().value) if parser.token.kind == "text" else parser.name()
-        parser.expect(":")
-        entries.append((key, parser.inside([key for key, _ in entries])))
-        if not parser.at("}"):
-            parser.expect(",")
+    for _ in parser.separated("}"):
+        entries.append((parser.key(), parser.inside([key for key, _ in entries])))
 
     def evaluate(variables: Mapping[str, Any]) -> dict[str, Any]:
         made: dict[str, Any] = {}
@@ -196,11 +192,7 @@ class Lambda:
 def definition(parser: Parser) -> Evaluate:
     """After ``function``."""
     parser.expect("(")
-    names: list[str] = []
-    while not parser.take(")"):
-        names.append(parser.name())
-        if not parser.at(")"):
-            parser.expect(",")
+    names = [parser.name() for _ in parser.separated(")")]
     parser.after = _data
     body = parser.inside(names)
     return lambda variables: Lambda(tuple(names), body, variables)

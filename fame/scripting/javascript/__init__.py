@@ -1,16 +1,12 @@
 """Scripts and conditions in JavaScript, with the interface of the original FaMe toolchain.
 
 =============  ================================================================================
-source         scripts as they stand in the file, checked when they are compiled; their errors
-identifiers    the variables that a script names, found before it runs
-limits         the engine (quickjs-ng) and the limits of scripts
+source         scripts as they are in the file, their errors, the engine (quickjs-ng) and its limits
 interface.js   the names that scripts find, and how they are run
 values         values as JSON texts
-environment    variables of the process: sent when they change, read back when they were written
-run            one run of a script, until its last callback
+environment    variables of the process: sent when they change, read back when they were written; runs of scripts
 realm          one context: the scripts of one process instance
-commands       commands of scripts to their robot
-host_api       what scripts may use of their host
+commands       commands of scripts to their robot, and what scripts may use of their host
 =============  ================================================================================
 """
 
