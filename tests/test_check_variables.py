@@ -89,6 +89,13 @@ def test_a_data_object_sets_its_values_where_it_is_connected() -> None:
     assert told(team(text)) == []
 
 
+def test_the_computed_code_of_an_error_reads_variables() -> None:
+    end = '<endEvent id="e"><errorEventDefinition errorRef="E"/></endEvent>'
+    text = process(f'<startEvent id="s"/>{end}<sequenceFlow id="f" sourceRef="s" targetRef="e"/>')
+    found = checked(text.replace("<process", '<error id="E" errorCode="${kind}"/><process', 1))
+    assert [one.text for one in found] == ["reads `kind`, which nothing sets"]
+
+
 def test_a_caught_message_sets_what_it_fills() -> None:
     plain = row(catch("a", type=BOOL), script("y = done"))
     filled = data("d", x_weed="${x_weed}") + row(catch("a", type=VECTOR, into="d"), script("y = x_weed"))
