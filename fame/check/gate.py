@@ -129,7 +129,7 @@ def _too_deep(scope: CheckScope) -> Iterator[Finding]:
         while way:
             process, openings = way[-1]
             node, depth = next(openings, (None, 0))
-            callee = process.called_by(node) if isinstance(node, CallActivity) else None
+            callee = process.called_by(node) if node is not None else None
             if node is None:
                 way.pop()
             elif depth >= NESTED:

@@ -93,8 +93,8 @@ class CheckedProcess:
         """All flow nodes at any depth."""
         return self.bpmn.body.walk()
 
-    def called_by(self, call: CallActivity) -> CheckedProcess | None:
-        """The process that one of its call activities calls."""
+    def called_by(self, call: FlowNode) -> CheckedProcess | None:
+        """The process that one of its call activities calls; None for any other node."""
         return next((callee for other, callee in self.calls if other is call), None)
 
     def closure(self) -> list[CheckedProcess]:

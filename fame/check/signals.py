@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-from fame.bpmn.model import Body, CallActivity, FlowNode, TimerDefinition
+from fame.bpmn.model import Body, FlowNode, TimerDefinition
 from fame.check.endpoints import TopicEndpoint, Topics, by_topic, level_of, public_topics
 from fame.check.graph import Graph, graph_of, passes_at_once
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
@@ -173,7 +173,7 @@ def _inside(process: CheckedProcess, node: FlowNode) -> tuple[CheckedProcess, Bo
     """The body that a token enters at a node, and its process; None if the node has none, or it is not known."""
     if node.body is not None:
         return process, node.body
-    callee = process.called_by(node) if isinstance(node, CallActivity) else None
+    callee = process.called_by(node)
     return None if callee is None else (callee, callee.bpmn.body)
 
 

@@ -13,7 +13,7 @@ import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from fame.bpmn.library import Library
+from fame.bpmn.library import Library, calls_of
 from fame.bpmn.model import CallActivity, DataObject, Definitions, Element, Expression, FlowNode, Process, Task, Topic
 from fame.bpmn.reader.expressions import has_placeholders
 from fame.check.endpoints import fields_taken, taken_by_prefix, types_of
@@ -302,9 +302,9 @@ def parameters(definitions: Definitions, process: Process, library: Library) -> 
             for text in expressions_in(body):
                 reads |= text.reads
                 fixed |= text.writes | text.code
-        for node in one.body.walk():
-            if isinstance(node, CallActivity) and node.io is None and node.called and not node.refused:
-                called = library.find(home, node)
+        for call in calls_of(one):
+            if call.io is None:
+                called = library.find(home, call)
                 if (called[0].file, called[1].id) not in seen:
                     seen.add((called[0].file, called[1].id))
                     pending.append(called)
