@@ -135,6 +135,8 @@ class FlowNode(Element):
 
     def texts(self) -> Iterator[Text]:
         """Every script and expression with its use, but those that read a caught message as ``msg``."""
+        for part in (self.io, self.loop):
+            yield from part.texts() if part is not None else ()
         yield from texts("mapping", *(item.source for item in (*self.copies_in, *self.copies_out)))
         for topic, _ in self.topics():
             yield from texts("payload", topic.payload)
@@ -143,6 +145,8 @@ class FlowNode(Element):
     def sets(self) -> Iterator[str]:
         """The variables that it sets by name, but those of caught messages and scripts."""
         yield from (item.target for item in (*self.copies_in, *self.copies_out))
+        for part in (self.io, self.loop):
+            yield from part.sets() if part is not None else ()
 
 
 Place = Literal["start", "catch", "throw", "end", "boundary"]
@@ -192,18 +196,16 @@ class Event(FlowNode):
         return next((one.keys for one in self.defined(MessageDefinition) if one.topic is topic), ())
 
     def texts(self) -> Iterator[Text]:
-        """Those of its mapping and its definitions."""
-        yield from self.io.texts() if self.io is not None else ()
+        """Those of its definitions, and of all flow nodes."""
         for definition in self.definitions:
             yield from definition.texts()
         yield from FlowNode.texts(self)
 
     def sets(self) -> Iterator[str]:
-        """The variables of its definitions and its mapping."""
+        """The variables of its definitions, and those of all flow nodes."""
         for definition in self.definitions:
             yield from definition.sets()
         yield from FlowNode.sets(self)
-        yield from self.io.sets() if self.io is not None else ()
 
 
 GatewayKind = Literal["exclusive", "inclusive", "parallel", "event", "complex"]
@@ -293,18 +295,6 @@ class Activity(FlowNode):
     refused: str = ""
     """Why it cannot be executed (a Java class, a connector, DMN ...), or empty."""
 
-    def texts(self) -> Iterator[Text]:
-        """Those of its mapping and its loop."""
-        yield from self.io.texts() if self.io is not None else ()
-        yield from self.loop.texts() if self.loop is not None else ()
-        yield from FlowNode.texts(self)
-
-    def sets(self) -> Iterator[str]:
-        """The variables of its mapping and its loop."""
-        yield from FlowNode.sets(self)
-        yield from self.io.sets() if self.io is not None else ()
-        yield from self.loop.sets() if self.loop is not None else ()
-
 
 TaskKind = Literal["plain", "user", "manual", "script", "service", "send", "receive", "business_rule"]
 TASKS: Mapping[str, TaskKind] = {
@@ -360,16 +350,16 @@ class Task(Activity):
         return self.keys
 
     def texts(self) -> Iterator[Text]:
-        """Its script, the request of a ROS service, and those of all activities."""
+        """Its script, the request of a ROS service, and those of all flow nodes."""
         script = self.script is not None and self.script.language in ("python", "javascript")
         yield from texts("script" if script else "mapping", self.script)
         yield from texts("payload", self.service.payload if self.service is not None else None)
-        yield from Activity.texts(self)
+        yield from FlowNode.texts(self)
 
     def sets(self) -> Iterator[str]:
-        """The variable for its result, and those of all activities."""
+        """The variable for its result, and those of all flow nodes."""
         yield from filter(None, (self.result_variable,))
-        yield from Activity.sets(self)
+        yield from FlowNode.sets(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -380,13 +370,13 @@ class CallActivity(Activity):
     called_expression: Expression | None = None
 
     def texts(self) -> Iterator[Text]:
-        """Those of all activities, but its outputs: they see the variables of what it called."""
+        """Those of all flow nodes, but its outputs: they see the variables of what it called."""
         yield from texts("mapping", self.called_expression)
-        yield from Activity.texts(self if self.io is None else replace(self, io=replace(self.io, outputs=())))
+        yield from FlowNode.texts(self if self.io is None else replace(self, io=replace(self.io, outputs=())))
 
     def sets(self) -> Iterator[str]:
-        """Those of all activities, but its inputs: they are variables of what it calls."""
-        return Activity.sets(self if self.io is None else replace(self, io=replace(self.io, inputs=())))
+        """Those of all flow nodes, but its inputs: they are variables of what it calls."""
+        return FlowNode.sets(self if self.io is None else replace(self, io=replace(self.io, inputs=())))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -458,10 +448,10 @@ class SubProcess(Activity):
         return self.kind == "event"
 
     def texts(self) -> Iterator[Text]:
-        """Those of an ad-hoc sub-process, and those of all activities."""
+        """Those of an ad-hoc sub-process, and those of all flow nodes."""
         yield from texts("condition", self.completion)
         yield from texts("mapping", self.active)
-        yield from Activity.texts(self)
+        yield from FlowNode.texts(self)
 
 
 _TAGS: Mapping[str, str] = {
