@@ -170,7 +170,7 @@ class Event(FlowNode):
     caught message: its inputs are visible to the payload only, its outputs are assigned when the event has occurred.
     """
 
-    place: Place = field()
+    place: Place = field()  # required: without it, the property of all flow nodes would be its default
     definitions: tuple[EventDefinition, ...] = ()
     attached_to: str = ""
     interrupting: bool = True
@@ -430,7 +430,7 @@ class SubProcess(Activity):
     """
 
     kind: Literal["embedded", "event", "transaction", "adhoc"] = "embedded"
-    body: Body = field()
+    body: Body = field()  # required, as `Event.place`
     resume: bool = False
     completion: Expression | None = None
     active: Expression | None = None
