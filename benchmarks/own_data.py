@@ -17,7 +17,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 import own_data
 
-from fame.monitor.calibration import interval
+from fame.intervals import interval
 from fame.monitor.pipeline.compare import compare
 from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel

@@ -7,12 +7,12 @@ import pytest
 from scipy.stats import binomtest
 
 from fame.errors import ConfigError
+from fame.intervals import interval
 from fame.monitor.calibration import (
     Calibration,
     calibrate,
     calibrate_runs,
     false_alarm_rate,
-    interval,
     left_out_thresholds,
     rank,
     runs_needed,

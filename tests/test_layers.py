@@ -27,6 +27,7 @@ LAYERS = (
         "fame.gc_tuning",
         "fame.randomness",
         "fame.imports",
+        "fame.intervals",
         "fame.fast_json",
         "fame.text",
         "fame.worker",

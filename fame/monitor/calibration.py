@@ -204,15 +204,3 @@ def measured_alarms(calibration: Calibration) -> int:
     every, column = range(len(scores)), scores[:, 0]
     limits = [calibrate_runs(np.delete(column, n), asked, margin, calibration.least).thresholds[0] for n in every]
     return int((column > limits).sum())
-
-
-def interval(count: int, total: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Give the Clopper-Pearson interval of a probability, from `count` of `total` (the exact binomial one)."""
-    from scipy.stats import beta
-
-    if not total:
-        return 0.0, 1.0
-    tail = (1 - confidence) / 2
-    low = float(beta.ppf(tail, count, total - count + 1)) if count else 0.0
-    high = float(beta.ppf(1 - tail, count + 1, total - count)) if count < total else 1.0
-    return low, high

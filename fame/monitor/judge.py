@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fame.errors import NOT_KNOWN, ConfigError
+from fame.intervals import interval
 from fame.monitor.arrays import Floats, Whole
-from fame.monitor.calibration import interval
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model

@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from fame.monitor.calibration import interval, measured_alarms
+from fame.intervals import interval
+from fame.monitor.calibration import measured_alarms
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model

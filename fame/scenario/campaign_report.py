@@ -11,6 +11,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from fame import intervals
 from fame.imports import require
 from fame.scenario.property_statistics import (
     counts,
@@ -38,15 +39,9 @@ def interval(rows: Sequence[Row], *, property: str | None = None) -> tuple[float
     return wilson(sum(row["status"] == "completed" for row in runs), len(runs))
 
 
-def wilson(count: int, total: int, confidence: float = 0.95) -> tuple[float, float]:
-    """The Wilson interval of a probability; (0, 1) without trials (Wilson 1927, by scipy)."""
-    if not total:
-        return 0.0, 1.0
-    require("scipy")
-    from scipy.stats import binomtest
-
-    found = binomtest(count, total).proportion_ci(confidence, method="wilson")
-    return float(found.low), float(found.high)
+def wilson(count: int, total: int) -> tuple[float, float]:
+    """The Wilson interval of a probability; (0, 1) without trials (Wilson 1927)."""
+    return intervals.interval(count, total, method="wilson")
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:

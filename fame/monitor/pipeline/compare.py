@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from fame.errors import ConfigError
+from fame.intervals import interval
 from fame.monitor.arrays import Floats
-from fame.monitor.calibration import false_alarm_rate, interval, left_out_thresholds
+from fame.monitor.calibration import false_alarm_rate, left_out_thresholds
 from fame.monitor.data_files import rate_of
 from fame.monitor.pipeline.detectors import DETECTORS
 from fame.monitor.pipeline.processor import Samples

@@ -1,0 +1,23 @@
+"""Intervals of a probability that was estimated from a count of runs."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from fame.imports import require
+
+
+def interval(
+    count: int, total: int, confidence: float = 0.95, method: Literal["exact", "wilson"] = "exact"
+) -> tuple[float, float]:
+    """Give the interval of a probability from `count` of `total`: Clopper-Pearson's (exact) or Wilson's, by scipy.
+
+    It is (0, 1) if `total` is 0. Raises UnavailableError without scipy.
+    """
+    if not total:
+        return 0.0, 1.0
+    require("scipy")
+    from scipy.stats import binomtest
+
+    found = binomtest(count, total).proportion_ci(confidence, method)
+    return float(found.low), float(found.high)
