@@ -453,7 +453,7 @@ def test_thresholds_promise_a_rate_of_false_alarms(folder: Path):
         assert item.model.threshold == max(benign + ([0.5] if item is one else []))  # a given one is the least
     card = card_of(one.model)
     assert card["False alarms"]["promise"].startswith(
-        "at most 0.14 false alarms per run on average over trainings, by 6 runs (asked for: 0.2); "
+        "at most 0.14 false alarms per run on average over trainings, with 90 % confidence at most 0.32, by 6 runs "
     )
     assert card["False alarms"]["measured per run"] == 0.0
 

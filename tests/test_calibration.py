@@ -9,6 +9,7 @@ from scipy.stats import binomtest
 from fame.errors import ConfigError
 from fame.intervals import interval
 from fame.monitor.calibration import (
+    FAR,
     Calibration,
     calibrate,
     calibrate_runs,
@@ -16,6 +17,7 @@ from fame.monitor.calibration import (
     left_out_thresholds,
     rank,
     runs_needed,
+    runs_to_bound,
 )
 from fame.monitor.storage import from_plain, to_plain
 
@@ -42,7 +44,8 @@ def test_enough_runs_promise_the_rate_and_few_say_what_they_can():
     none = calibrate(scores(1, 16), 0.01)
     assert (none.promised, none.margin) == (None, 1.5)
     assert none.text == (
-        "no promise: 0.01 false alarms per run were asked for, 16 runs promise 0.059 per run at best, 99 are needed"
+        "no promise: 0.01 false alarms per run were asked for, 16 runs promise 0.059 per run at best, 99 are needed, "
+        "230 to be 90 % sure of it"
     )
     assert calibrate(scores(1, 16), 0.06).promised == pytest.approx(1 / 17)
 
@@ -138,9 +141,26 @@ def test_a_lower_rate_per_hour_is_a_lower_rate_per_run(seconds: float):
     assert rates == sorted(rates, reverse=True)
 
 
-def test_a_promise_is_said_to_be_an_average_with_the_share_of_models_that_exceed_it():
-    text = calibrate(scores(1, 16), 0.06).text
-    assert "on average over trainings" in text
-    assert text.endswith("38 % of models trained so exceed it")
+def test_a_promise_is_told_as_an_average_and_with_confidence():
+    found = calibrate(scores(1, 16), 0.06)
+    assert found.text == (
+        "at most 0.059 false alarms per run on average over trainings, with 90 % confidence at most 0.13, by 16 runs "
+        "(asked for: 0.06; 0.06 takes 38 to be 90 % sure of it)"
+    )
     drawn = np.random.default_rng(0).beta(1, 16, 4000)  # the rate of a model whose threshold is the largest of 16
-    assert (drawn > 1 / 17).mean() == pytest.approx(calibrate(scores(1, 16), 0.06).exceeding, abs=0.03)
+    assert (drawn > found.bound).mean() == pytest.approx(0.1, abs=0.02)
+    assert calibrate(scores(1, 16), 0.01).bound == 1.0
+
+
+@pytest.mark.parametrize("rate", [0.3, 0.05, 0.01])
+def test_so_many_runs_bound_a_rate_with_confidence(rate: float):
+    runs = runs_to_bound(rate)
+    assert (1 - rate) ** runs <= 0.1 < (1 - rate) ** (runs - 1)
+    assert calibrate(scores(1, runs), 1 / (runs + 1)).bound <= rate
+
+
+def test_a_threshold_far_beyond_what_was_seen_is_known_as_such():
+    every = scores(2, 20, channels=4)
+    assert (calibrate(every, 0.05).stretch < FAR).all()
+    every[3, 0] *= 1000.0
+    assert (calibrate(every, 0.05).stretch[1:] > FAR).all()

@@ -1,17 +1,20 @@
 """Thresholds with a stated false-alarm rate: conformal calibration over undisturbed runs.
 
 Each run gives one score per channel, its largest loss, by a model that was learned without that run. The scores of a
-channel are put on a common scale: z = (log score - mean) / deviation, both over the *other* runs, so that a run of the
-calibration is treated as a future run is. The score of a run is its largest z. If runs are exchangeable, the score of
-one more run is equally likely to fall between any two of the n scores; so the k-th smallest, with
-k = ceil((n + 1) (1 - rate)), is exceeded in at most that `rate` of future runs (split conformal prediction: Vovk,
+channel are put on a common, bounded scale: (score - median) / (90 % quantile - median), both over the *other* runs, so
+that a run of the calibration is treated as a future run is. The score of a run is its largest value. If runs are
+exchangeable, the score of one more run is equally likely to fall between any two of the n scores; so the k-th smallest,
+with k = ceil((n + 1) (1 - rate)), is exceeded in at most that `rate` of future runs (split conformal prediction: Vovk,
 Gammerman and Shafer 2005; Angelopoulos and Bates 2023, section 1). n runs cannot promise less than 1 / (n + 1).
-This is an average over trainings: the rate of one model is Beta(n + 1 - k, k) distributed, and is often higher. A lower
-rate never gives lower thresholds: without a promise they are at least the highest that could be promised.
+
+This promise is marginal: an average over trainings. The rate of one model is Beta(n + 1 - k, k) distributed (Vovk
+2012), which gives the conditional bound: what `CONFIDENCE` of the models keep. A lower rate never gives lower ones:
+without a promise they are at least the highest that could be promised.
 
 The promise is for all channels together; each channel keeps a threshold of its own. The scores are those of
-cross-validation, while the model in use learned from all runs: this makes the promise approximate, on the safe side as
-far as more data give smaller losses.
+cross-validation, while the model in use learned from all runs. So the promise is approximate, on the safe side as far
+as more data give smaller losses; what is proved of such scores without any assumption on the model is twice the rate
+(jackknife+: Barber, Candes, Ramdas and Tibshirani 2021).
 """
 
 from __future__ import annotations
@@ -34,6 +37,12 @@ FEWEST = 5
 """Runs below which nothing is promised: mean and deviation of the others mean nothing."""
 LEAST = 1e-12
 """Smallest threshold: a channel that never moved in training raises an alarm when it moves."""
+CONFIDENCE = 0.9
+"""Share of trainings that keep the conditional bound."""
+FAR = 3.0
+"""A threshold more than this times the largest left-out score of its channel is told."""
+_HIGH, _NARROW = 0.9, 0.05
+"""Quantile whose distance from the median is the unit of scores, and the least unit, relative to the median."""
 _PRIOR = 4.0
 """Weight of the deviation over all channels in that of one channel, in runs: few runs estimate it badly."""
 
@@ -48,7 +57,8 @@ class Calibration:
     runs        n
     margin      factor that was applied to the thresholds
     scores      (runs, channels): the largest loss of each run, by a model that was learned without it
-    levels      mean of the logarithms of the scores, per channel; `deviations` of them; none of scores of whole runs
+    levels      mean of the logarithms of the scores, per channel; `deviations` of them, to see drift; none of scores of
+                whole runs
     least       smallest threshold that was allowed, of scores of whole runs
     """
 
@@ -65,22 +75,34 @@ class Calibration:
     @property
     def text(self) -> str:
         """What is promised, in one sentence."""
-        best = f"{self.runs} runs promise {1 / (self.runs + 1):.2g} per run at best"
+        sure = f"{runs_to_bound(self.asked)} to be {100 * CONFIDENCE:.0f} % sure of it"
         if self.promised is None:
+            best = f"{self.runs} runs promise {1 / (self.runs + 1):.2g} per run at best"
             needed = max(runs_needed(self.asked), FEWEST)
-            return f"no promise: {self.asked:g} false alarms per run were asked for, {best}, {needed} are needed"
+            return (
+                f"no promise: {self.asked:g} false alarms per run were asked for, {best}, {needed} are needed, {sure}"
+            )
+        more = "" if self.bound <= self.asked else f"; {self.asked:g} takes {sure}"
         return (
-            f"at most {self.promised:.2g} false alarms per run on average over trainings, by {self.runs} runs "
-            f"(asked for: {self.asked:g}); {100 * self.exceeding:.0f} % of models trained so exceed it"
+            f"at most {self.promised:.2g} false alarms per run on average over trainings, "
+            f"with {100 * CONFIDENCE:.0f} % confidence at most {self.bound:.2g}, "
+            f"by {self.runs} runs (asked for: {self.asked:g}{more})"
         )
 
     @property
-    def exceeding(self) -> float:
-        """The share of trainings whose model has more false alarms than promised: marginal coverage is a mean."""
+    def bound(self) -> float:
+        """The rate that `CONFIDENCE` of the models trained so do not exceed: conditional on the training; 1 without a
+        promise."""
         from scipy.stats import beta
 
         above = round((self.promised or 0.0) * (self.runs + 1))  # scores above the threshold, and one more
-        return float(beta.sf(above / (self.runs + 1), above, self.runs + 1 - above)) if above else 0.0
+        return float(beta.ppf(CONFIDENCE, above, self.runs + 1 - above)) if above else 1.0
+
+    @property
+    def stretch(self) -> Floats:
+        """The thresholds divided by the largest left-out scores (channels,): how far they lie beyond what was seen."""
+        largest = self.scores.max(axis=0) if len(self.scores) else np.array(self.thresholds)
+        return np.asarray(self.thresholds / np.maximum(largest, LEAST))
 
 
 _RATE_TEXT = re.compile(r"\s*([0-9.eE+-]+)\s*(?:per\s+(run|hour))?\s*")
@@ -114,6 +136,11 @@ def runs_needed(rate: float) -> int:
     return math.ceil(1 / rate - 1 - 1e-9)
 
 
+def runs_to_bound(rate: float) -> int:
+    """Give the number of runs with which `CONFIDENCE` of the models keep a rate of false alarms per run."""
+    return math.ceil(math.log(1 - CONFIDENCE) / math.log1p(-rate) - 1e-9)
+
+
 def rank(runs: int, rate: float) -> int | None:
     """Give which of the sorted scores of `runs` is the threshold for a rate, from 1; None if they are too few."""
     place = math.ceil((runs + 1) * (1 - rate) - 1e-9)
@@ -128,15 +155,15 @@ def calibrate(scores: Floats, rate: float = RATE, margin: float | None = None) -
     """
     runs = len(scores)
     place, promised, factor = _promise(runs, rate, margin)
-    logs = np.log(np.maximum(scores, LEAST))
-    levels, deviations = _scale(logs)
+    centre, high = np.quantile(scores, [0.5, _HIGH], axis=0)
+    unit = _unit(centre, high)
+    seen = (centre + ((scores - centre) / unit).max() * unit) * factor  # at least, without a promise
     if runs < FEWEST:
-        limits = factor * np.exp(levels + ((logs - levels) / deviations).max() * deviations)
+        limits = seen
     else:
-        ordered = np.sort(_run_scores(logs))
-        limits = (margin or 1.0) * np.exp(levels + ordered[(place or runs) - 1] * deviations)
-        if place is None:  # never below what a higher rate gives
-            limits = np.maximum(limits, factor * np.exp(levels + ((logs - levels) / deviations).max() * deviations))
+        limits = (margin or 1.0) * (centre + np.sort(_run_scores(scores))[(place or runs) - 1] * unit)
+        limits = limits if place else np.maximum(limits, seen)  # never below what a higher rate gives
+    levels, deviations = _log_scale(scores)
     thresholds = np.maximum(limits, LEAST)
     return Calibration(
         tuple(thresholds.tolist()), rate, promised, runs, factor, scores,
@@ -172,22 +199,31 @@ def _promise(runs: int, rate: float, margin: float | None) -> tuple[int | None, 
     return place, None if place is None else 1 - place / (runs + 1), factor
 
 
-def _scale(logs: Floats) -> tuple[Floats, Floats]:
-    """Give mean and deviation per channel of log scores (runs, channels)."""
-    runs = len(logs)
-    variances = logs.var(axis=0, ddof=1) if runs > 1 else np.zeros(logs.shape[1])
-    pooled = float(np.median(variances))
-    shrunk = (variances * (runs - 1) + pooled * _PRIOR) / (runs - 1 + _PRIOR)
+def _unit(centre: Floats, high: Floats) -> Floats:
+    """Give the unit of scores by their median and high quantile."""
+    return np.maximum(high - centre, np.maximum(_NARROW * np.abs(centre), LEAST))
+
+
+def _run_scores(scores: Floats) -> Floats:
+    """Give the largest score of each run (runs,), on the scale of the other runs."""
+    centre, high = (_quantile_of_others(scores, part) for part in (0.5, _HIGH))
+    return np.asarray(((scores - centre) / _unit(centre, high)).max(axis=1))
+
+
+def _quantile_of_others(scores: Floats, part: float) -> Floats:
+    """Give a quantile per channel of the scores of the other runs, for each run (runs, channels)."""
+    ordered, places, last = np.sort(scores, axis=0), scores.argsort(axis=0).argsort(axis=0), len(scores) - 2
+    at = part * last
+    low, high = (np.where(n < places, ordered[n], ordered[n + 1]) for n in (int(at), min(int(at) + 1, last)))
+    return np.asarray(low + (at - int(at)) * (high - low))
+
+
+def _log_scale(scores: Floats) -> tuple[Floats, Floats]:
+    """Give mean and deviation per channel of the logarithms of scores (runs, channels)."""
+    logs, runs = np.log(np.maximum(scores, LEAST)), len(scores)
+    variances = logs.var(axis=0, ddof=1)
+    shrunk = (variances * (runs - 1) + float(np.median(variances)) * _PRIOR) / (runs - 1 + _PRIOR)
     return logs.mean(axis=0), np.sqrt(np.maximum(shrunk, 1e-6))
-
-
-def _run_scores(logs: Floats) -> Floats:
-    """Give the largest z of each run, by mean and deviation of the other runs."""
-    found = []
-    for number, row in enumerate(logs):
-        mean, deviation = _scale(np.delete(logs, number, axis=0))
-        found.append(float(((row - mean) / deviation).max()))
-    return np.array(found)
 
 
 def left_out_thresholds(scores: Floats, rate: float, margin: float | None = None) -> Floats:
