@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fame.errors import ConfigError
+from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.pipeline.processor import Samples
 
@@ -49,13 +50,26 @@ class LabelledRun(NamedTuple):
     labelled: bool = False
 
 
-def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = (), *, undisturbed: bool = False) -> list[Samples]:
+class Special(NamedTuple):
+    """The names of the columns that are no channels: of the stamps (s, or dates), and of the numbers of the runs."""
+
+    stamp: str = STAMP
+    run: str = RUN
+
+
+def read_runs(
+    paths: Sequence[str | Path],
+    columns: Sequence[str] = (),
+    special: Special = Special(),  # noqa: B008 (it is frozen)
+    *,
+    undisturbed: bool = False,
+) -> list[Samples]:
     """Read every run of recorded files: values (n, columns), stamps (s), names of the columns.
 
-    `columns` are by default those of the first file but stamp, run and label. Rows that lack one are left out.
+    `columns` are by default those of the first file but `special` ones and label. Rows that lack one are left out.
     `undisturbed` runs must not have an anomalous sample. Raises ConfigError.
     """
-    runs = read_labelled_runs(paths, columns)
+    runs = read_labelled_runs(paths, columns, special)
     for number, run in enumerate(runs if undisturbed else []):
         if (run.labels == -1).any():
             text = f"expected undisturbed runs (label 1), got label -1 in run {number}"
@@ -63,24 +77,29 @@ def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = (), *, undis
     return [run.samples for run in runs if len(run.samples)]
 
 
-def read_labelled_runs(paths: Sequence[str | Path], columns: Sequence[str] = ()) -> list[LabelledRun]:
+def read_labelled_runs(
+    paths: Sequence[str | Path],
+    columns: Sequence[str] = (),
+    special: Special = Special(),  # noqa: B008 (it is frozen)
+) -> list[LabelledRun]:
     """Read every run of recorded files with its labels, as `read_runs`. Raises ConfigError."""
     if not paths:
         raise ConfigError("no files to read; expected Files: [runs.csv]", element="Files")
     runs: list[LabelledRun] = []
     for path in map(Path, paths):
-        names, cells, _ = read_table(path, recorded=True)
-        columns = tuple(columns) or tuple(name for name in names if name not in (STAMP, RUN, LABEL, ""))
+        parquet = path.suffix == ".parquet"
+        names, cells, _ = _read_parquet(path) if parquet else read_table(path, recorded=True, stamp=special.stamp)
+        columns = tuple(columns) or tuple(name for name in names if name not in (*special, LABEL, ""))
         if not columns:
             raise ConfigError(f"has no columns but {', '.join(names)}: nothing to learn from", file=str(path))
-        for name in (STAMP, *columns):
+        for name in (special.stamp, *columns, *([special.run] if special.run != RUN else [])):
             if name not in names:
                 raise ConfigError(f"has no column {name!r}; it has {', '.join(names)}", file=str(path), line=1)
         values = cells[:, [names.index(name) for name in columns]]
-        stamps = cells[:, names.index(STAMP)]
+        stamps = cells[:, names.index(special.stamp)]
         _refuse_other_units(stamps, path)
         whole = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
-        numbers = cells[:, names.index(RUN)] if RUN in names else np.zeros(len(cells))
+        numbers = cells[:, names.index(special.run)] if special.run in names else np.zeros(len(cells))
         labels = _labels(cells[:, names.index(LABEL)], path) if LABEL in names else np.ones(len(cells), dtype=np.int64)
         if not whole.any():
             raise ConfigError(f"has no row with all of {', '.join(columns)}", file=str(path))
@@ -146,8 +165,8 @@ def rate_of(runs: Sequence[Samples]) -> float:
     return 1 / usual
 
 
-def read_table(path: Path, *, recorded: bool = False) -> Table:
-    """Read the numbers of a CSV file.
+def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP) -> Table:
+    """Read the numbers of a CSV file; in the column `stamp`, dates too.
 
     A `recorded` table is one of `fame monitor record`: it has a header, empty cells are NaN, and a partial last line,
     which a killed writer leaves, is dropped. Raises ConfigError with the line.
@@ -172,7 +191,23 @@ def read_table(path: Path, *, recorded: bool = False) -> Table:
     first = 2 if header else 1
     if len(lines) < first:
         raise ConfigError("has no rows of numbers", file=str(path))
-    return Table(names, _numbers(lines[first - 1 :], first, head, path, recorded, separator), first)
+    return Table(names, _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp), first)
+
+
+def _read_parquet(path: Path) -> Table:
+    """Read the numbers of a Parquet file; dates in s since 1970. Raises ConfigError, UnavailableError."""
+    require("pandas")
+    require("pyarrow")
+    import pandas as pd
+
+    try:
+        frame = pd.read_parquet(path)
+        dated = frame.select_dtypes(include=["datetime", "datetimetz"]).columns
+        for name in dated:
+            frame[name] = (frame[name].dt.tz_localize(None) - pd.Timestamp(0)) / pd.Timedelta(seconds=1)
+        return Table(tuple(map(str, frame.columns)), frame.to_numpy(dtype=np.float64), 1)
+    except (OSError, ValueError, TypeError) as error:
+        raise ConfigError(f"is not a Parquet table of numbers: {error}", file=str(path)) from None
 
 
 def _text(path: Path) -> str:
@@ -193,7 +228,9 @@ def _separator(line: str, path: Path) -> str:
     return next((sign for sign in ";\t,|" if len(_row(line, path, 1, sign)) > 1), ",")
 
 
-def _numbers(lines: Sequence[str], first: int, head: Sequence[str], path: Path, gaps: bool, separator: str) -> Floats:
+def _numbers(
+    lines: Sequence[str], first: int, head: Sequence[str], path: Path, gaps: bool, separator: str, stamp: str
+) -> Floats:
     """Parse rows at once, or cell by cell where some are empty or wrong, or dates."""
     width = len(head)
     comma = separator != "," and any("," in line for line in lines)
@@ -214,10 +251,10 @@ def _numbers(lines: Sequence[str], first: int, head: Sequence[str], path: Path, 
         rows.append([])
         for name, cell in zip(head, row, strict=True):
             try:
-                value = _number(cell, date=name.strip() == STAMP, comma=comma) if cell.strip() or not gaps else np.nan
+                value = _number(cell, date=name.strip() == stamp, comma=comma) if cell.strip() or not gaps else np.nan
                 rows[-1].append(value)
             except ValueError:
-                right = "a number (s) or a date such as 2026-01-31T12:00:00.5" if name.strip() == STAMP else "a number"
+                right = "a number (s) or a date such as 2026-01-31T12:00:00.5" if name.strip() == stamp else "a number"
                 where = f" in column {name.strip()!r}" if not _is_number(name) else ""
                 where += " without a point, since decimals have a comma" if comma and "." in cell else ""
                 raise ConfigError(f"expected {right}{where}, got {cell!r}", file=str(path), line=number) from None

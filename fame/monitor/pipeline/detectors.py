@@ -9,6 +9,7 @@ a loss per channel. `fit_detector` makes one by name::
     knn               mean squared distance to the nearest of the windows that it keeps, across all channels
     ocsvm             one-class SVM (RBF) on principal components: -log of the decision value, 1 at the boundary
     isolation_forest  isolation forest on principal components: the anomaly score of Liu, Ting and Zhou 2008
+    phase             deviation from other runs at the same time since the start (`fame.monitor.pipeline.phases`)
     any of, all of    several of these: the largest or the smallest loss, each relative to its usual one
 
 ``ocsvm`` and ``isolation_forest`` have one loss for all channels; the channel that deviates most gets it, the others
@@ -29,14 +30,13 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
+from fame.monitor.pipeline.phases import Phases, reduced
 from fame.monitor.storage import from_plain
 
 if TYPE_CHECKING:
     from fame.monitor.pipeline.train import Training
 
 ACTIVATIONS = ("relu", "tanh", "logistic", "identity")
-POINTS = 10
-"""Values per channel that a window is reduced to, by means of equal parts, where windows are compared to each other."""
 _TINY = 1e-12
 _RIDGE = 1e-5
 """What is added to each variance before it is inverted, relative to the mean variance."""
@@ -47,8 +47,8 @@ class Detector(Protocol):
 
     kind: ClassVar[str]
 
-    def loss(self, windows: Floats) -> Floats:
-        """Give the loss (n, channels) of scaled windows (n, window, channels)."""
+    def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
+        """Give the loss (n, channels) of scaled windows (n, window, channels) that end at `times`, s since the start"""
 
 
 # ---- autoencoders ----------------------------------------------------------------------------------------------------
@@ -87,7 +87,7 @@ class Network:
                 _activate(self.activation, inputs)
         return inputs
 
-    def loss(self, windows: Floats) -> Floats:
+    def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
         """Give the mean squared error over each window."""
         inputs = np.ascontiguousarray(windows.transpose(2, 0, 1))  # (channels, n, window)
         errors = self(inputs)
@@ -103,7 +103,7 @@ class Network:
         return cls(weights, biases, str(estimators[0].activation))
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Training) -> Network:
+    def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> Network:
         require("sklearn")
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.neural_network import MLPRegressor
@@ -157,14 +157,14 @@ class Components:
         """Give the components (n, components), each with deviation 1 on the windows that it was learned from."""
         return np.asarray(windows.reshape(len(windows), -1) @ self.axes.T / self.deviations)
 
-    def loss(self, windows: Floats) -> Floats:
+    def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
         """Give the mean squared error of the reconstruction."""
         flat = windows.reshape(len(windows), -1)
         errors = (flat - flat @ self.axes.T @ self.axes).reshape(windows.shape)
         return np.asarray(np.einsum("nwc,nwc->nc", errors, errors) / windows.shape[1])
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Training, most: int = 64) -> Components:
+    def fit(cls, windows: Floats, settings: Training, times: Floats | None = None, most: int = 64) -> Components:
         flat = windows.reshape(len(windows), -1)
         values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
         values, vectors = np.maximum(values[::-1], 0), vectors[:, ::-1]
@@ -184,13 +184,13 @@ class Whitening:
     kind: ClassVar[str] = "mahalanobis"
     root: Floats
 
-    def loss(self, windows: Floats) -> Floats:
+    def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
         """Give the mean of the squares of the whitened window, about 1 for those that it learned from."""
         white = (windows.reshape(len(windows), -1) @ self.root).reshape(windows.shape)
         return np.asarray(np.einsum("nwc,nwc->nc", white, white) / windows.shape[1])
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Training) -> Whitening:
+    def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> Whitening:
         flat = windows.reshape(len(windows), -1)
         values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
         floor = _RIDGE * max(float(values.mean()), _TINY)
@@ -218,30 +218,28 @@ class Nearest:
     def _place(self, reduced: Floats) -> Floats:
         return self.components.project(reduced) * self.components.deviations
 
-    def loss(self, windows: Floats) -> Floats:
+    def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
         """Give the mean squared difference to the nearest kept window."""
-        reduced = _reduced(windows)
-        _, nearest = self._tree.query(self._place(reduced))
-        return np.asarray(((reduced - self.kept[nearest]) ** 2).mean(axis=1))
+        values = reduced(windows)
+        _, nearest = self._tree.query(self._place(values))
+        return np.asarray(((values - self.kept[nearest]) ** 2).mean(axis=1))
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Training) -> Nearest:
-        reduced = _reduced(_chosen(windows, settings.neighbours, settings.seed))
-        return cls(reduced, Components.fit(reduced, settings, most=12))
+    def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> Nearest:
+        kept = reduced(_chosen(windows, settings.neighbours, settings.seed))
+        return cls(kept, Components.fit(kept, settings, most=12))
 
 
-def _reduced(windows: Floats) -> Floats:
-    """Give the means of equal parts of each window: (n, at most `POINTS`, channels)."""
-    bounds = np.linspace(0, windows.shape[1], min(POINTS, windows.shape[1]) + 1).astype(int)
-    sums = np.add.reduceat(windows, bounds[:-1], axis=1)
-    return np.asarray(sums / np.diff(bounds)[None, :, None])
+def _lot(total: int, count: int, seed: int) -> Whole:
+    """Draw `count` of `total` numbers, in order; all of them if there are no more."""
+    if total <= count:
+        return np.arange(total)
+    return np.sort(np.random.default_rng(seed).choice(total, count, replace=False))
 
 
 def _chosen(windows: Floats, count: int, seed: int) -> Floats:
-    """Give a random choice of windows, all of them if there are no more than `count`."""
-    if len(windows) <= count:
-        return windows
-    return windows[np.sort(np.random.default_rng(seed).choice(len(windows), count, replace=False))]
+    """Give a random choice of windows."""
+    return windows[_lot(len(windows), count, seed)]
 
 
 # ---- one loss for all channels ---------------------------------------------------------------------------------------
@@ -264,7 +262,7 @@ class OneClass:
     gamma: float
     offset: float
 
-    def loss(self, windows: Floats) -> Floats:
+    def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
         features = self.components.project(windows)
         squares = (self.vectors**2).sum(axis=1) + (features**2).sum(axis=1)[:, None] - 2 * features @ self.vectors.T
         exponents = np.log(self.weights) - self.gamma * np.maximum(squares, 0)
@@ -273,7 +271,7 @@ class OneClass:
         return _shared(np.maximum(0.0, 1.0 - (density - np.log(self.offset))), windows)
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Training) -> OneClass:
+    def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> OneClass:
         require("sklearn")
         from sklearn.svm import OneClassSVM
 
@@ -302,7 +300,7 @@ class Forest:
     steps: int
     usual: float
 
-    def loss(self, windows: Floats) -> Floats:
+    def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
         values = self.components.project(windows)
         trees, rows = np.arange(len(self.features)), np.arange(len(values))[:, None]
         node = np.zeros((len(values), len(trees)), dtype=np.int64)
@@ -312,7 +310,7 @@ class Forest:
         return _shared(2.0 ** (-self.depths[trees, node].mean(axis=1) / self.usual), windows)
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Training) -> Forest:
+    def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> Forest:
         require("sklearn")
         from sklearn.ensemble import IsolationForest
 
@@ -369,20 +367,24 @@ class Several:
     parts: tuple[Detector, ...]
     usual: Floats
 
-    def loss(self, windows: Floats) -> Floats:
-        found = [part.loss(windows) / usual for part, usual in zip(self.parts, self.usual, strict=True)]
+    def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
+        found = [part.loss(windows, times) / usual for part, usual in zip(self.parts, self.usual, strict=True)]
         return np.asarray(combined(self.rule, found))
 
     @classmethod
-    def fit(cls, rule: str, names: Sequence[str], windows: Floats, settings: Training) -> Several:
-        parts = tuple(_KINDS[name].fit(windows, settings) for name in names)
-        usual = [np.quantile(part.loss(_chosen(windows, 4000, settings.seed)), 0.99, axis=0) for part in parts]
+    def fit(cls, rule: str, names: Sequence[str], windows: Floats, settings: Training, times: Floats | None) -> Several:
+        parts = tuple(_KINDS[name].fit(windows, settings, times) for name in names)
+        some = _lot(len(windows), 4000, settings.seed)
+        seen = windows[some], None if times is None else times[some]
+        usual = [np.quantile(part.loss(*seen), 0.99, axis=0) for part in parts]
         return cls(rule, parts, np.maximum(usual, _TINY))
 
 
 # ---- by name ---------------------------------------------------------------------------------------------------------
 
-_KINDS: dict[str, Any] = {kind.kind: kind for kind in (Network, Components, Whitening, Nearest, OneClass, Forest)}
+_KINDS: dict[str, Any] = {
+    kind.kind: kind for kind in (Network, Components, Whitening, Nearest, OneClass, Forest, Phases)
+}
 DETECTORS = tuple(_KINDS)
 RULES = ("any of", "all of")
 
@@ -408,12 +410,16 @@ def detector_names(name: str) -> tuple[str, tuple[str, ...]]:
     return rule, names
 
 
-def fit_detector(name: str, windows: Floats, settings: Training) -> Detector:
-    """Learn a detector from scaled windows (n, window, channels). Raises ConfigError for an unknown name,
-    UnavailableError without the package that learns it."""
+def fit_detector(name: str, windows: Floats, settings: Training, times: Floats | None = None) -> Detector:
+    """Learn a detector from scaled windows (n, window, channels) that end at `times` (n,), s since the start.
+
+    Raises ConfigError for an unknown name, UnavailableError without the package that learns it.
+    """
     rule, names = detector_names(name)
     detector: Detector = (
-        _KINDS[names[0]].fit(windows, settings) if not rule else Several.fit(rule, names, windows, settings)
+        _KINDS[names[0]].fit(windows, settings, times)
+        if not rule
+        else Several.fit(rule, names, windows, settings, times)
     )
     return detector
 

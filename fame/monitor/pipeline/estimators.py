@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from fame.errors import ConfigError
+from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.filters import Windower
 from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples, stacked
 from fame.monitor.pipeline.trained_model import TrainedModel
@@ -17,7 +18,9 @@ _METHODS = ("predict", "transform", "decision_function", "score_samples", "predi
 
 
 class Autoencoder(Processor):
-    """The loss of each window and channel: the mean squared error of its reconstruction (`TrainedModel.loss`).
+    """The loss of each window and channel by a trained model (`TrainedModel.loss`), of any detector.
+
+    A run begins with the first sample, and with the first after a `gap`; phases count from there.
 
     All inputs together are the channels. Data that name their channels are matched to the model's columns by name;
     others are taken in order. `model` may be a TrainedModel in memory.
@@ -28,10 +31,12 @@ class Autoencoder(Processor):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("model", "file", "", description="file of the trained model", fixed=True),
         Parameter("stride", "int", 5, (1, None), "samples", "from one window to the next"),
+        Parameter("gap", "float", 2.0, (0, None), "s", "between two samples, after which a run begins"),
     )
     outputs: tuple[str, ...] = ("loss",)
     model: str
     stride: int
+    gap: float
 
     def __init__(self, model: str | Path | TrainedModel = "", **values: Any) -> None:
         super().__init__(**values)
@@ -41,14 +46,28 @@ class Autoencoder(Processor):
         self.model = "" if isinstance(model, TrainedModel) else str(model)
         self._windower = Windower()
         self._order: dict[tuple[str, ...], list[int]] = {}
+        self._begun = self._last = np.inf
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
         samples = self._channels(stacked(inputs))
         if not len(samples):
             return None
         trained = self.trained
+        begins = self._begins(samples.stamps)
         windows = self._windower.feed(samples, trained.window, self.stride, trained.rate, self.report)
-        return {"loss": windows.replace(values=trained.loss(windows.values))} if len(windows) else None
+        if not len(windows):
+            return None
+        since = windows.stamps - begins[np.searchsorted(samples.stamps, windows.stamps)]
+        return {"loss": windows.replace(values=trained.loss(windows.values, since))}
+
+    def _begins(self, stamps: Floats) -> Floats:
+        """Give the stamp of the first sample of the run of each sample."""
+        before = np.concatenate(([self._last], stamps[:-1]))
+        first = ~(stamps - before <= self.gap) | ~np.isfinite(before)
+        places = np.maximum.accumulate(np.where(first, np.arange(len(stamps)), -1))
+        begins = np.where(places < 0, self._begun, stamps[places])
+        self._begun, self._last = float(begins[-1]), float(stamps[-1])
+        return begins
 
     def _channels(self, samples: Samples) -> Samples:
         """The channels in the order of the model. Raises ValueError if it was trained on others."""

@@ -22,12 +22,13 @@ import numpy as np
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
-from fame.monitor.calibration import calibrate, false_alarm_rate, read_false_alarms
-from fame.monitor.data_files import hash_files, rate_of, read_runs
+from fame.monitor.calibration import FAR, FEWEST, Calibration, calibrate, false_alarm_rate, read_false_alarms
+from fame.monitor.data_files import RUN, STAMP, Special, hash_files, rate_of, read_runs
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, detector_names, fit_detector
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.filters import LowPass, Windower
+from fame.monitor.pipeline.phases import Phases
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.monitor.storage import versions
@@ -41,6 +42,7 @@ class Training:
     files         CSV files of undisturbed runs
     model         where the model is stored
     columns       of the files; default all but stamp, run and label
+    run_column    of the files, which divides them into runs; `time_column` has stamps in s, or dates
     detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...
     window        samples per window
     stride        samples from one window to the next, of those that train and of those that are scored
@@ -61,6 +63,8 @@ class Training:
     files: tuple[str, ...] = ()
     model: str = "model.skops"
     columns: tuple[str, ...] = ()
+    run_column: str = RUN
+    time_column: str = STAMP
     detector: str = "autoencoder"
     window: int = 50
     stride: int = 5
@@ -78,17 +82,24 @@ class Training:
     neighbours: int = 4000
     seed: int = 0
 
+    @property
+    def special(self) -> Special:
+        """The columns that are no channels."""
+        return Special(self.time_column, self.run_column)
+
 
 Report = Callable[[str], object]
 OUTLIER = 30.0
 """A run whose left-out loss is this many times those of the others, or of the training, is not one of them."""
 UNLIKE = 1.2
 """Longest run over shortest, above which lengths are told."""
+REPEATING = 0.5
+"""Share of the variance of a channel that the time since the start explains in runs that repeat."""
 
 
 def train(config: Training, report: Report = lambda text: None) -> TrainedModel:
     """Learn from the files. The model is not stored. Raises ConfigError, UnavailableError."""
-    runs = read_runs(config.files, config.columns, undisturbed=True)
+    runs = read_runs(config.files, config.columns, config.special, undisturbed=True)
     model = fit(runs, config, data=hash_files(config.files), report=report)
     return replace(model, conditions={**model.conditions, "files": [Path(path).name for path in config.files]})
 
@@ -124,6 +135,19 @@ def fit(runs: Sequence[Samples], config: Training, data: str = "", report: Repor
     )  # fmt: skip
 
 
+def suited_detector(runs: Sequence[Samples]) -> str:
+    """Give the detector for runs of which nothing else is known: ``phase`` for at least `FEWEST` of like lengths whose
+    channels, in the median, follow the time since the start, else ``mahalanobis``."""
+    shortest, longest = min(map(len, runs)), max(map(len, runs))
+    if len(runs) < FEWEST or longest > UNLIKE * shortest or not shortest:
+        return "mahalanobis"
+    every = np.stack([run.channels()[:shortest] for run in runs])
+    moving = every.var(axis=(0, 1)) > 0
+    residual = (every - np.median(every, axis=0)).var(axis=(0, 1))
+    explained = 1 - residual[moving] / every.var(axis=(0, 1))[moving]
+    return Phases.kind if moving.any() and np.median(explained) > REPEATING else "mahalanobis"
+
+
 def prepared(runs: Sequence[Samples], config: Training) -> list[Samples]:
     """Give the runs after the low-pass on the data."""
     if not config.before:
@@ -136,8 +160,9 @@ def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedMo
     every = np.concatenate([run.channels() for run in runs])
     mean, scale = every.mean(axis=0), every.std(axis=0)
     scale = np.where(scale > 1e-9 * (1 + np.abs(mean)), scale, 1.0)  # a channel that never moves
-    windows = (_windows(runs, config, rate) - mean) / scale
-    detector = fit_detector(config.detector, windows, config)
+    windows, times = _windows(runs, config, rate)
+    windows = (windows - mean) / scale
+    detector = fit_detector(config.detector, windows, config, times)
     columns = runs[0].names or tuple(str(index) for index in range(windows.shape[2]))
     nothing = tuple(1.0 for _ in columns)
     return TrainedModel(columns, config.window, rate, mean, scale, detector, nothing, config.cutoff, config.before)
@@ -193,6 +218,13 @@ def warnings_of(model: TrainedModel) -> list[str]:
         notes.append(
             f"training runs exceed the thresholds of {', '.join(above)}: these have outliers, look at the runs"
         )
+    far = [
+        f"{name} ({times:.2g} times)"
+        for name, times in zip(model.columns, model.calibration.stretch, strict=True)
+        if times > max(FAR, model.calibration.margin) and name not in model.conditions.get("constant", [])
+    ]
+    if far:
+        notes.append(f"thresholds lie far above the largest left-out losses, as some runs are unlike: {', '.join(far)}")
     constant = model.conditions.get("constant", [])
     if constant:
         notes.append(f"{', '.join(constant)} never moved in training: any movement raises an alarm")
@@ -202,6 +234,9 @@ def warnings_of(model: TrainedModel) -> list[str]:
     shortest, longest = model.conditions.get("seconds", (1.0, 1.0))
     if _trend(model.calibration.scores):
         notes.append("losses grow or fall from run to run: the promise needs runs that could come in any order")
+    late, expected, exceed = _split(model.calibration)
+    if exceed:
+        notes.append(f"{exceed} of the last {late} runs exceed thresholds by the runs before; expected: {expected:.2g}")
     notes += outliers(model)
     if longest > UNLIKE * shortest:
         notes.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
@@ -232,6 +267,20 @@ def _trend(scores: Floats) -> bool:
 
     level = np.log(np.maximum(scores, 1e-12)).mean(axis=1)
     return len(level) >= 6 and bool(np.ptp(level) > 0) and float(spearmanr(np.arange(len(level)), level).pvalue) < 0.002
+
+
+def _split(calibration: Calibration) -> tuple[int, float, int]:
+    """Judge the last third of the runs by thresholds of the runs before: their number, how many are expected to exceed
+    these, and how many do; 0 if so many may be chance (1 in 100)."""
+    from scipy.stats import binom
+
+    scores = calibration.scores
+    late = len(scores) // 3
+    if len(scores) - late < FEWEST:
+        return late, 0.0, 0
+    before = calibrate(scores[:-late], max(calibration.asked, 1 / (len(scores) - late + 1)), calibration.margin)
+    rate, above = before.promised or 0.0, int((scores[-late:] > before.thresholds).any(axis=1).sum())
+    return late, late * rate, above if binom.sf(above - 1, late, rate) < 0.01 else 0
 
 
 def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:
@@ -286,6 +335,8 @@ _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "files": _texts,
     "model": ConfigValue.text,
     "columns": _texts,
+    "run_column": ConfigValue.text,
+    "time_column": ConfigValue.text,
     "window": partial(ConfigValue.integer, minimum=2),
     "hidden": lambda value: tuple(item.integer(minimum=1) for item in _items(value)),
     "activation": partial(ConfigValue.choice, known=ACTIVATIONS, what="an activation"),
@@ -328,14 +379,17 @@ def _check(config: Training, runs: Sequence[Samples]) -> None:
         raise ConfigError("no channel ever moves: nothing to learn", element="Training.files")
 
 
-def _windows(runs: Sequence[Samples], config: Training, rate: float) -> Floats:
-    """Windows that train: (n, window, channels)."""
-    parts = [Windower().feed(run.replace(run.channels()), config.window, config.stride, rate).values for run in runs]
-    parts = [part for part in parts if len(part)]
-    if not parts:
+def _windows(runs: Sequence[Samples], config: Training, rate: float) -> tuple[Floats, Floats]:
+    """Give the windows that train (n, window, channels), and the times of their ends (n,), s since the start.
+
+    Phases need the windows of all runs; of others `samples` are drawn.
+    """
+    cut = [Windower().feed(run.replace(run.channels()), config.window, config.stride, rate) for run in runs]
+    pairs = [(part.values, part.stamps - run.stamps[0]) for part, run in zip(cut, runs, strict=True) if len(part)]
+    if not pairs:
         raise ConfigError(f"no run has {config.window} samples at {rate:.3g} Hz in a row", element="Training.window")
-    total = sum(map(len, parts))
-    if total <= config.samples:
-        return np.concatenate(parts)
-    lot = np.sort(np.random.default_rng(config.seed).choice(total, config.samples, replace=False))
-    return np.concatenate(parts)[lot]
+    windows, times = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    if len(windows) <= config.samples or Phases.kind in config.detector:
+        return windows, times
+    lot = np.sort(np.random.default_rng(config.seed).choice(len(windows), config.samples, replace=False))
+    return windows[lot], times[lot]

@@ -70,9 +70,12 @@ class TrainedModel:
             raise ConfigError(f"has no autoencoders, its detector is {detector_name(self.detector)}")
         return self.detector
 
-    def loss(self, windows: Any) -> Floats:
-        """The loss of each window by the detector, in the scaled unit: (n, window, channels) to (n, channels)."""
-        return self.detector.loss((np.asarray(windows, dtype=np.float64) - self.mean) / self.scale)
+    def loss(self, windows: Any, times: Floats | None = None) -> Floats:
+        """The loss of each window by the detector, in the scaled unit: (n, window, channels) to (n, channels).
+
+        `times` (n,) are those of their ends, s since the start of the run, for a detector that knows phases.
+        """
+        return self.detector.loss((np.asarray(windows, dtype=np.float64) - self.mean) / self.scale, times)
 
     def to_plain(self) -> dict[str, Any]:
         """Give all values as plain data and arrays, as they are stored."""

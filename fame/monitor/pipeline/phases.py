@@ -1,0 +1,153 @@
+"""The detector that knows the phase of a run: windows against those of the same time since the start.
+
+Robots repeat. For each phase, a time since the start of the run, it has the median of the training runs and a scale:
+the median absolute deviation, averaged with the neighbouring phases and shrunk towards that of the channel, since few
+runs estimate it badly. A deviation is divided by its scale, and its inverse hyperbolic sine is taken: beyond one scale,
+tails count by their logarithm. Deviations of one window belong together, in time and across channels: the inverse root
+of their covariance, shrunk by Ledoit and Wolf (2004), gives each direction its due. The loss of a channel is the mean
+of the squares of its part. It sees small changes of shape, but little of a shift, which runs differ by; so the square
+of the mean deviation of the window counts as well, and the larger of both is the loss.
+
+A window outside the phases that at least half of the runs have, or of an unknown time, is judged the same way against
+all windows of the training, whatever their time. All losses are in units of their usual ones, so that one threshold
+holds for all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fame.imports import require
+from fame.monitor.arrays import Floats, Whole
+
+if TYPE_CHECKING:
+    from fame.monitor.pipeline.train import Training
+
+POINTS = 10
+"""Values per channel that a window is reduced to, by means of equal parts, where windows are compared to each other."""
+_TINY = 1e-12
+_SMOOTH = 5
+"""Phases over which variances are averaged."""
+_PRIOR = 4.0
+"""Weight of the variance of a channel in that of one phase, in runs."""
+_STIFF = 0.05
+"""Smallest scale of a phase, relative to that of its channel."""
+
+
+def reduced(windows: Floats) -> Floats:
+    """Give the means of equal parts of each window: (n, at most `POINTS`, channels)."""
+    bounds = np.linspace(0, windows.shape[1], min(POINTS, windows.shape[1]) + 1).astype(int)
+    sums = np.add.reduceat(windows, bounds[:-1], axis=1)
+    return np.asarray(sums / np.diff(bounds)[None, :, None])
+
+
+@dataclass(frozen=True, slots=True)
+class Phases:
+    """What is usual in each phase, and everywhere.
+
+    begin, step  s since the start at the end of the first window, and from one phase to the next
+    location     (phases, points, channels), of the reduced windows; `scale` of their deviations
+    root         (points x channels, same): whitens the deviations; `elsewhere` those from the mean of all windows
+    usual        (3, channels): the losses that count as 1, of shape and shift in a phase, and elsewhere
+    """
+
+    kind: ClassVar[str] = "phase"
+    begin: float
+    step: float
+    location: Floats
+    scale: Floats
+    root: Floats
+    elsewhere: Floats
+    usual: Floats
+
+    def phase(self, times: Floats) -> tuple[Whole, NDArray[np.bool_]]:
+        """Give the phase of each time (s since the start), and whether it is known."""
+        found = np.round((times - self.begin) / self.step)
+        known = (found >= 0) & (found < len(self.location))  # False for NaN
+        return np.where(known, found, 0).astype(np.int64), known
+
+    def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
+        """Give the loss (n, channels) of scaled windows (n, window, channels) that end at `times`, s since the start;
+        without them, or where they are NaN, no phase is known."""
+        values = reduced(windows)
+        phase, known = self.phase(np.full(len(values), np.nan) if times is None else times)
+        deviations = (values - self.location[phase]) / self.scale[phase]
+        shape, shift = _whitened(deviations, self.root) / self.usual[0], _shift(deviations) / self.usual[1]
+        elsewhere = _whitened(values, self.elsewhere) / self.usual[2]
+        return np.asarray(np.where(known[:, None], np.maximum(shape, shift), elsewhere))
+
+    @classmethod
+    def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> Phases:
+        """Learn from windows of several runs, each with the time at its end, s since the start of its run."""
+        values = reduced(windows)
+        at = np.zeros(len(values)) if times is None else times
+        begin, step = float(at.min(initial=np.inf)), _step(at)
+        numbers = np.round((at - begin) / step).astype(np.int64)
+        grouped = _grouped(values, numbers)
+        location = np.nanmedian(grouped, axis=1)
+        scale = _scale(grouped - location[:, None])
+        numbers, inside = numbers[numbers < len(location)], values[numbers < len(location)]
+        deviations = (inside - location[numbers]) / scale[numbers]
+        apart = numbers % max(1, settings.window // settings.stride) == 0  # windows that do not overlap
+        root, elsewhere = _root(deviations[apart]), _root(inside[apart])
+        found = _whitened(deviations, root), _shift(deviations), _whitened(values, elsewhere)
+        usual = [np.quantile(part, 0.99, axis=0) for part in found]
+        return cls(begin, step, location, scale, root, elsewhere, np.maximum(usual, _TINY))
+
+
+def _step(times: Floats) -> float:
+    """Give the usual time between windows, s; 1 if there is none."""
+    steps = np.diff(np.unique(np.round(times, 6)))
+    return float(np.median(steps)) if len(steps) else 1.0
+
+
+def _grouped(values: Floats, numbers: Whole) -> Floats:
+    """Give windows by phase, of the phases that at least half as many have as the most: (phases, most, points,
+    channels), NaN where there are fewer."""
+    counts = np.bincount(numbers)
+    phases = int(np.argmax(np.append(counts < max(1, counts.max() / 2), True)))
+    kept = numbers < phases
+    values, numbers = values[kept], numbers[kept]
+    order = np.argsort(numbers, kind="stable")
+    first = np.concatenate(([0], np.cumsum(np.bincount(numbers))[:-1]))
+    places = np.arange(len(order)) - first[numbers[order]]
+    grouped = np.full((phases, int(places.max()) + 1, *values.shape[1:]), np.nan)
+    grouped[numbers[order], places] = values[order]
+    return grouped
+
+
+def _scale(deviations: Floats) -> Floats:
+    """Give a robust deviation per phase, point and channel of (phases, runs, points, channels)."""
+    runs = deviations.shape[1]
+    variances = (1.4826 * np.nanmedian(np.abs(deviations), axis=1)) ** 2
+    edges = np.pad(variances, ((_SMOOTH // 2, _SMOOTH // 2), (0, 0), (0, 0)), mode="edge")
+    smooth = np.mean([edges[n : n + len(variances)] for n in range(_SMOOTH)], axis=0)
+    pooled = np.mean(variances, axis=(0, 1))
+    shrunk = (smooth * runs + pooled * _PRIOR) / (runs + _PRIOR)
+    return np.asarray(np.sqrt(np.maximum(shrunk, np.maximum(_STIFF**2 * pooled, _TINY))))
+
+
+def _root(deviations: Floats) -> Floats:
+    """Give the symmetric root of the inverse covariance of deviations (n, points, channels)."""
+    require("sklearn")
+    from sklearn.covariance import ledoit_wolf
+
+    flat = np.arcsinh(deviations).reshape(len(deviations), -1)
+    covariance, _ = ledoit_wolf(flat, assume_centered=True)
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors / np.sqrt(np.maximum(values, _TINY))) @ vectors.T)
+
+
+def _whitened(deviations: Floats, root: Floats) -> Floats:
+    """Give the mean square of each channel (n, channels) of whitened deviations (n, points, channels)."""
+    white = (np.arcsinh(deviations).reshape(len(deviations), -1) @ root).reshape(deviations.shape)
+    return np.asarray(np.einsum("npc,npc->nc", white, white) / deviations.shape[1])
+
+
+def _shift(deviations: Floats) -> Floats:
+    """Give the squared mean of each channel (n, channels) of deviations (n, points, channels)."""
+    return np.asarray(np.arcsinh(deviations).mean(axis=1) ** 2)

@@ -1,0 +1,80 @@
+"""The detector that knows the phase of a run: the same values at another time are an anomaly."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fame.monitor.pipeline import processors
+from fame.monitor.pipeline.estimators import Autoencoder
+from fame.monitor.pipeline.phases import Phases
+from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.train import Training, fit, losses
+from fame.monitor.pipeline.trained_model import TrainedModel
+
+RATE, RUNS = 50.0, 12
+CONFIG = Training(detector="phase", window=20, stride=5, false_alarms="0.1 per run")
+
+
+def run(seed: int, seconds: float = 6.0, begin: float = 0.0) -> Samples:
+    """Two channels with heavy-tailed noise; the first has a pulse at 2 s, the second the same one at 4 s."""
+    random = np.random.default_rng(seed)
+    stamps = np.arange(round(seconds * RATE)) / RATE
+    values = np.exp(-(((stamps[:, None] - [2.0, 4.0]) / 0.3) ** 2)) + 0.02 * random.standard_t(3, (len(stamps), 2))
+    return Samples(values, stamps + begin, ("left", "right"))
+
+
+@cache
+def model() -> TrainedModel:
+    return fit([run(seed) for seed in range(RUNS)], CONFIG)
+
+
+def ratios(given: Samples) -> np.ndarray:
+    return np.asarray(losses(model(), given, CONFIG.stride).values / np.array(model().thresholds))
+
+
+def test_undisturbed_runs_are_below_the_thresholds():
+    assert sum((ratios(run(seed)) > 1).any() for seed in range(100, 120)) <= 4
+
+
+def test_a_pulse_at_the_wrong_time_is_found_in_its_channel():
+    late = run(7)
+    late.values[:, 0] = np.roll(late.values[:, 0], round(0.4 * RATE))
+    found = ratios(late)
+    assert found.max() > 1
+    assert found.max(axis=0).argmax() == 0
+
+
+def test_behind_the_known_phases_a_window_is_judged_by_all_windows():
+    detector = model().detector
+    assert isinstance(detector, Phases)
+    longer = ratios(run(8, seconds=8.0))
+    assert np.isfinite(longer).all()
+    assert (longer[-10:] < 3).all()  # at rest, which the training knows
+    windows = np.stack([run(8).values[n : n + 20] for n in (90, 200)])
+    scaled = (windows - model().mean) / model().scale
+    unknown = detector.loss(scaled, np.array([np.nan, 1e9]))
+    np.testing.assert_allclose(unknown, detector.loss(scaled))  # without times no phase is known
+    assert detector.loss(scaled, np.array([0.5, 0.5])).max() > unknown.max()  # a pulse, where none should be
+
+
+def test_a_run_begins_again_after_a_gap_and_in_however_many_calls():
+    both = run(30), run(31, begin=20.0)
+    whole = Samples(*(np.concatenate([getattr(each, name) for each in both]) for name in ("values", "stamps")),
+                    ("left", "right"))  # fmt: skip
+    for frequency in (0.0, 7.0, 50.0):
+        found = processors.run([Autoencoder(model(), stride=5)], {"x": whole}, frequency)["loss"]
+        second = losses(model(), both[1], 5)
+        np.testing.assert_allclose(found.values[found.stamps > 20.5], second.values[second.stamps > 20.5], atol=0.5)
+        assert (found.values < 3 * np.array(model().thresholds)).all()
+
+
+@pytest.mark.parametrize("name", ["any of phase, mahalanobis", "all of phase, pca"])
+def test_phases_combine_with_other_detectors(name: str):
+    made = fit([run(seed) for seed in range(RUNS)], Training(**{**vars(CONFIG), "detector": name}))
+    late = run(7)
+    late.values[:, 0] = np.roll(late.values[:, 0], round(0.4 * RATE))
+    found = losses(made, late, CONFIG.stride).values / np.array(made.thresholds)
+    assert (found.max() > 1) == name.startswith("any")
