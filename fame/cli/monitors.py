@@ -41,6 +41,12 @@ def add_judge(commands: Commands) -> None:
         help="topic that is read from bags, for a model of fame monitor adm learn (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("-o", "--output", type=Path, metavar="REPORT.html", help="write a page with plots")
+    parser.add_argument(
+        "--scores",
+        type=Path,
+        metavar="SCORES.csv",
+        help="write the loss divided by the threshold, per time and channel",
+    )
     add_json(parser)
 
 
@@ -57,6 +63,10 @@ def run_judge(arguments: Namespace) -> int:
         judgement = judge_trained(model, runs, str(arguments.model), labelled=labelled)
     else:
         judgement = judge_recordings(model, arguments.data, str(arguments.model), arguments.topic)
+    if arguments.scores is not None:
+        from fame.monitor.judge import write_scores
+
+        write_scores(judgement, arguments.scores)
     if arguments.output is not None:
         from fame.monitor.judge_report import write_report
 
@@ -74,12 +84,14 @@ def run_judge(arguments: Namespace) -> int:
 def _read(paths: Sequence[Path], config: Path | None, model: TrainedModel) -> list[LabelledRun]:
     """Read runs of CSV files and, by a configuration, of bags. Raises ConfigError."""
     from fame.errors import ConfigError
-    from fame.monitor.data_files import read_labelled_runs
+    from fame.monitor.data_files import RUN, STAMP, Special, read_labelled_runs
 
+    settings = model.conditions.get("settings", {})
+    special = Special(settings.get("time_column", STAMP), settings.get("run_column", RUN))
     runs: list[LabelledRun] = []
     for path in paths:
-        if path.suffix == ".csv":
-            runs += read_labelled_runs([path], model.columns)
+        if path.suffix in (".csv", ".parquet"):
+            runs += read_labelled_runs([path], model.columns, special)
         elif config is None:
             text = "is not a CSV file: a bag needs --config CONFIG.yaml, whose Inputs name topics and fields"
             raise ConfigError(text, file=str(path))

@@ -220,12 +220,24 @@ def add_train(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "train", run_train,
-        examples=("fame monitor train monitor.yaml --plots out", "fame monitor train monitor.yaml --compare"),
+        examples=(
+            "fame monitor train monitor.yaml --plots out",
+            "fame monitor train monitor.yaml --compare",
+            "fame monitor train --data runs.csv --run-column cycle -o model.skops",
+        ),
         help="train a detector on recorded runs, with thresholds that promise a rate of false alarms",
     )  # fmt: skip
     parser.add_argument(
-        "configuration", type=Path, metavar="CONFIG.yaml", help="a configuration with the section Training"
+        "configuration", type=Path, nargs="?", metavar="CONFIG.yaml", help="a configuration with the section Training"
     )
+    parser.add_argument(
+        "--data", type=Path, nargs="+", default=[], metavar="FILE",
+        help="runs as CSV or Parquet files, instead of a configuration; without --detector: phase if they repeat",
+    )  # fmt: skip
+    parser.add_argument("--run-column", metavar="NAME", help="column whose changes begin a run (default: run)")
+    parser.add_argument("--time-column", metavar="NAME", help="column of the times, in s or dates (default: stamp)")
+    parser.add_argument("--detector", metavar="NAME", help="phase, mahalanobis, 'any of pca, knn' ...")
+    parser.add_argument("--false-alarms", metavar="RATE", help="rate to promise, as '0.05 per run'")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="MODEL.skops", help="file to write, instead of the configuration's Model"
     )
@@ -250,18 +262,12 @@ def run_train(arguments: Namespace) -> int:
     from fame.imports import require
     from fame.monitor.data_files import hash_files
     from fame.monitor.model_card import write_card
-    from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.train import outliers, train, training_of, warnings_of
+    from fame.monitor.pipeline.train import outliers, train, warnings_of
     from fame.monitor.pipeline.trained_model import TrainedModel
 
     if arguments.onnx is not None:
         require("onnx")
-    configuration = load(arguments.configuration)
-    file = str(configuration.file)
-    if configuration.training is None:
-        text = "has no section Training; expected Training: {Files: [runs.csv], Model: model.skops}"
-        raise ConfigError(text, file=file)
-    training = training_of(configuration.training, configuration.folder)
+    training, file = _training(arguments)
     path = arguments.output or Path(training.model)
     compared: list[Compared] = []
     if arguments.check:
@@ -300,11 +306,39 @@ def run_train(arguments: Namespace) -> int:
     return 0
 
 
+def _training(arguments: Namespace) -> tuple[Training, str]:
+    """Give the settings of a configuration or of options, and the file that errors name. Raises ConfigError."""
+    from dataclasses import replace
+
+    from fame.errors import ConfigError
+    from fame.monitor.data_files import read_runs
+    from fame.monitor.pipeline.configuration import load
+    from fame.monitor.pipeline.train import Training, suited_detector, training_of
+
+    if (arguments.configuration is None) == (not arguments.data):
+        raise ConfigError("expected a configuration with the section Training, or --data FILE")
+    names = ("run_column", "time_column", "detector", "false_alarms")
+    given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
+    if arguments.data:
+        training = Training(files=tuple(map(str, arguments.data)), **given)
+        if arguments.detector is None:
+            chosen = suited_detector(read_runs(training.files, (), training.special, undisturbed=True))
+            training = replace(training, detector=chosen)
+        return training, str(arguments.data[0])
+    configuration = load(arguments.configuration)
+    if configuration.training is None:
+        text = "has no section Training; expected Training: {Files: [runs.csv], Model: model.skops}"
+        raise ConfigError(text, file=str(configuration.file))
+    return replace(training_of(configuration.training, configuration.folder), **given), str(configuration.file)
+
+
 def _compare(training: Training, report: Callable[[str], object]) -> list[Compared]:
     from fame.monitor.data_files import read_runs
     from fame.monitor.pipeline.compare import compare
 
-    return compare(read_runs(training.files, training.columns, undisturbed=True), training, report=report)
+    return compare(
+        read_runs(training.files, training.columns, training.special, undisturbed=True), training, report=report
+    )
 
 
 def _comparison(compared: Sequence[Compared]) -> str:
@@ -353,7 +387,7 @@ def _plot_training(folder: Path, model: TrainedModel, training: Training) -> Non
     from fame.monitor.plots import plot_loss
 
     folder.mkdir(parents=True, exist_ok=True)
-    runs = read_runs(training.files, model.columns)
+    runs = read_runs(training.files, model.columns, training.special)
     for number, run in enumerate(prepared(runs, training)):
         loss = losses(model, run, training.stride)
         if len(loss):

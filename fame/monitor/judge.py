@@ -6,6 +6,7 @@ is its onset: latency counts from there, and an alarm that ended before it does 
 
 from __future__ import annotations
 
+import csv
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -181,6 +182,20 @@ def shown(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name} {shown(part)}" for name, part in value.items())
     return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def write_scores(judgement: Judgement, path: Path) -> None:
+    """Write a row per loss: file, run, time (s from the start of the run), and of each channel the loss divided by its
+    threshold, above 1 in an alarm. Raises ConfigError for a file that cannot be written."""
+    try:
+        with path.open("w", encoding="utf-8", newline="") as stream:
+            rows = csv.writer(stream, lineterminator="\n")
+            rows.writerow(("file", "run", "time", *(judgement.runs[0].channels if judgement.runs else ())))
+            for run in judgement.runs:
+                for stamp, ratios in zip(run.stamps.tolist(), run.ratios, strict=True):
+                    rows.writerow((run.file, run.number, f"{stamp:.9g}", *(f"{ratio:.6g}" for ratio in ratios)))
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
 
 
 # ---- curves ----------------------------------------------------------------------------------------------------------

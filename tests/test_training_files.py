@@ -1,0 +1,106 @@
+"""`fame monitor train --data`: a user's own tables, without a configuration or a robot."""
+
+from __future__ import annotations
+
+import csv
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fame.cli import main
+from fame.monitor.data_files import Special, read_runs
+from fame.monitor.pipeline.train import suited_detector
+
+RATE, LENGTH, CYCLES = 20.0, 120, 8
+BEGIN = datetime(2026, 1, 31, 12, tzinfo=UTC)
+
+
+def rows(repeat: bool = True, bad: int = -1) -> list[tuple[str, int, float, float]]:
+    """Cycles of two channels; without `repeat` their phase is another each time; cycle `bad` has a shift at the end."""
+    random = np.random.default_rng(5)
+    found = []
+    for cycle in range(CYCLES):
+        angles = 2 * np.pi * np.arange(LENGTH) / LENGTH + (0.0 if repeat else random.uniform(0, 6))
+        values = np.stack([np.sin(angles), np.cos(2 * angles)], axis=1) + 0.05 * random.standard_normal((LENGTH, 2))
+        values[80:, 1] += 3.0 * (cycle == bad)
+        for row, (left, right) in enumerate(values):
+            when = BEGIN + timedelta(seconds=60 * cycle + row / RATE)
+            found.append((when.strftime("%d.%m.%Y %H:%M:%S.%f"), cycle, left, right))
+    return found
+
+
+def german(path: Path, **options: Any) -> Path:
+    """A table as a spreadsheet in German writes it."""
+    cells = [
+        f"{when};{cycle};{f'{left:.6f};{right:.6f}'.replace('.', ',')}" for when, cycle, left, right in rows(**options)
+    ]
+    path.write_text("\n".join(["Zeit;cycle;left;right", *cells]) + "\n")
+    return path
+
+
+def train(tmp_path: Path, file: Path, *more: str) -> int:
+    return main([
+        "monitor", "train", "--data", str(file), "--run-column", "cycle", "--time-column", "Zeit",
+        "--false-alarms", "0.2 per run", "-o", str(tmp_path / "model.skops"), "--json", *more,
+    ])  # fmt: skip
+
+
+def test_cycles_of_a_table_train_and_judge_with_scores_for_each_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert train(tmp_path, german(tmp_path / "runs.csv")) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["detector"], told["columns"]) == ("phase", ["left", "right"])
+    judged = german(tmp_path / "new.csv", bad=3)
+    scores = tmp_path / "scores.csv"
+    command = ["monitor", "judge", str(tmp_path / "model.skops"), str(judged), "--scores", str(scores), "--json"]
+    assert main(command) == 1
+    runs = json.loads(capsys.readouterr().out)["runs"]
+    assert [run["run"] for run in runs if run["verdict"] == "anomalous"] == [3]
+    with scores.open() as stream:
+        found = list(csv.DictReader(stream))
+    assert {row["run"] for row in found} == set(map(str, range(CYCLES)))
+    above = [row for row in found if float(row["right"]) > 1]
+    assert {row["run"] for row in above} == {"3"}
+    assert 80 / RATE < min(float(row["time"]) for row in above) < 80 / RATE + 1
+
+
+def test_parquet_is_read_as_csv_is(tmp_path: Path):
+    pd = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    special = Special("Zeit", "cycle")
+    expected = read_runs([german(tmp_path / "runs.csv")], (), special)
+    frame = pd.DataFrame(rows(), columns=["Zeit", "cycle", "left", "right"])
+    frame["Zeit"] = pd.to_datetime(frame["Zeit"], format="%d.%m.%Y %H:%M:%S.%f")
+    frame.to_parquet(tmp_path / "runs.parquet")
+    found = read_runs([tmp_path / "runs.parquet"], (), special)
+    assert len(found) == len(expected) == CYCLES
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one.values, other.values, atol=1e-6)
+        np.testing.assert_allclose(one.stamps, other.stamps, atol=1e-5)
+
+
+def test_phases_suit_only_cycles_that_repeat(tmp_path: Path):
+    special = Special("Zeit", "cycle")
+    repeating, free = (
+        read_runs([german(tmp_path / f"{each}.csv", repeat=each)], (), special) for each in (True, False)
+    )
+    assert suited_detector(repeating) == "phase"
+    assert suited_detector(free) == suited_detector(repeating[:4]) == "mahalanobis"
+
+
+def test_what_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = german(tmp_path / "runs.csv")
+    assert main(["monitor", "train", "--data", str(file), "--run-column", "cycle"]) == 2
+    assert "expected a number in column 'Zeit'" in capsys.readouterr().err
+    assert main(["monitor", "train", "--data", str(file), "--time-column", "Zeit", "--run-column", "part"]) == 2
+    assert "has no column 'part'" in capsys.readouterr().err
+    assert main(["monitor", "train"]) == 2
+    assert "expected a configuration with the section Training, or --data FILE" in capsys.readouterr().err
+    (tmp_path / "runs.parquet").write_bytes(b"PAR0")
+    assert main(["monitor", "train", "--data", str(tmp_path / "runs.parquet")]) == 2
+    assert "is not a Parquet table of numbers" in capsys.readouterr().err
