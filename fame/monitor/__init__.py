@@ -7,7 +7,19 @@ calibration thresholds that promise a rate of false alarms
 judge       `fame monitor judge`, with `judge_report`; drift: slow changes over runs
 model_card  the card of a model
 data_files  CSV tables and bags; `storage`: models on disk
+estimator   `Detector`, an estimator of scikit-learn
 plots       plots of losses, thresholds and alarms
 kinematics  forward kinematics of serial arms
 arrays      types of arrays
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fame.imports import attach
+
+if TYPE_CHECKING:
+    from fame.monitor.estimator import Detector as Detector
+else:
+    __getattr__, __dir__, __all__ = attach(__name__, {"estimator": ["Detector"]})

@@ -1,0 +1,76 @@
+"""`Detector`: the detectors of FAME as an estimator of scikit-learn, to compare them with others."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+from sklearn.base import BaseEstimator, OutlierMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from fame.monitor.arrays import Floats
+from fame.monitor.calibration import LEAST, calibrate_runs
+from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.train import Training, learned, left_out, losses
+
+
+class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
+    """An outlier detector of rows (n, channels), in their order if `window` is above 1.
+
+    detector      as in a configuration of ``fame monitor train``: ``mahalanobis``, ``phase``, ``any of pca, knn`` ...
+    window        rows per window
+    false_alarms  share of runs that may raise an alarm, on average over trainings; of rows, if `fit` is not told runs
+    folds         that are left out for the scores that set the threshold
+    """
+
+    def __init__(
+        self, detector: str = "mahalanobis", window: int = 1, false_alarms: float = 0.05, folds: int = 5, seed: int = 0
+    ) -> None:
+        self.detector, self.window, self.false_alarms = detector, window, false_alarms
+        self.folds, self.seed = folds, seed
+
+    def fit(self, X: Any, y: Any = None, runs: Any = None) -> Self:
+        """Learn from undisturbed rows; `runs` (n,) has the number of the run of each, by default `folds` equal parts.
+
+        Raises ConfigError for an unknown detector and for too few rows or runs.
+        """
+        X = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        config = Training(detector=self.detector, window=self.window, stride=1, folds=self.folds, seed=self.seed)
+        parts = _runs(X, runs if runs is not None else np.arange(len(X)) * min(self.folds, len(X)) // len(X))
+        self.model_ = learned(parts, config, 1.0)
+        found = {index: losses(model, parts[index]).values for index, model in left_out(parts, config, 1.0)}
+        self.usual_ = np.maximum(np.median(np.concatenate([*found.values()]), axis=0), LEAST)
+        scores = [(loss / self.usual_).max(axis=1) for loss in found.values() if len(loss)]
+        counted = np.concatenate(scores) if runs is None else np.array([score.max() for score in scores])
+        self.calibration_ = calibrate_runs(counted, self.false_alarms)
+        self.offset_ = -self.calibration_.thresholds[0]
+        return self
+
+    def score_samples(self, X: Any, runs: Any = None) -> Floats:
+        """Give a score per row (n,), the lower the more unusual; rows before a whole window have that of the first.
+
+        Raises ValueError for a run that is shorter than a window.
+        """
+        check_is_fitted(self)
+        X = validate_data(self, X, dtype=np.float64, reset=False)
+        found = []
+        for part in _runs(X, np.zeros(len(X)) if runs is None else runs):
+            if len(part) < self.window:
+                raise ValueError(f"expected at least {self.window} rows of a run, a whole window, got {len(part)}")
+            score = -(losses(self.model_, part).values / self.usual_).max(axis=1)
+            found.append(np.concatenate((np.full(len(part) - len(score), score[0]), score)))
+        return np.concatenate(found)
+
+    def decision_function(self, X: Any, runs: Any = None) -> Floats:
+        """Give the score above the threshold (n,): below 0 a row is anomalous."""
+        return np.asarray(self.score_samples(X, runs) - self.offset_)
+
+    def predict(self, X: Any, runs: Any = None) -> Any:
+        """Give 1 for a usual row, -1 for an anomalous one (n,)."""
+        return np.where(self.decision_function(X, runs) < 0, -1, 1)
+
+
+def _runs(values: Floats, numbers: Any) -> list[Samples]:
+    """Divide rows where the number of the run changes; a row per s."""
+    bounds = np.flatnonzero(np.diff(np.asarray(numbers))) + 1
+    return [Samples(part, np.arange(len(part), dtype=np.float64)) for part in np.split(values, bounds)]

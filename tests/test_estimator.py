@@ -1,0 +1,44 @@
+"""`fame.monitor.Detector`: an estimator of scikit-learn like any other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sklearn.ensemble import IsolationForest
+from sklearn.model_selection import cross_val_predict
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.utils.estimator_checks import check_estimator
+
+from fame.monitor import Detector
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")
+def test_scikit_learn_finds_nothing_wrong_with_it():
+    check_estimator(Detector())
+
+
+def test_it_stands_beside_other_detectors_in_a_pipeline():
+    random = np.random.default_rng(0)
+    usual = random.standard_normal((300, 3)) @ np.array([[1, 1, 0], [0, 1, 1], [0, 0, 0.1]])
+    odd = usual[:20] * [1, -1, 1]
+    for detector in (Detector(), IsolationForest(random_state=0)):
+        made = make_pipeline(StandardScaler(), detector).fit(usual)
+        assert made.score_samples(odd).mean() < made.score_samples(usual).mean()
+    assert (cross_val_predict(Detector(), usual) == -1).mean() < 0.1
+
+
+@pytest.mark.parametrize("name", ["phase", "any of phase, mahalanobis"])
+def test_runs_are_judged_as_runs(name: str):
+    random, time = np.random.default_rng(1), np.arange(100) / 100
+    course = np.stack([np.sin(6.28 * time), time**2], axis=1)
+    rows = np.concatenate([course + 0.02 * random.standard_normal(course.shape) for _ in range(30)])
+    made = Detector(name, window=10, false_alarms=0.1).fit(rows[:2000], runs=np.repeat(np.arange(20), 100))
+    assert made.calibration_.runs == 20
+    judged = made.predict(rows[2000:], runs=np.repeat(np.arange(10), 100)).reshape(10, 100)
+    assert (judged == -1).any(axis=1).sum() <= 3
+    late = np.roll(rows[2000:2100], 10, axis=0)
+    found = made.predict(late)
+    assert (found[20:60] == -1).any()
+    with pytest.raises(ValueError, match="expected at least 10 rows of a run, a whole window, got 5"):
+        made.predict(late[:5])
