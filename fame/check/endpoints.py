@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from fame.bpmn.model import Expression, FlowNode, Task, Topic
@@ -16,7 +17,7 @@ from fame.engine.data import match, match_prefix, unfilled, variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.monitor.services import SERVICES
-from fame.scripting import script_topics
+from fame.scripting import ScriptTopic, script_topics
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,17 +78,19 @@ def _drawn(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:
 
 
 def _scripted(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:
-    if node.script is None:
-        return
-    try:
-        named = script_topics(node.script)
-    except ModelError:  # the compiler reports it
-        return
-    tries = node.script.language == "javascript" and re.search(r"\btry\b", node.script.text) is not None
-    for topic in named:
+    script = node.script
+    tries = script is not None and script.language == "javascript" and re.search(r"\btry\b", script.text) is not None
+    for topic in topics_in_script(node):
         if topic.direction not in ("call", "act"):
             throws = topic.direction == "publish"
             yield TopicEndpoint(process, node, topic.qualified, topic.full_type, throws, topic.line, tries=tries)
+
+
+def topics_in_script(node: FlowNode) -> Sequence[ScriptTopic]:
+    """What the script of a node names: topics, services, actions. None of an invalid one: the compiler reports it."""
+    with suppress(ModelError):
+        return script_topics(node.script) if node.script is not None else ()
+    return ()
 
 
 def public_topics(team: Sequence[CheckScope]) -> Topics:

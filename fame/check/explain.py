@@ -15,26 +15,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import DataObject, Definitions, Element, Expression, FlowNode
+from fame.bpmn.model import DataObject, Definitions, Element, Expression
 from fame.bpmn.reader.dialects import dialects_of
 from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.reader.xml import children, parse
 from fame.bpmn.topics import EMPTY_TYPE
-from fame.check.endpoints import TopicEndpoint, by_topic, declared_type, message_fields, taken_by_prefix
+from fame.check.endpoints import (
+    TopicEndpoint,
+    by_topic,
+    declared_type,
+    message_fields,
+    taken_by_prefix,
+    topics_in_script,
+)
 from fame.check.expressions import expressions_in
 from fame.check.guidelines import suspending
 from fame.check.scope import CheckedProcess, CheckScope, find_scope
 from fame.check.variables import parameters
 from fame.engine.data import variable_name
-from fame.errors import ModelError
 from fame.middleware import messages
-from fame.scripting import script_topics
-from fame.scripting.analysis import ScriptTopic, identifiers_of
+from fame.scripting.analysis import identifiers_of
 
 Kind = Literal["form", "topic", "data", "parameter", "call", "script", "quirk", "semantics"]
 KINDS: tuple[Kind, ...] = ("form", "topic", "data", "parameter", "call", "script", "quirk", "semantics")
@@ -132,16 +136,10 @@ def _services(process: CheckedProcess) -> Iterator[Reading]:
             kind = "action" if messages.is_action(type or "") else "service"
             text = f"calls the {kind} {node.service.name}, {type or 'no type'}, {sent}"
             yield _at(process, "topic", text, node)
-        for used in _script_topics(node):
-            text = f"its script calls the service {used.name}, {used.type or 'no type'}"
-            yield _at(process, "topic", text, node, used.line)
-
-
-def _script_topics(node: FlowNode) -> Iterator[ScriptTopic]:
-    """The services that a script calls by a literal name."""
-    if node.script is not None:
-        with suppress(ModelError):  # the compiler reports it
-            yield from (one for one in script_topics(node.script) if one.direction == "call")
+        for used in topics_in_script(node):
+            if used.direction == "call":
+                text = f"its script calls the service {used.name}, {used.type or 'no type'}"
+                yield _at(process, "topic", text, node, used.line)
 
 
 # ---- data, calls, texts ----------------------------------------------------------------------------------------------

@@ -110,31 +110,28 @@ class Liveness:
 
         `results` are read at its end, if it is that of a called process. `mapped`: it has variables of its own.
         """
-        aside = (
-            *aside,
-            *(one.id for one in body.nodes if isinstance(one, model.SubProcess) and one.triggered_by_event),
-        )
+        aside = (*aside, *(one.id for one in body.nodes if one.triggered_by_event))
         boundary: dict[str, list[str]] = defaultdict(list)
         behind: dict[str, set[str]] = defaultdict(set)
         for node in body.nodes:
-            if isinstance(node, model.Event) and node.place == "boundary":
+            if node.place == "boundary":
                 boundary[node.attached_to].append(node.id)
         for flow in body.flows:
             behind[flow.source].add(flow.target)
         for node in body.nodes:
             self.applies &= _is_simple(node)
             around, follows = (*aside, *boundary[node.id]), behind[node.id] or {*leaving}
-            own = isinstance(node, model.Event | model.Activity) and node.io is not None
-            sets = set() if _loops(node) or mapped or own else {*_set_by(node, body)}
+            loops, own = node.loop is not None, node.io is not None
+            sets = set() if loops or mapped or own else {*_set_by(node, body)}
             sets |= {key for key, name in self._remembered.items() if name in sets}
-            if isinstance(node, model.Activity) and isinstance(node.loop, model.MultiInstance):
+            if isinstance(node.loop, model.MultiInstance):
                 self._inner.add(node.loop.element_variable)
             self._sets[node.id] = self._sets.get(node.id, sets) & sets  # a process that is called twice
             self.aside[node.id] |= {*around}
             self._reads[node.id] |= {*_read_by(node, self._matters), *results}
             self.after[node.id] |= follows
-            again = {node.id} if _loops(node) else set[str]()
-            if isinstance(node, model.SubProcess):
+            again = {node.id} if loops else set[str]()
+            if node.body is not None:
                 again |= {node.id} if node.triggered_by_event else set()
                 self.after[node.id] |= {*_entries(node.body)}
                 self._add(home, node.body, (*follows, *again), around, results, mapped or own)
@@ -176,51 +173,38 @@ class Liveness:
 
 def _is_simple(node: model.FlowNode) -> bool:
     """Whether a token can go from an element only where flows, boundary events and event sub-processes lead."""
-    if isinstance(node, model.Activity) and node.for_compensation:
+    if node.for_compensation or node.tag in ("transaction", "adHocSubProcess", "complexGateway"):
         return False
-    if isinstance(node, model.SubProcess) and node.kind not in ("embedded", "event"):
+    if node.script is not None and node.script.language != "python":
         return False
-    if isinstance(node, model.Task) and node.script is not None and node.script.language != "python":
-        return False
-    if isinstance(node, model.Gateway) and node.kind == "complex":
-        return False
-    kinds = model.LinkDefinition | model.CompensateDefinition | model.CancelDefinition
-    return not any(isinstance(one, kinds) for one in getattr(node, "definitions", ()))
+    return not any(one.trigger in ("link", "compensate", "cancel") for one in node.definitions)
 
 
 def _entries(body: model.Body) -> Sequence[str]:
     """The elements at which tokens come into a body."""
     targets = {flow.target for flow in body.flows}
-    attached = {node.id for node in body.nodes if isinstance(node, model.Event) and node.place == "boundary"}
-    everywhere = [node.id for node in body.nodes]
-    return [id for id in everywhere if id not in targets and id not in attached] or everywhere
-
-
-def _loops(node: model.FlowNode) -> bool:
-    return isinstance(node, model.Activity) and node.loop is not None
+    first = [node.id for node in body.nodes if node.id not in targets and node.place != "boundary"]
+    return first or [node.id for node in body.nodes]
 
 
 def _read_by(node: model.FlowNode, matters: Set[str]) -> Iterator[str]:
     """What an element reads besides its texts: output collections, correlation keys, payloads that matter."""
-    if isinstance(node, model.Activity) and isinstance(node.loop, model.MultiInstance):
+    if isinstance(node.loop, model.MultiInstance):
         yield node.loop.output_collection
-    keys = [one.keys for one in getattr(node, "definitions", ()) if isinstance(one, model.MessageDefinition)]
-    keys += [node.keys] if isinstance(node, model.Task) else []
-    for name, source in (pair for pairs in keys for pair in pairs):
-        yield from (name, name.partition(".")[0], *names_of(source)[0])
     for topic, throws in node.topics():
-        payload = topic.payload
-        if throws and payload is not None and topic.qualified in matters:
-            yield from names_of(payload)[0]
+        for name, source in node.keys_of(topic):
+            yield from (name, name.partition(".")[0], *names_of(source)[0])
+        if throws and topic.payload is not None and topic.qualified in matters:
+            yield from names_of(topic.payload)[0]
         elif not throws:
             yield from (name for item in topic.takes for name in names_of(item.source)[0])
 
 
 def _set_by(node: model.FlowNode, body: model.Body) -> Iterator[str]:
     """The variables that an element certainly sets if it completes."""
-    if isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
+    if node.tag == "scriptTask" and node.script is not None:
         yield from certainly_set(node.script)
-    elif isinstance(node, model.Event) and len(node.definitions) == 1:
+    elif len(node.definitions) == 1:
         for topic, throws in node.topics():
             name = variable_name(topic.name)
             if not throws and not topic.takes and taken(node, topic, body) == (name,):

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from fame.bpmn.model import SubProcess
 from fame.check.explore.footprints import Effect
 from fame.check.explore.growth import growth
 from fame.check.explore.host import ExplorationHost
@@ -142,9 +141,9 @@ class States:
             | self.host.entered
             | {elements[slot] for slot, count in enumerate(self.forms.counts) if count}
         )
-        handlers = [node for source in self.program.sources for node in source.body.walk()
-                    if isinstance(node, SubProcess) and node.triggered_by_event]  # fmt: skip
-        return found | {one.id for one in handlers if any(inner.id in found for inner in one.body.walk())}
+        handlers = [(node.id, node.body) for source in self.program.sources for node in source.body.walk()
+                    if node.triggered_by_event and node.body is not None]  # fmt: skip
+        return found | {id for id, body in handlers if any(inner.id in found for inner in body.walk())}
 
     def note_begun(self, begun: Iterable[Instance]) -> None:
         """Count what instances that have begun have passed; all others count together."""
