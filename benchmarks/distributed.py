@@ -46,6 +46,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.reader import read, read_text
 from fame.clock import SECOND
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
+from fame.deploy.options import DeploymentOptions
 from fame.middleware.interface import QoS
 from fame.middleware.messages import create
 from fame.scenario.process import PARENT, connect, scheduler_for
@@ -178,8 +179,7 @@ class Field:
             middleware=self.middleware,
             ended=lambda deployment: self.scheduler.stop(),
             only=only,
-            library=Library(),
-            patience=PATIENCE,
+            options=DeploymentOptions(library=Library(), patience=PATIENCE),
         )
         sent.begin()
         while not sent.done:

@@ -21,6 +21,7 @@ from fame.middleware.local import LocalMiddleware
 from fame.monitor.services import SERVICES
 from fame.randomness import SEEDS, ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, Service, make_mission
+from fame.robot.options import RobotOptions
 
 
 class Simulation:
@@ -78,14 +79,16 @@ class Simulation:
             make_mission(
                 definitions, chosen, library=Library(library), services=services, shared=_declared(definitions)
             ),
-            built_in_services=SERVICES,
             scheduler=self.scheduler,
             middleware=self.middleware,
-            observer=observer,
-            on_report=self.reports.append,
-            strict=strict,
-            epoch=epoch,
-            random=robot_random(seed, robot),
+            options=RobotOptions(
+                built_in_services=SERVICES,
+                observer=observer,
+                on_report=self.reports.append,
+                strict=strict,
+                epoch=epoch,
+                random=robot_random(seed, robot),
+            ),
         )
         self.node.load()
         self._outside = self.middleware.node("outside")

@@ -1,12 +1,14 @@
 """A field of robots for the tests of deployment: engines, a sender, and what is said between them."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 
 from fame import deploy
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler
 from fame.deploy import Deployment, EngineNode, Report
+from fame.deploy.options import DeploymentOptions
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 
@@ -83,7 +85,9 @@ class Field:
     def pass_time(self, seconds: float) -> None:
         self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
 
-    def deploy(self, text: str, id: str = "d1", sequence: int = 1, **options) -> Deployment:
+    def deploy(
+        self, text: str, id: str = "d1", sequence: int = 1, robots: Sequence[str] | None = None, **options
+    ) -> Deployment:
         sent = Deployment(
             read_text(text, file="team.bpmn"),
             id=id,
@@ -91,7 +95,8 @@ class Field:
             scheduler=self.scheduler,
             middleware=self.middleware,
             ended=lambda deployment: None,
-            **options,
+            robots=robots,
+            options=DeploymentOptions(**options),
         )
         sent.begin()
         self.pass_time(12)
@@ -121,5 +126,5 @@ def made(field: Field, text: str, id: str, sequence: int, **options) -> Deployme
         middleware=field.middleware,
         ended=lambda deployment: None,
         robots=["A", "B"],
-        **options,
+        options=DeploymentOptions(**options),
     )

@@ -15,7 +15,9 @@ from fame.cli import main
 from fame.deploy import STATUS_QOS, STRING, Deployment, EngineNode, LateJoiners, Report
 from fame.deploy.authentication import GONE, Diagram, ReportReader
 from fame.deploy.leader_election import SplitterStatus
+from fame.deploy.options import DeploymentOptions, EngineOptions
 from fame.deploy.requests import TaskClient, TaskRequest
+from fame.deploy.sender import Sender
 from fame.deploy.signing import Identity, new_identity, new_keys, read_identity, read_private, read_trusted, sign
 from fame.deploy.splitter_node import SplitterNode
 from fame.middleware import messages
@@ -48,8 +50,8 @@ class Guarded(Field):
         return NOW + self.scheduler.now / 1e9
 
     def engine(self, name: str, **options) -> EngineNode:
-        around = {"scheduler": self.scheduler, "middleware": self.middleware, "wall_time": self.time}
-        return EngineNode(name, trusted=self.keys[1], identity=self.identities.get(name), **around, **options)
+        options |= {"trusted": self.keys[1], "identity": self.identities.get(name), "wall_time": self.time}
+        return EngineNode(name, scheduler=self.scheduler, middleware=self.middleware, options=EngineOptions(**options))
 
     def deploy(self, text: str, id: str = "d1", sequence: int = 1, **options) -> Deployment:
         return super().deploy(text, id, sequence, key=self.keys[0], wall_time=self.time, **options)
@@ -182,9 +184,14 @@ def one_that_holds(keys, identities):
     field = Guarded(keys, "A", "B", identities=identities)
     text = TEAM.replace('name="go"', 'name="~/go"')
     made_by = Deployment(
-        read_text(text, file="team.bpmn"), id="d1", sequence=1, scheduler=field.scheduler,
-        middleware=field.middleware, ended=lambda deployment: None, key=keys[0], wall_time=field.time,
-    )  # fmt: skip
+        read_text(text, file="team.bpmn"),
+        id="d1",
+        sequence=1,
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        ended=lambda deployment: None,
+        options=DeploymentOptions(key=keys[0], wall_time=field.time),
+    )
     made_by._send = lambda robot, envelope, send=made_by._send: send(robot, envelope) if robot == "A" else None
     made_by.begin()
     field.pass_time(0.5)
@@ -217,9 +224,14 @@ def test_a_robot_that_holds_believes_a_later_engine_with_the_same_key(keys, tmp_
 def test_robots_that_trust_keys_decide_together_when_their_sender_is_gone(keys):
     field = Guarded(keys, "A", "B")
     sent = Deployment(
-        read_text(TEAM, file="team.bpmn"), id="d1", sequence=1, scheduler=field.scheduler,
-        middleware=field.middleware, ended=lambda deployment: None, key=keys[0], wall_time=field.time,
-    )  # fmt: skip
+        read_text(TEAM, file="team.bpmn"),
+        id="d1",
+        sequence=1,
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        ended=lambda deployment: None,
+        options=DeploymentOptions(key=keys[0], wall_time=field.time),
+    )
     words = []
     send = sent._send
     sent._send = lambda robot, envelope: words.append(robot) if envelope.phase == "start" else send(robot, envelope)
@@ -272,13 +284,9 @@ def test_a_forged_robot_that_waits_is_not_supplied(keys):
     field = Guarded(keys, "A", "B")
     assert not field.deploy(TEAM).failed
     sent = []
-    late_joiners = LateJoiners(
-        read_text(TEAM, file="team.bpmn"),
-        lambda *arguments: sent.append(arguments),
-        key=keys[0],
-        scheduler=field.scheduler,
-        middleware=field.middleware,
-    )
+    sender = Sender("test", field.scheduler, field.middleware, DeploymentOptions(key=keys[0]))
+    sender.send = lambda *arguments, **more: sent.append(arguments)
+    late_joiners = LateJoiners(read_text(TEAM, file="team.bpmn"), sender)
     field.pass_time(1)
     for by in (None, Identity.new()):
         field.forge(Report(robot="A", state="waiting", time=1e6), by)
@@ -333,9 +341,12 @@ def test_a_splitter_with_keys_takes_signed_diagrams_alone_and_each_once(keys, tm
     field = Guarded(keys, "A", "B")
     told = []
     splitter = SplitterNode(
-        scheduler=field.scheduler, middleware=field.middleware, key=keys[0], trusted=keys[1], wall_time=field.time,
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        trusted=keys[1],
         log=told.append,
-    )  # fmt: skip
+        options=DeploymentOptions(key=keys[0], wall_time=field.time),
+    )
     spread(field, TEAM)
     stranger = read_private(new_keys(tmp_path / "stranger")[0])
     spread(field, Diagram.of(TEAM, purpose="deploy", now=field.time(), key=stranger).to_json())
@@ -364,8 +375,8 @@ def test_a_splitter_with_keys_takes_signed_diagrams_alone_and_each_once(keys, tm
 @pytest.mark.parametrize("signed", [False, True])
 def test_a_splitter_with_keys_leaves_the_role_to_an_older_one_that_signs(keys, signed):
     field = Guarded(keys)
-    options = {"trusted": keys[1], "key": keys[0], "scheduler": field.scheduler, "middleware": field.middleware}
-    splitter = SplitterNode(wall_time=field.time, **options)
+    options = DeploymentOptions(key=keys[0], wall_time=field.time)
+    splitter = SplitterNode(scheduler=field.scheduler, middleware=field.middleware, options=options, trusted=keys[1])
     end = field.middleware.node("other").publisher("/fame_splitter", STRING, LATCHED)
     for _ in range(6):
         role = SplitterStatus(born=1, state="idle").signed(keys[0] if signed else None, field.time())

@@ -13,6 +13,7 @@ from fame.bpmn.reader import read_text
 from fame.cli.robots import rows
 from fame.clock import SECOND, Scheduler
 from fame.deploy import EngineNode
+from fame.deploy.options import EngineOptions
 from fame.middleware import messages
 from fame.middleware.interface import EndpointWarning, QoS
 from fame.middleware.local import LocalMiddleware
@@ -76,7 +77,10 @@ def test_if_one_robot_stays_silent_nobody_starts():
 def test_an_engine_tells_whoever_looks_at_it_what_it_refused_and_the_others_why_it_was_called_off():
     field, told = Field("B"), []
     field.engines["A"] = EngineNode(
-        "A", scheduler=field.scheduler, middleware=field.middleware, on_report=told.append, trusted=[object()]
+        "A",
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        options=EngineOptions(on_report=told.append, trusted=[object()]),
     )
     sent = field.deploy(TEAM, robots=["A", "B"])
     assert sent.failed
@@ -89,7 +93,9 @@ def test_an_engine_tells_whoever_looks_at_it_what_it_refused_and_the_others_why_
 
 def test_what_it_refused_is_an_answer_if_somebody_waits_for_one():
     field, told = Field("B"), []
-    field.engines["A"] = EngineNode("A", scheduler=field.scheduler, middleware=field.middleware, on_report=told.append)
+    field.engines["A"] = EngineNode(
+        "A", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(on_report=told.append)
+    )
     field.listen("A")
     field.send("A", patrol(2).replace("mark = 2", "mark = = 2"))
     field.pass_time(0.1)
@@ -101,7 +107,9 @@ def test_what_it_refused_is_an_answer_if_somebody_waits_for_one():
 
 def test_an_engine_tells_once_what_it_refused_though_it_answers_again():
     field, told = Field(), []
-    field.engines["A"] = EngineNode("A", scheduler=field.scheduler, middleware=field.middleware, on_report=told.append)
+    field.engines["A"] = EngineNode(
+        "A", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(on_report=told.append)
+    )
     field.listen("A")
     asked = '<serviceTask id="g" xmlns:c="http://camunda.org/schema/1.0/bpmn" c:type="external" c:topic="grip"/>'
     sent = field.deploy(definitions(process("A", f'<startEvent id="s"/>{asked}', ("s", "g"))), robots=["A"])
@@ -346,7 +354,7 @@ def test_a_script_may_bring_its_robot_to_rest_before_the_next_process_begins():
         "A",
         scheduler=field.scheduler,
         middleware=field.middleware,
-        on_report=lambda event: lines.append((event.time / SECOND, event.detail)),
+        options=EngineOptions(on_report=lambda event: lines.append((event.time / SECOND, event.detail))),
     )
     field.engines["A"] = engine
     field.listen("A")

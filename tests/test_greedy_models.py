@@ -8,6 +8,7 @@ from deployment_field import Field, definitions, process
 from fame.cli.robots import rows
 from fame.clock import Kind, Scheduler
 from fame.deploy import EngineNode
+from fame.deploy.options import EngineOptions
 from fame.deploy.status import WAITS
 from fame.middleware.local import LocalMiddleware
 
@@ -79,7 +80,10 @@ def test_many_failures_within_a_moment_are_told_once_with_their_number() -> None
     scheduler = Wall()
     middleware = LocalMiddleware(scheduler)
     engine = EngineNode(
-        "A", scheduler=scheduler, middleware=middleware, on_report=lambda event: told.append(str(event.detail))
+        "A",
+        scheduler=scheduler,
+        middleware=middleware,
+        options=EngineOptions(on_report=lambda event: told.append(str(event.detail))),
     )
     field = RealTime.__new__(RealTime)
     field.scheduler, field.middleware, field.engines = scheduler, middleware, {"A": engine}

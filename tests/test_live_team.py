@@ -12,6 +12,7 @@ import pytest
 
 from fame.clock import EPOCH, SECOND, Scheduler, date_text
 from fame.deploy import EngineNode
+from fame.deploy.options import EngineOptions
 from fame.log import Recording
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.live_team import LiveTeam, _Source
@@ -43,7 +44,9 @@ class Field:
         self.told: list[tuple[str, int, Any]] = []
 
     def engine(self, name: str, **options: Any) -> EngineNode:
-        engine = EngineNode(name, scheduler=self.scheduler, middleware=self.middleware, **options)
+        engine = EngineNode(
+            name, scheduler=self.scheduler, middleware=self.middleware, options=EngineOptions(**options)
+        )
         self.engines.append(engine)
         return engine
 

@@ -12,6 +12,7 @@ from fame.bpmn.reader import read
 from fame.cli import main
 from fame.clock import SECOND, Scheduler
 from fame.deploy import Deployment, EngineNode
+from fame.deploy.options import EngineOptions
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.configuration import load
@@ -37,7 +38,9 @@ class Cell:
         self.middleware = LocalMiddleware(self.scheduler)
         self.world = World(config, seed=seed, scheduler=self.scheduler, middleware=self.middleware)
         safe = robot_class("ur5e").SAFE_STATE  # as --type ur5e: a deployment stops the arm first
-        self.engine = EngineNode("Arm", scheduler=self.scheduler, middleware=self.middleware, safe_state=safe)
+        self.engine = EngineNode(
+            "Arm", scheduler=self.scheduler, middleware=self.middleware, options=EngineOptions(safe_state=safe)
+        )
         self.sent = 0
         self.world.start()
 

@@ -17,6 +17,7 @@ from test_resumption import MISSION, Durable
 import fame
 from fame.cli import main
 from fame.deploy import EngineNode
+from fame.deploy.options import EngineOptions
 from fame.log import Recording
 from fame.log.engine_log import EngineLog
 from fame.randomness import robot_random
@@ -150,7 +151,7 @@ def test_engines_draw_new_seeds_which_their_recordings_contain_and_a_given_seed_
         field.engines.pop("A").close()
         log = EngineLog(folder, "A", field.scheduler, print)
         engine = field.engines["A"] = EngineNode(
-            "A", scheduler=field.scheduler, middleware=field.middleware, seed=seed, log=log
+            "A", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(seed=seed, log=log)
         )
         field.deploy(DRAWING)
         field.pass_time(1)

@@ -7,6 +7,7 @@ from deployment_field import Field, patrol
 
 from fame.clock import SECOND, Scheduler
 from fame.deploy import EngineNode, Report
+from fame.deploy.options import EngineOptions
 from fame.deploy.requests import read_request
 from fame.deploy.status import RateLimiter
 from fame.errors import DeploymentError
@@ -45,7 +46,9 @@ def test_an_engine_tells_of_garbage_once_a_second_and_answers_whoever_waits_for_
     field.scheduler = Scheduler()
     field.middleware = LocalMiddleware(field.scheduler)
     notes = []
-    engine = EngineNode("A", scheduler=field.scheduler, middleware=field.middleware, on_report=notes.append)
+    engine = EngineNode(
+        "A", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(on_report=notes.append)
+    )
     field.listen("A")
     field.send("A", patrol(1))
     field.pass_time(0.5)

@@ -16,7 +16,9 @@ from fame.bpmn.reader import read_text
 from fame.clock import EPOCH, SECOND
 from fame.deploy import STRING, EngineNode, Envelope, model_hash
 from fame.deploy.late_joiners import LateJoiners
+from fame.deploy.options import DeploymentOptions, EngineOptions
 from fame.deploy.requests import AbortClient, TaskRequest
+from fame.deploy.sender import Sender
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.simulated_time import ClockFollower
@@ -80,9 +82,9 @@ class Durable(Field):
             "A",
             scheduler=self.scheduler,
             middleware=self.middleware,
-            state=self.state,
-            on_report=lambda event: self.notes.append(event.detail),
-            **self.options,
+            options=EngineOptions(
+                state=self.state, on_report=lambda event: self.notes.append(event.detail), **self.options
+            ),
         )
 
     def crash(self) -> None:
@@ -179,13 +181,9 @@ def test_a_sender_that_stays_leaves_it_running(field: Durable) -> None:
     field.crash()
     field.start()
     definitions = read_text(MISSION, file="team.bpmn")
-    joiners = LateJoiners(
-        definitions,
-        lambda robots, again, ended: sent.append(robots),  # type: ignore[arg-type,return-value]
-        scheduler=field.scheduler,
-        middleware=field.middleware,
-        supplied=["A"],
-    )
+    sender = Sender("test", field.scheduler, field.middleware, DeploymentOptions())
+    sender.send = lambda *arguments, **more: sent.append(arguments)  # type: ignore[method-assign]
+    joiners = LateJoiners(definitions, sender, supplied=["A"])
     field.pass_time(20)
     joiners.close()
     assert sent == []
@@ -288,7 +286,12 @@ def test_the_state_of_another_robot_is_refused(field: Durable) -> None:
     field.deploy(MISSION)
     field.crash()
     with pytest.raises(ConfigError, match="is the state of robot 'A', not of 'B'"):
-        EngineNode("B", scheduler=field.scheduler, middleware=field.middleware, state=StateDirectory(field.folder))
+        EngineNode(
+            "B",
+            scheduler=field.scheduler,
+            middleware=field.middleware,
+            options=EngineOptions(state=StateDirectory(field.folder)),
+        )
 
 
 def test_a_deployment_that_was_changed_on_the_disk_is_refused(field: Durable) -> None:

@@ -16,6 +16,7 @@ from fame.errors import ModelError
 from fame.middleware.actions import CANCEL, ActionServer
 from fame.middleware.interface import DeferredResponse
 from fame.robot import RobotNode, make_mission
+from fame.robot.options import RobotOptions
 
 SET_BOOL = "std_srvs/srv/SetBool"
 
@@ -60,7 +61,7 @@ class Place:
             make_mission(definitions, definitions.processes[0]),
             scheduler=self.here.scheduler,
             middleware=next(iter(middlewares(self.here))),
-            hold_errors=hold_errors,
+            options=RobotOptions(hold_errors=hold_errors),
         )
         self.robots.append(robot)
         robot.load()

@@ -16,6 +16,7 @@ from fame.errors import ConfigError, FameError
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.services import SERVICES
 from fame.robot import RobotNode, make_mission
+from fame.robot.options import RobotOptions
 from fame.robot.services import BuiltInService, ServiceContext, variable
 
 TASK = '<serviceTask id="u" camunda:type="external" camunda:topic="counter"/>'
@@ -58,10 +59,12 @@ class Robot:
         self.scheduler = Scheduler()
         definitions = read_text(process(content), file="there/m.bpmn")
         self.node = RobotNode(
-            "REX", make_mission(definitions, definitions.processes[0]),
-            scheduler=self.scheduler, middleware=LocalMiddleware(self.scheduler),
-            built_in_services={"counter": BuiltInService(Counter)}, files=files,
-        )  # fmt: skip
+            "REX",
+            make_mission(definitions, definitions.processes[0]),
+            scheduler=self.scheduler,
+            middleware=LocalMiddleware(self.scheduler),
+            options=RobotOptions(built_in_services={"counter": BuiltInService(Counter)}, files=files),
+        )
         self.node.load()
         self.node.start(variables)
         self.scheduler.run(20 * SECOND)

@@ -16,6 +16,7 @@ import fame
 from fame.cli import main
 from fame.deploy import STRING, EngineNode
 from fame.deploy.authentication import ReportReader
+from fame.deploy.options import EngineOptions
 from fame.deploy.signing import FRESH, Identity, new_keys, read_private, read_trusted, sign, verify
 from fame.errors import ConfigError
 from fame.middleware import messages
@@ -39,8 +40,7 @@ class Guarded(Field):
                 name,
                 scheduler=self.scheduler,
                 middleware=self.middleware,
-                trusted=trusted,
-                wall_time=lambda: NOW,
+                options=EngineOptions(trusted=trusted, wall_time=lambda: NOW),
             )
             for name in robots
         }
@@ -117,8 +117,7 @@ def test_what_was_recorded_is_no_use_when_the_engine_begins_anew(keys):
         "A",
         scheduler=field.scheduler,
         middleware=field.middleware,
-        trusted=keys[1],
-        wall_time=lambda: NOW + 20,
+        options=EngineOptions(trusted=keys[1], wall_time=lambda: NOW + 20),
     )
     field.said.clear()
     for message in heard:

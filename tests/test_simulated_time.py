@@ -23,6 +23,7 @@ from fame.middleware.local import LocalMiddleware
 from fame.middleware.messages import create
 from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, ClockFollower, clock_message, nanoseconds
 from fame.robot import RobotNode, make_mission
+from fame.robot.options import RobotOptions
 from fame.scenario.world_process import EMPTY, PAUSE, RESUME, WORLD_STATE, WorldNode
 from sim2d.config import world_config
 
@@ -246,7 +247,7 @@ def test_an_engine_on_the_clock_of_a_fast_world_waits_in_its_time(place: Callabl
         make_mission(definitions, definitions.processes[0]),
         scheduler=time,
         middleware=here.middleware,
-        on_end=lambda instance: ended.append(time.now),
+        options=RobotOptions(on_end=lambda instance: ended.append(time.now)),
     )
     robot.load()
     here.wait(0.01)

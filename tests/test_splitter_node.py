@@ -9,6 +9,7 @@ from deployment_field import TEAM, Field, kill, patrol
 from fame import deploy
 from fame.clock import SECOND
 from fame.deploy import EngineNode, SplitterNode
+from fame.deploy.options import EngineOptions
 from fame.deploy.splitter_node import DIAGRAM, STATUS
 from fame.middleware import messages
 
@@ -37,7 +38,9 @@ class Farm(Field):
         self.diagrams.publish(messages.create(deploy.STRING, text))
 
     def come(self, robot: str, **options) -> EngineNode:
-        engine = EngineNode(robot, scheduler=self.scheduler, middleware=self.middleware, **options)
+        engine = EngineNode(
+            robot, scheduler=self.scheduler, middleware=self.middleware, options=EngineOptions(**options)
+        )
         self.engines[robot] = engine
         self.person.subscription(f"/{robot}/bpmn_status", deploy.STRING, self._hear, deploy.STATUS_QOS)
         return engine

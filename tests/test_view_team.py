@@ -14,6 +14,7 @@ from view_page import opened, until
 
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.deploy import EngineNode
+from fame.deploy.options import EngineOptions
 from fame.errors import FameError
 from fame.log import Recording
 from fame.log.conversion import merge
@@ -339,7 +340,9 @@ REPAIRED = process("""
 
 def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> None:
     field = Field(WallScheduler(), control=True)
-    engine = EngineNode("REX", scheduler=field.scheduler, middleware=field.middleware, hold_errors=True)
+    engine = EngineNode(
+        "REX", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(hold_errors=True)
+    )
     field.engines.append(engine)
     field.run(1)
     field.deploy("REX", REPAIRED)
@@ -374,7 +377,11 @@ def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> No
 
 def test_people_retry_set_and_move_with_the_buttons_of_the_page(chromium: Browser) -> None:
     field = Field(WallScheduler(), control=True)
-    field.engines.append(EngineNode("REX", scheduler=field.scheduler, middleware=field.middleware, hold_errors=True))
+    field.engines.append(
+        EngineNode(
+            "REX", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(hold_errors=True)
+        )
+    )
     field.run(1)
     field.deploy("REX", REPAIRED)
     thread = threading.Thread(target=field.run, args=(600,))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -102,8 +103,8 @@ def run_deploy(arguments: Namespace) -> int:
             _refuse_unexplored(definitions, library, found, partial=arguments.allow_partial)
 
     with connected(arguments) as (scheduler, middleware):
-        options = {"library": library, "patience": arguments.wait, "key": key, "who": person()}
-        sending = Sending(definitions, scheduler, middleware, **options, **migrated.options)
+        options = replace(migrated.options, library=library, patience=arguments.wait, key=key, who=person())
+        sending = Sending(definitions, scheduler, middleware, options)
         deployment = sending.deploy(arguments.to, arguments.wait, note, examine)
         if migrated.dry:
             return migrated.show(deployment)
@@ -156,7 +157,7 @@ def _print_json(deployment: Deployment, migrated: migration.Migration, failures:
         each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took}
         for each in deployment.robots.values()
     }
-    found = {"findings": migrated.findings()} if "approve" in migrated.options else {}
+    found = {"findings": migrated.findings()} if migrated.is_explored else {}
     status = "failed" if failures else migrated.status(deployment)
     print_json({"status": status, "robots": results, "failures": dict(failures), **found})
 
@@ -188,6 +189,7 @@ def run_splitter(arguments: Namespace) -> int:
     """Serve until interrupted."""
     from fame.bpmn.library import Library
     from fame.deploy import SplitterNode
+    from fame.deploy.options import DeploymentOptions
     from fame.deploy.signing import read_private, read_trusted
     from fame.scenario import serve
 
@@ -205,9 +207,7 @@ def run_splitter(arguments: Namespace) -> int:
         return SplitterNode(
             scheduler=scheduler,
             middleware=middleware,
-            library=Library(arguments.library),
-            patience=arguments.wait,
-            key=key,
+            options=DeploymentOptions(library=Library(arguments.library), patience=arguments.wait, key=key),
             trusted=() if arguments.insecure else trusted,
             log=lambda text: note(f"{scheduler.now / 1e9:9.1f} s   {text}"),
         )

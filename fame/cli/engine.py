@@ -183,6 +183,7 @@ def _run_one(arguments: Namespace) -> int:
 def _serve(arguments: Namespace, starting: ExitStack) -> None:
     from fame.deploy import EngineNode, engines
     from fame.deploy.loading import preload
+    from fame.deploy.options import EngineOptions
     from fame.randomness import ModuleRandom
     from fame.scenario import serve
 
@@ -206,13 +207,10 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
         starting.close()
         keeps = arguments.log is not None
         log = opened.enter_context(_log(arguments.log, arguments.name, scheduler)) if keeps else None
-        engine = EngineNode(
-            arguments.name,
-            scheduler=scheduler,
+        options = EngineOptions(
             log=log,
             observer=_element_feed(middleware, arguments.name) if arguments.fame_dt else None,
             time=time,
-            middleware=middleware,
             library=library,
             on_report=_print_event,
             safe_state=safe,
@@ -226,6 +224,7 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
             seed=arguments.seed,
             hold_errors=arguments.on_error == "hold",
         )
+        engine = EngineNode(arguments.name, scheduler=scheduler, middleware=middleware, options=options)
         if time is not None:
             time.on_jump = engine.warn
         preload(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))

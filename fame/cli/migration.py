@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from fame.check.explore import Finding
     from fame.deploy import Deployment
     from fame.deploy.migration import Foreseen
+    from fame.deploy.options import DeploymentOptions
 
 BUDGET = 2.5
 """Time limit for exploring the migrated state (s); meanwhile the robots are held."""
@@ -51,6 +53,7 @@ class Migration:
 
     def __init__(self, arguments: Namespace, definitions: Definitions, library: Library) -> None:
         from fame.deploy.migration import read_plan
+        from fame.deploy.options import DeploymentOptions
 
         for name in _OPTIONS:
             if getattr(arguments, name) and not arguments.migrate:
@@ -65,9 +68,12 @@ class Migration:
         plan = read_plan(arguments.plan) if arguments.plan is not None else {}
         if self._force:
             plan = {**plan, "forced": True}  # for the log of each robot
-        self.options: dict[str, Any] = {"migrate": arguments.migrate, "plan": plan, "preview": arguments.dry_run}
-        if arguments.migrate and not arguments.dry_run:
-            self.options["approve"] = self._approve
+        self.options: DeploymentOptions = DeploymentOptions(
+            migrate=arguments.migrate, plan=plan, preview=arguments.dry_run
+        )
+        self.is_explored: bool = arguments.migrate and not arguments.dry_run
+        if self.is_explored:
+            self.options = replace(self.options, approve=self._approve)
             import fame.scenario.exploration  # noqa: F401  (before the robots are held)
 
     def _approve(self, pools: Mapping[str, Pool], foreseen: Mapping[str, Foreseen]) -> str:

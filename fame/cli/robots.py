@@ -58,9 +58,7 @@ def run_status(arguments: Namespace) -> int:
     from fame.errors import DeploymentError
 
     reports: dict[str, Report] = {}
-    belief: dict[str, Any] = {"signed": bool(arguments.trust), "trusted": ()}
-    if arguments.trust:
-        belief["trusted"] = read_trusted(arguments.trust)
+    trusted = read_trusted(arguments.trust) if arguments.trust else ()
 
     def on_message(reader: ReportReader, message: Any) -> None:
         report = reader.read(message.data)
@@ -72,9 +70,8 @@ def run_status(arguments: Namespace) -> int:
         node = middleware.node("_fame_status")
         robots = engines(middleware)
         for robot in robots:
-            node.subscription(
-                f"/{robot}/bpmn_status", STRING, partial(on_message, ReportReader(robot, **belief)), STATUS_QOS
-            )
+            reader = ReportReader(robot, signed=bool(arguments.trust), trusted=trusted)
+            node.subscription(f"/{robot}/bpmn_status", STRING, partial(on_message, reader), STATUS_QOS)
         scheduler.run(scheduler.now + round(_LISTENING * HEARTBEAT * SECOND))
     silent = silences(reports, robots, _LISTENING * HEARTBEAT)
     if not reports and not silent:

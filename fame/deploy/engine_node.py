@@ -5,14 +5,12 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from fame.clock import EPOCH, SECOND, Entry, Kind, Scheduler, Turns
+from fame.clock import SECOND, Entry, Kind, Scheduler, Turns
 from fame.deploy.envelope import (
     EVENTS_TOPIC,
     MODEL_TOPIC,
@@ -28,6 +26,7 @@ from fame.deploy.envelope import (
 from fame.deploy.loading import LEAVING, LoadedCandidate, LoadingTask, Work, load
 from fame.deploy.machine import ProtocolMachine, unexpected
 from fame.deploy.migration import Foreseen, foresee, take_over
+from fame.deploy.options import EngineOptions
 from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.requests import TaskServer
 from fame.deploy.resumed_mission import ResumedMission
@@ -74,14 +73,11 @@ from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
 from fame.randomness import new_seed, robot_random
 
 if TYPE_CHECKING:
-    from pathlib import Path
     from random import Random
 
-    from fame.bpmn.library import Library
     from fame.engine.state import Instance
-    from fame.robot import Event as RunEvent, RobotNode, Service
-    from fame.robot.journal import StateDirectory
-    from fame.robot.live import FeedLog, LiveFeed
+    from fame.robot import RobotNode
+    from fame.robot.live import LiveFeed
 
 _DEPLOYMENT, _PROMISE, _DISK = "deployment", "promise", "disk"
 """Why a mission is suspended: for `RobotNode.hold`."""
@@ -91,13 +87,6 @@ _END_PERIOD = SECOND // 10
 
 class EngineNode:
     """A robot's engine: receive a process, run it, replace it by the next one.
-
-    `observer`, `safe_state`, `hold_errors` and others: as of `fame.robot.RobotNode`. With `trusted` public keys it
-    takes only what one of them signed, and signs its reports with the key of its `identity`, or one made now; with
-    `unsigned_tasks` requests on tasks need not be signed. `wall_time` gives s since 1970. `time` is the scheduler
-    of the mission if that is not `scheduler`: one of simulated time, and `epoch` the date of its second 0. In the
-    directory `state` the mission is kept on disk: what was running when the engine before ended goes on. Random numbers
-    come from `seed`, by default and after a resumption from a new one, which recordings contain.
 
     Raises FameError, from the scheduler's `run`, if an older engine of the same robot reports before this one has a
     process.
@@ -115,55 +104,32 @@ class EngineNode:
         *,
         scheduler: Scheduler,
         middleware: Middleware,
-        library: Library | None = None,
-        services: Mapping[str, Service] | None = None,
-        observer: Callable[[RunEvent], object] | None = None,
-        on_report: Callable[[RunEvent], object] | None = None,
-        safe_state: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
-        safe_suspended: Sequence[tuple[str, str, Mapping[str, Any]]] | None = None,
-        trusted: Sequence[Any] = (),
-        identity: Identity | None = None,
-        unsigned_tasks: bool = False,
-        wall_time: Callable[[], float] = time.time,
-        time: Scheduler | None = None,
-        epoch: datetime = EPOCH,
-        state: StateDirectory | None = None,
-        hold_errors: bool = False,
-        files: Path | None = None,
-        seed: int | None = None,
-        log: FeedLog | None = None,
+        options: EngineOptions | None = None,
     ) -> None:
-        self._trusted, self._wall_time = trusted, wall_time
+        options = options or EngineOptions()
+        self._trusted, self._wall_time = options.trusted, options.wall_time
         self.robot: str = robot
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
+        time = options.time
         if time is None:  # a scheduler with nothing to do is false
             time = scheduler if scheduler.is_simulated else Turns(scheduler)
         self._time = time
-        self._options: dict[str, Any] = {
-            "library": library,
-            "services": services,
-            "on_report": on_report,
-            "on_end": self._on_end,
-            "safe_state": safe_state,
-            "safe_suspended": safe_suspended,
-            "epoch": epoch,
-            "random": self._random(new_seed() if seed is None else seed),
-            "durable": state is not None,
-            "hold_errors": hold_errors,
-            "files": files,
-        }
-        self._on_report = on_report or (lambda event: None)
-        self.born: int = round(wall_time() * SECOND)
-        self._verifier = RequestVerifier(robot, self.born, trusted, wall_time, unsigned_tasks=unsigned_tasks)
+        random = self._random(new_seed() if options.seed is None else options.seed)
+        self._options = replace(options, on_end=self._on_end, random=random)
+        self._on_report = options.on_report or (lambda event: None)
+        self.born: int = round(self._wall_time() * SECOND)
+        self._verifier = RequestVerifier(
+            robot, self.born, options.trusted, options.wall_time, unsigned_tasks=options.unsigned_tasks
+        )
         self.running: RobotNode | None = None
         self.candidate: LoadedCandidate | None = None
         self._loaded: RobotNode | None = None  # on its way to be a candidate
         self._foreseen = "", Foreseen()  # deployment, and what would become of what runs
         self._before = ""  # the hash of the model that runs
-        self._keeper = (
-            StateKeeper(state, robot, scheduler, self._on_disk_trouble, wall_time) if state is not None else None
-        )
+        self._keeper: StateKeeper | None = None
+        if options.state is not None:
+            self._keeper = StateKeeper(options.state, robot, scheduler, self._on_disk_trouble, options.wall_time)
         self._trouble = ""  # why the state cannot be written
         self._lost_promise = ""  # why it is not known whether its team has started something newer
         self._resumed: ResumedMission | None = None
@@ -174,11 +140,8 @@ class EngineNode:
         self._end_report: Entry | None = None
         self._end_reported = -_END_PERIOD
         self._stopped = False
-        self._observers = () if observer is None else (observer,)
         self._feed: LiveFeed | None = None
-        self._log = log
-        self._epoch = epoch
-        self._open_endpoints((identity or Identity.new()) if trusted else None)
+        self._open_endpoints((options.identity or Identity.new()) if options.trusted else None)
 
     def _random(self, seed: int) -> Random:
         """The random numbers of what the robot runs from now on."""
@@ -444,13 +407,15 @@ class EngineNode:
         from fame.robot.events import combine_observers
         from fame.robot.live import LiveFeed
 
+        options = self._options
         if self._feed is None:
             self._feed = LiveFeed(
-                *self._live, self.scheduler, session=self.born, epoch=self._epoch, seed=self._seed, log=self._log
+                *self._live, self.scheduler, session=self.born, epoch=options.epoch, seed=self._seed, log=options.log
             )
-        observer = combine_observers([self._feed.observer(), *self._observers])
-        options = self._options | {"observer": observer}
-        return load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **options)
+        own = self._feed.observer()
+        both = combine_observers([own, options.observer]) if options.observer is not None else own
+        options = replace(options, observer=both)
+        return load(envelope.model, self.robot, options, scheduler=self._time, middleware=self.middleware)
 
     def _on_loaded(self, result: RobotNode | FameError) -> None:
         if isinstance(result, FameError):
@@ -466,8 +431,10 @@ class EngineNode:
 
     def _match(self, envelope: Envelope) -> None:
         assert self._loaded is not None
-        around: dict[str, Any] = {"node": self.node, "scheduler": self.scheduler, "middleware": self.middleware}
-        self.candidate, self._loaded = LoadedCandidate(envelope, self._loaded, **around), None
+        self.candidate = LoadedCandidate(
+            envelope, self._loaded, node=self.node, scheduler=self.scheduler, middleware=self.middleware
+        )
+        self._loaded = None
         self.candidate.match(lambda missing: self._protocol.handle(Matched(tuple(missing))))
 
     def _close_candidate(self) -> None:
@@ -518,7 +485,7 @@ class EngineNode:
         if envelope is None:
             self._keep_promise()
         else:
-            self._options["random"] = self._random(new_seed())  # not again what was drawn before
+            self._options = replace(self._options, random=self._random(new_seed()))  # not again what was drawn before
             self._resumed.resume()
 
     def _begin_again(self, process: RobotNode, missing: Sequence[str]) -> None:

@@ -11,12 +11,11 @@ Who is supplied when is decided by a pure state machine, ``step(state, event) ->
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
-from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import matches, pools_of
 from fame.bpmn.split import split
@@ -24,7 +23,7 @@ from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.envelope import STATUS_QOS, STRING, Report, engines, model_hash
 from fame.deploy.machine import ProtocolMachine, boundary
-from fame.deploy.sender import Deployment
+from fame.deploy.sender import Deployment, Sender
 from fame.errors import FameError
 from fame.middleware.interface import Middleware, Node, Subscription
 
@@ -168,21 +167,10 @@ def _without(state: JoinersState, robots: Collection[str]) -> frozenset[tuple[st
 # ---- topics and deployments ------------------------------------------------------------------------------------------
 
 
-class Redeploy(Protocol):
-    """Makes a deployment of the model to some robots, of which `again` had it before; calls `ended` when it is over.
-
-    Raises FameError if that is not possible.
-    """
-
-    def __call__(
-        self, only: Sequence[str], again: Collection[str], ended: Callable[[Deployment], object]
-    ) -> Deployment: ...
-
-
 class LateJoiners:
     """Keeps the robots of one model supplied until `close`. `supplied` are those that have it already.
 
-    With the `key` of a sender only reports that engines signed count. `tell` is called with lines to print.
+    With the key of `sender` only reports that engines signed count. `log` is called with lines to print.
     """
 
     scheduler: Scheduler
@@ -192,28 +180,25 @@ class LateJoiners:
     def __init__(
         self,
         definitions: Definitions,
-        send: Redeploy,
+        sender: Sender,
         *,
-        scheduler: Scheduler,
-        middleware: Middleware,
-        key: Any = None,
         supplied: Collection[str] = (),
-        library: Library | None = None,
         log: Callable[[str], object] = lambda text: None,
     ) -> None:
-        self.scheduler: Scheduler = scheduler
-        self.middleware: Middleware = middleware
-        self._hashes = {model_hash(part.source) for part in split(definitions, library)}
+        self.scheduler: Scheduler = sender.scheduler
+        self.middleware: Middleware = sender.middleware
+        self._definitions, self._sender, self._log = definitions, sender, log
+        self._hashes = {model_hash(part.source) for part in split(definitions, sender.options.library)}
         self._ids, self._met = set[str](), set[str]()  # deployments of the model, robots that have had a process
-        self._pools, self._send, self._key, self._log = pools_of(definitions), send, key, log
+        self._pools = pools_of(definitions)
         state = JoinersState(supplied=frozenset(supplied))
         self._protocol: ProtocolMachine[JoinersState, LateJoinerEvent, LateJoinerAction] = ProtocolMachine(
             state, step, self._perform
         )
         self._current: Deployment | None = None
-        self.node: Node = middleware.node("fame_keeper")
+        self.node: Node = self.middleware.node("fame_keeper")
         self._engines: dict[str, Subscription] = {}
-        self._next: Entry = scheduler.soon(self._poll, Kind.TIMER)
+        self._next: Entry = self.scheduler.soon(self._poll, Kind.TIMER)
 
     @property
     def supplied(self) -> frozenset[str]:
@@ -234,7 +219,7 @@ class LateJoiners:
             self._engines.pop(robot).close()
             self._protocol.handle(Left(robot))
         for robot in sorted(there - self._engines.keys()):
-            read = partial(self._on_report, ReportReader.of_sender(robot, self._key, patience=GONE))
+            read = partial(self._on_report, ReportReader.of_sender(robot, self._sender.options.key, patience=GONE))
             on_report = boundary(read, partial(self._on_strange_report, robot))
             self._engines[robot] = self.node.subscription(f"/{robot}/bpmn_status", STRING, on_report, STATUS_QOS)
         self._protocol.handle(Polled(self.scheduler.now))
@@ -261,7 +246,7 @@ class LateJoiners:
             self._log(f"{', '.join(action.robots)}: not supplied: no robot has this model any more")
             return
         try:
-            self._current = self._send(action.robots, action.again, self._on_end)
+            self._current = self._sender.send(self._definitions, self._on_end, only=action.robots, again=action.again)
             self._ids.add(self._current.id)
         except FameError as error:
             self._log(f"{', '.join(action.robots)}: {error}")

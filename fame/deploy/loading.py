@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -29,8 +29,8 @@ from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node
 
 if TYPE_CHECKING:
-    from fame.bpmn.library import Library
-    from fame.robot import Mission, RobotNode, Service
+    from fame.deploy.options import EngineOptions
+    from fame.robot import Mission, RobotNode
 
 
 _Result = TypeVar("_Result")
@@ -88,24 +88,18 @@ class Work(Generic[_Result]):
 
 
 def load(
-    model: str,
-    robot: str,
-    *,
-    library: Library | None,
-    services: Mapping[str, Service] | None,
-    durable: bool = False,
-    **options: Any,
+    model: str, robot: str, options: EngineOptions, *, scheduler: Scheduler, middleware: Middleware
 ) -> LoadingTask[RobotNode]:
-    """A robot's node with the process of a .bpmn text, its endpoints made. `options` are those of `RobotNode`.
+    """A robot's node with the process of a .bpmn text, its endpoints made.
 
-    `durable`: its state is to be kept on disk, so that a model is refused whose state cannot be stored.
+    If its `state` is to be kept on disk, a model is refused whose state cannot be stored.
 
     A task of `Work`: the text is read, checked and compiled in a thread. Raises ModelError, MessageError, ConfigError,
     also for what would fail only when a token gets there; any other exception becomes a ModelError, since what runs
     must not end for a model that is to take its place.
     """
     try:
-        return (yield from _load(model, robot, library, services, durable, options))
+        return (yield from _load(model, robot, options, scheduler, middleware))
     except FameError:
         raise
     except Exception as error:
@@ -113,18 +107,14 @@ def load(
 
 
 def _load(
-    model: str,
-    robot: str,
-    library: Library | None,
-    services: Mapping[str, Service] | None,
-    durable: bool,
-    options: Mapping[str, Any],
+    model: str, robot: str, options: EngineOptions, scheduler: Scheduler, middleware: Middleware
 ) -> LoadingTask[RobotNode]:
-    mission = yield partial(_read, model, robot, library, services, durable)
+    mission = yield partial(_read, model, robot, options)
     from fame.monitor.services import SERVICES
     from fame.robot import RobotNode
 
-    node = RobotNode(robot, mission, keep=KEPT, built_in_services=SERVICES, compiled=False, **options)
+    options = replace(options, keep=KEPT, built_in_services=SERVICES)
+    node = RobotNode(robot, mission, scheduler=scheduler, middleware=middleware, options=options, compiled=False)
     try:
         node.assemble((yield node.compile_process))
         node.load()
@@ -134,9 +124,7 @@ def _load(
     return node
 
 
-def _read(
-    model: str, robot: str, library: Library | None, services: Mapping[str, Service] | None, durable: bool
-) -> Mission:
+def _read(model: str, robot: str, options: EngineOptions) -> Mission:
     import fame.monitor.services  # noqa: F401
     from fame.bpmn.library import Library
     from fame.bpmn.reader import read_text
@@ -144,13 +132,13 @@ def _read(
     from fame.robot import make_mission
     from fame.simulation import choose_process
 
-    library = library or Library()
+    library = options.library or Library()
     definitions = read_text(model, file=f"{robot}.bpmn", sent=True)
     pools = [pool for pool in definitions.participants if pool.process]
     process = choose_process(definitions, pools[0].process if len(pools) == 1 else None)
     refuse_literals(definitions, [process], library)
-    mission = make_mission(definitions, process, library=library, services=services)
-    if durable:
+    mission = make_mission(definitions, process, library=library, services=options.services)
+    if options.state is not None:
         from fame.robot.stored_values import refuse_unstorable
 
         refuse_unstorable(mission)

@@ -42,7 +42,7 @@ class ResumedMission:
         self._keeper, self._time = keeper, time
         self._load, self._begin, self._ended = load, begin, ended
         self._scheduler = scheduler
-        self._around: dict[str, Any] = {"node": node, "scheduler": scheduler, "middleware": middleware}
+        self._node, self._middleware = node, middleware
         self._stored: StoredMission | None = None  # what is to go on
         self._candidate: LoadedCandidate | None = None  # the same, loaded
 
@@ -72,7 +72,9 @@ class ResumedMission:
             result.close()
             return
         go_on = self._keeper.resume(stored, result)
-        self._candidate = LoadedCandidate(stored.envelope, result, **self._around)
+        self._candidate = LoadedCandidate(
+            stored.envelope, result, node=self._node, scheduler=self._scheduler, middleware=self._middleware
+        )
         self._candidate.match(partial(self._go_on, go_on))
 
     def _go_on(self, go_on: Callable[[], object], missing: Sequence[str]) -> None:

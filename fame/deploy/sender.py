@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -32,6 +31,7 @@ from fame.deploy.envelope import (
 from fame.deploy.loading import LoadingTask, Work
 from fame.deploy.machine import ProtocolMachine, boundary
 from fame.deploy.migration import Foreseen
+from fame.deploy.options import DeploymentOptions
 from fame.deploy.sender_protocol import (
     Approve,
     Approved,
@@ -57,22 +57,16 @@ from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node
 
-Approval = Callable[[Mapping[str, Pool], Mapping[str, Foreseen]], str]
-"""Gives a reason against a migration, or nothing; called with the pool of each robot, and what is foreseen of it."""
-PATIENCE = 10.0
-"""How long a deployment waits for a robot (s)."""
-
 
 class Deployment:
     """One model, sent to its robots: all start, or none does.
 
     `robots` are the namespaces to play it (by default those that have an engine and that a pool wants); `only`
-    restricts it to some of them; `again` are those that had the model before; with `migrate` what runs goes over to the
-    model by a `plan` (`fame.deploy.migration`), for somebody (`who`), if `approve` gives no reason against what is
-    `foreseen` of each robot; it is called in a thread. A `preview` only asks what would become of it.
-    `key` signs what is sent. `decided` is called as soon as robots were told to start: nothing stops them then. `ended`
-    is called once, when all have started or it is known that they will not; `robots` then has the result of each, and
-    `envelopes` what each was sent. Raises ModelError, ConfigError and DeploymentError for what cannot be sent at all.
+    restricts it to some of them; `again` are those that had the model before. `decided` is called as soon as robots
+    were told to start: nothing stops them then. `ended` is called once, when all have started or it is known that they
+    will not; `robots` then has the result of each, and `envelopes` what each was sent.
+
+    Raises ModelError, ConfigError and DeploymentError for what cannot be sent at all.
     """
 
     id: str
@@ -94,26 +88,17 @@ class Deployment:
         robots: Sequence[str] | None = None,
         only: Sequence[str] = (),
         again: Collection[str] = (),
-        migrate: bool = False,
-        plan: Mapping[str, Any] | None = None,
-        approve: Approval = lambda pools, foreseen: "",
-        preview: bool = False,
-        who: str = "",
-        library: Library | None = None,
-        patience: float = PATIENCE,
-        key: Any = None,
-        wall_time: Callable[[], float] = time.time,
+        options: DeploymentOptions | None = None,
     ) -> None:
         from fame.check.gate import refuse_errors
 
-        library = library or Library()
+        self._options = options = options or DeploymentOptions()
+        library = options.library or Library()
         self.id: str = id
-        self._migration: dict[str, Any] = {"migrate": migrate, "plan": dict(plan or {}), "preview": preview, "who": who}
-        self._approve = approve
         self.foreseen: dict[str, Foreseen] = {}
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
-        self._ended, self._patience, self._key, self._wall_time = ended, patience, key, wall_time
+        self._ended = ended
         self._decided: Callable[[], object] | None = decided
         named = engines(middleware) if robots is None else robots
         pools = assign_robots(definitions, named, found=robots is None, only=only)
@@ -123,9 +108,9 @@ class Deployment:
         state = SenderState(
             tuple(map(RobotProgress, sent)),
             sequence=sequence,
-            signed=key is not None,
-            migrates=migrate,
-            preview=preview,
+            signed=options.key is not None,
+            migrates=options.migrate,
+            preview=options.preview,
         )
         self._protocol: ProtocolMachine[SenderState, SenderEvent, SenderAction] = ProtocolMachine(
             state, step, self._perform
@@ -138,7 +123,7 @@ class Deployment:
         self._limit: Entry | None = None
         self._timer: Entry | None = None
         self._known: dict[str, Report] = {}  # the last report of each, whatever it is about
-        self._readers = {robot: ReportReader.of_sender(robot, key) for robot in sent}
+        self._readers = {robot: ReportReader.of_sender(robot, options.key) for robot in sent}
         self.node: Node = middleware.node("_fame_deploy")
         self._out = {robot: self.node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in sent}
         for robot in sent:
@@ -164,7 +149,10 @@ class Deployment:
                 promises=promised[robot],
                 team=list(sent),
                 again=robot in again,
-                **self._migration,
+                migrate=self._options.migrate,
+                plan=dict(self._options.plan),
+                preview=self._options.preview,
+                who=self._options.who,
             )
             for robot, pool in sent.items()
         }
@@ -201,7 +189,8 @@ class Deployment:
 
     def begin(self) -> None:
         """Send every robot its part, in a moment."""
-        self._limit = self._after(self._patience, lambda: self._protocol.handle(PatienceEnded(self._patience)))
+        patience = self._options.patience
+        self._limit = self._after(patience, lambda: self._protocol.handle(PatienceEnded(patience)))
         self._protocol.handle(Begun(self.scheduler.now))
 
     def source_map(self, robot: str) -> SourceMap:
@@ -222,7 +211,7 @@ class Deployment:
         if report is None:
             return
         self._known[robot] = report
-        ahead = is_ahead(report.sequence, self._wall_time())
+        ahead = is_ahead(report.sequence, self._options.wall_time())
         self._protocol.handle(StatusReceived(robot, -1 if ahead else report.sequence))
         if report.deployment == self.id and not self.done:
             if report.migration:
@@ -263,7 +252,7 @@ class Deployment:
 
     def _approval(self) -> LoadingTask[str]:
         """Look at what is foreseen, in a thread."""
-        refusal: str = yield partial(self._approve, self.pools, dict(self.foreseen))
+        refusal: str = yield partial(self._options.approve, self.pools, dict(self.foreseen))
         return refusal
 
     def _on_approved(self, result: str | FameError) -> None:
@@ -273,10 +262,10 @@ class Deployment:
         return Envelope(deployment=self.id, sequence=self.sequence, robot=robot, phase=phase)
 
     def _send(self, robot: str, envelope: Envelope) -> None:
-        if self._key is not None:
+        if self._options.key is not None:
             if robot not in self._known:
                 return  # it would refuse what was not signed for this engine of it
-            envelope = signed(envelope, self._key, born=self._known[robot].born, now=self._wall_time())
+            envelope = signed(envelope, self._options.key, born=self._known[robot].born, now=self._options.wall_time())
         self._out[robot].publish(messages.create(STRING, envelope.to_json()))
 
     # ---- timers ----------------------------------------------------------------------------------------------------
@@ -290,3 +279,41 @@ class Deployment:
     def _cancel(self, entry: Entry | None) -> None:
         if entry is not None:
             entry.cancel()
+
+
+class Sender:
+    """Sends models, each in a `Deployment` whose id begins with `name`, ordered by the time of `options`."""
+
+    scheduler: Scheduler
+    middleware: Middleware
+    options: DeploymentOptions
+
+    def __init__(self, name: str, scheduler: Scheduler, middleware: Middleware, options: DeploymentOptions) -> None:
+        self._name, self._sequence = name, 0
+        self.scheduler, self.middleware, self.options = scheduler, middleware, options
+
+    def send(
+        self,
+        definitions: Definitions,
+        ended: Callable[[Deployment], object],
+        *,
+        decided: Callable[[], object] = lambda: None,
+        only: Sequence[str] = (),
+        again: Collection[str] = (),
+    ) -> Deployment:
+        """Begin a deployment. Raises what `Deployment` does."""
+        self._sequence = max(self._sequence + 1, round(self.options.wall_time() * 1e6))
+        deployment = Deployment(
+            definitions,
+            id=f"{self._name}-{self._sequence}",
+            sequence=self._sequence,
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            ended=ended,
+            decided=decided,
+            only=only,
+            again=again,
+            options=self.options,
+        )
+        deployment.begin()
+        return deployment

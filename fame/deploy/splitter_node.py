@@ -10,7 +10,6 @@ Of diagrams that wait, the newest is taken. One whose pools have no robots yet w
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from functools import partial
@@ -39,7 +38,8 @@ from fame.deploy.leader_election import (
     step,
 )
 from fame.deploy.machine import ProtocolMachine, boundary
-from fame.deploy.sender import PATIENCE, Deployment
+from fame.deploy.options import DeploymentOptions
+from fame.deploy.sender import Deployment, Sender
 from fame.deploy.sender_protocol import REFUSALS
 from fame.deploy.status import RateLimiter
 from fame.errors import ConfigError, DeploymentError, FameError
@@ -50,9 +50,9 @@ DIAGRAM, STATUS, DEPLOYED = "/collaboration_diagram", "/fame_splitter", "/fame_s
 
 
 class SplitterNode:
-    """See the module. `say` gets a line for people; `patience` is how long a robot may take to answer (s).
+    """See the module. It deploys as `options` say; `log` gets a line for people.
 
-    `key` signs what is sent. With `trusted` public keys only diagrams that one of them signed are taken.
+    With `trusted` public keys only diagrams that one of them signed are taken.
     """
 
     scheduler: Scheduler
@@ -65,25 +65,17 @@ class SplitterNode:
         *,
         scheduler: Scheduler,
         middleware: Middleware,
-        library: Library | None = None,
-        patience: float = PATIENCE,
-        key: Any = None,
+        options: DeploymentOptions | None = None,
         trusted: Sequence[Any] = (),
         log: Callable[[str], object] = lambda text: None,
-        wall_time: Callable[[], float] = time.time,
     ) -> None:
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
-        self._log, self._wall_time = log, wall_time
-        self._options: dict[str, Any] = {
-            "library": library or Library(),
-            "patience": patience,
-            "key": key,
-            "wall_time": wall_time,
-        }
-        self.born: int = round(wall_time() * SECOND)
+        self._options = options = options or DeploymentOptions()
+        self._log = log
+        self.born: int = round(options.wall_time() * SECOND)
+        self._sender = Sender(f"splitter-{self.born}", scheduler, middleware, options)
         self._trusted, self._diagrams = trusted, DiagramReader(trusted)
-        self._sequence = 0
         election = ElectionState(self.born, beaten=scheduler.now)
         self._election: ProtocolMachine[ElectionState, ElectionEvent, ElectionAction] = ProtocolMachine(
             election, step, self._perform
@@ -131,7 +123,7 @@ class SplitterNode:
 
     def _on_status(self, message: Any) -> None:
         status = SplitterStatus.from_json(message.data)
-        if status is not None and status.is_believed(self._trusted, self._wall_time()):
+        if status is not None and status.is_believed(self._trusted, self._options.wall_time()):
             self._election.handle(SplitterStatusReceived(status, self.scheduler.now))
 
     def _perform(self, action: ElectionAction) -> None:
@@ -184,9 +176,9 @@ class SplitterNode:
 
         if len(text) > LIMIT:
             raise DeploymentError(f"{len(text)} characters; at most {LIMIT} are accepted", cause="size")
-        text = self._diagrams.read(text, purpose, self._wall_time())
+        text = self._diagrams.read(text, purpose, self._options.wall_time())
         definitions = read_text(text, file=DIAGRAM, sent=True)
-        library = self._options["library"]
+        library = self._options.library or Library()
         refuse_errors(definitions, [pool.process for pool in pools_of(definitions)], library, sent=True)
         split(definitions, library)
         return model_hash(text.encode(errors="replace")), definitions
@@ -198,7 +190,7 @@ class SplitterNode:
         diagram = self._diagram
         try:
             ended, decided = partial(self._ended, diagram), partial(self._tell, diagram)
-            self._deployment = self._send(diagram[1], (), (), ended, decided)
+            self._deployment = self._sender.send(diagram[1], ended, decided=decided)
         except (ConfigError, DeploymentError) as error:
             self._report(f"waits: {error}")
         except FameError as error:
@@ -206,30 +198,6 @@ class SplitterNode:
             self._report(f"refused: {error}")
         else:
             self._cease(but=self._deployment)
-
-    def _send(
-        self,
-        definitions: Definitions,
-        only: Sequence[str],
-        again: Collection[str],
-        ended: Callable[[Deployment], object],
-        decided: Callable[[], object] = lambda: None,
-    ) -> Deployment:
-        self._sequence = max(self._sequence + 1, round(self._wall_time() * 1e6))
-        deployment = Deployment(
-            definitions,
-            id=f"splitter-{self.born}-{self._sequence}",
-            sequence=self._sequence,
-            scheduler=self.scheduler,
-            middleware=self.middleware,
-            ended=ended,
-            decided=decided,
-            only=only,
-            again=again,
-            **self._options,
-        )
-        deployment.begin()
-        return deployment
 
     def _ended(self, diagram: tuple[str, Definitions], deployment: Deployment) -> None:
         robots = "; ".join(map(str, deployment.robots.values()))
@@ -258,19 +226,14 @@ class SplitterNode:
         self._cease()
         self._deployed = diagram[0]
         self._tell(diagram, supplied)
-        send = partial(self._send, diagram[1])
-        around: dict[str, Any] = {"scheduler": self.scheduler, "middleware": self.middleware}
-        around["library"] = self._options["library"]
-        self._late_joiners = LateJoiners(
-            diagram[1], send, key=self._options["key"], supplied=supplied, log=self._report, **around
-        )
+        self._late_joiners = LateJoiners(diagram[1], self._sender, supplied=supplied, log=self._report)
 
     def _tell(self, diagram: tuple[str, Definitions], supplied: Collection[str] = ()) -> None:
         """Keep in mind what the team has, or will have, and tell the other splitters, which go on if this one dies."""
         self._kept = diagram, supplied
-        model, key = diagram[1].source.decode(errors="replace"), self._options["key"]
+        model, key = diagram[1].source.decode(errors="replace"), self._options.key
         if key is not None:
-            model = Diagram.of(model, purpose="deployed", now=self._wall_time(), key=key).to_json()
+            model = Diagram.of(model, purpose="deployed", now=self._options.wall_time(), key=key).to_json()
         self._team.publish(messages.create(STRING, model))
 
     def _cease(self, but: Deployment | None = None) -> None:
@@ -294,7 +257,7 @@ class SplitterNode:
 
     def _publish(self) -> None:
         status = SplitterStatus(born=self.born, state=self.state, deployed=self._deployed, text=self._text)
-        status = status.signed(self._options["key"], self._wall_time())
+        status = status.signed(self._options.key, self._options.wall_time())
         self._status.publish(messages.create(STRING, status.to_json()))
 
     def stop(self) -> bool:

@@ -31,7 +31,7 @@ def seconds(time: int) -> str:
     return f"{whole}." + (f"{rest:09d}".rstrip("0") or "0")
 
 
-class _Lines:
+class _Lines(Observer):
     """Writes one line per event, joined from three parts that are formatted once for many lines.
 
     `when` formats time (ns) and robot, `where` is a format for instance and scope, `what` formats a mark. The usual

@@ -20,7 +20,7 @@ from fame.log.recording_file import Sink
 from fame.log.team_state import KeyWriter, Put
 from fame.middleware.interface import ENGINE
 from fame.robot.changes import ChangeTracker
-from fame.robot.events import Event
+from fame.robot.events import Event, Observer
 from fame.robot.robot_state import RobotState
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class TopicRecorder:
 
     def _tap(self, publisher: Any) -> Callable[[Any], object] | None:
         """The recorder of a publisher's messages, chosen at the first message, when all endpoints exist."""
-        chosen: list[tuple[Sink, int] | None] = []
+        chosen: list[int | None] = []
         if "/msg/" not in publisher.type:  # feedback of an action: rosbags cannot write the definition of its type
             return None
 
@@ -67,10 +67,9 @@ class TopicRecorder:
                 wanted = self._every or self._is_signal(publisher.topic)
                 file = self._begin() if wanted else None
                 node = publisher.node.full_name
-                chosen.append((file, file.message_channel(publisher.topic, publisher.type, node)) if file else None)
+                chosen.append(file.message_channel(publisher.topic, publisher.type, node) if file else None)
             if chosen[0] is not None:
-                file, channel = chosen[0]
-                file.message(channel, self._middleware.scheduler.now, message)
+                self._begin().message(chosen[0], self._middleware.scheduler.now, message)
 
         return on_message
 
@@ -82,7 +81,7 @@ class TopicRecorder:
         return all(name.endswith(f"/{ENGINE}") for name in (*info.publishers, *info.subscribers))
 
 
-class Recorder:
+class Recorder(Observer):
     """An observer that writes a recording. `start` is called before the first message, and gives the file.
 
     `topics`: the messages of which topics are recorded (`LogTopics`).
@@ -164,9 +163,10 @@ class Recorder:
             self.begin().flush()
 
     def finish(self) -> None:
-        """Write what has not been written, and the index."""
+        """Write what has not been written, and the index; what comes later is dropped."""
         self._flush()
         self.begin().finish()
+        self._file = Sink()
 
 
 @contextmanager

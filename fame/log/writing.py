@@ -18,7 +18,7 @@ from fame.log.elements import ElementInfo, element_info
 from fame.log.lines import jsonl, table
 from fame.log.recorder import About, LogTopics, Recorder, recording_to
 from fame.log.recording_file import RecordingFile
-from fame.robot.events import Event, Observer, trail_handler
+from fame.robot.events import Event, Observer
 
 _BUFFER = 1 << 16
 """Bytes written at a time."""
@@ -110,7 +110,7 @@ def new_file(path: Path) -> Iterator[Callable[[], BinaryIO]]:
                 path.unlink(missing_ok=True)
 
 
-class _Log:
+class _Log(Observer):
     """An observer that opens its file at the first event."""
 
     def __init__(self, make: Callable[[], Observer]) -> None:
@@ -126,7 +126,6 @@ class _Log:
         """Start writing, and return the observer."""
         if self._write is None:
             self._write = self._make()
-            self._trail = trail_handler(self._write)
         return self._write
 
     def __call__(self, event: Event) -> None:
@@ -134,8 +133,7 @@ class _Log:
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
         """Write everything that happened at one instant."""
-        self.begin()
-        self._trail(time, robot, trail)
+        self.begin().trail(time, robot, trail)
 
 
 @contextmanager

@@ -87,7 +87,7 @@ def xes(stream: BinaryIO, elements: Mapping[str, ElementInfo]) -> Iterator[Obser
         stream.write(b"</log>\n")
 
 
-class _Traces:
+class _Traces(Observer):
     """The traces of instances that have not ended."""
 
     def __init__(self, stream: BinaryIO, elements: Mapping[str, ElementInfo]) -> None:

@@ -4,17 +4,15 @@ While an engine handles a stimulus it only records what happens, and where. Obse
 been handled (and in between, if that takes long); all of it has the same time. On the wall clock times differ, so there
 each record is passed on at once.
 
-An observer is a function of an `Event`. An observer with a method `trail` gets the records as they are, so that no
-event need be made of each: logs do that. One with a method `watch` gets each `RobotNode` whose events it will get, and
-returns a function that is called after each step of a script. One with a method `watch_world` gets a function that
-records the simulated world, and `run_ends` is told whether the run was complete. Recordings use all of them
-(`fame.log.recorder`).
+An observer is a function of an `Event`, or an `Observer`, which may get more: the records as they are, so that no event
+need be made of each (logs do that), the robots, the simulated world, and how the run ends (recordings do that:
+`fame.log.recorder`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from fame.clock import SECOND
 from fame.imports import require
@@ -26,11 +24,7 @@ if TYPE_CHECKING:
     from fame.engine.state import Trail
     from fame.robot.node import RobotNode
 
-Observer = Callable[["Event"], object]
-OnTrail = Callable[[int, str, "Trail"], object]
-"""Takes time (ns), robot, and what happened to it at that time."""
-
-_new_tuple = tuple.__new__
+OnEvent = Callable[["Event"], object]
 
 
 class Event(NamedTuple):
@@ -45,23 +39,39 @@ class Event(NamedTuple):
     detail: Any = None
 
 
-def trail_handler(observer: Observer) -> OnTrail:
-    """The function that passes trails to an observer: its own method `trail`, or one that makes the events."""
-    own: OnTrail | None = getattr(observer, "trail", None)
-    if own is not None:
-        return own
+@runtime_checkable
+class Observer(Protocol):
+    """Follows a run. Classes that inherit from it override what they need."""
 
-    def make_events(time: int, robot: str, trail: Trail) -> None:
+    def __call__(self, event: Event) -> object:
+        """Take an event."""
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """Take what happened to a robot at a time (ns): by default, event by event."""
         for scope, marks in trail:
             where = (time, robot, scope.instance.key, scope.key)
             for mark in marks:
-                # As Event(...) does, without the detour through its keyword arguments: this runs for every move.
-                observer(_new_tuple(Event, where + mark))
+                self(Event._make(where + mark))
 
-    return make_events
+    def watch(self, node: RobotNode) -> Callable[[], object] | None:
+        """Follow a robot from its first step on. What this returns is called after each step of a script."""
+        return None
+
+    def watch_world(self, record: Callable[[Callable[..., object]], object]) -> None:
+        """Record the simulated world: `record` is called with a function that takes its messages."""
+        return None
+
+    def run_ends(self, complete: bool) -> None:
+        """The run ends, `complete` or not, and is about to be stopped."""
+        return None
 
 
-class EventLog:
+def observer_of(observer: OnEvent) -> Observer:
+    """The observer that a function of events is, or makes."""
+    return observer if isinstance(observer, Observer) else _Function(observer)
+
+
+class EventLog(Observer):
     """An observer that keeps all events. Iterating makes them; until then an event takes a few bytes."""
 
     def __init__(self) -> None:
@@ -95,37 +105,40 @@ class EventLog:
         return table
 
 
-def combine_observers(observers: Sequence[Observer]) -> Observer | None:
+def combine_observers(observers: Sequence[OnEvent]) -> Observer | None:
     """One observer that calls several, in this order; None for an empty sequence."""
-    return _CombinedObserver(observers) if len(observers) > 1 else next(iter(observers), None)
+    made = [observer_of(observer) for observer in observers]
+    return _CombinedObserver(made) if len(made) > 1 else next(iter(made), None)
 
 
-class _CombinedObserver:
+class _Function(Observer):
+    def __init__(self, function: OnEvent) -> None:
+        self._function = function
+
+    def __call__(self, event: Event) -> None:
+        self._function(event)
+
+
+class _CombinedObserver(Observer):
     def __init__(self, observers: Sequence[Observer]) -> None:
-        self._observers, self._trails = observers, [trail_handler(observer) for observer in observers]
+        self._observers = observers
 
-    def watch(self, node: RobotNode) -> Callable[[], object]:
-        """Pass a robot to the observers that watch robots."""
-        steps = [observer.watch(node) for observer in self._observers if hasattr(observer, "watch")]
+    def watch(self, node: RobotNode) -> Callable[[], object] | None:
+        steps = [step for observer in self._observers if (step := observer.watch(node)) is not None]
         return steps[0] if len(steps) == 1 else lambda: [step() for step in steps]
 
     def watch_world(self, record: Callable[[Callable[..., object]], object]) -> None:
-        """Pass a simulated world to the observers that record it."""
         for observer in self._observers:
-            if hasattr(observer, "watch_world"):
-                observer.watch_world(record)
+            observer.watch_world(record)
 
     def run_ends(self, complete: bool) -> None:
-        """Tell the observers that record it how the run ends, before it is stopped."""
         for observer in self._observers:
-            if hasattr(observer, "run_ends"):
-                observer.run_ends(complete)
+            observer.run_ends(complete)
 
     def __call__(self, event: Event) -> None:
         for observer in self._observers:
             observer(event)
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
-        """Pass a trail to all of them."""
-        for on_trail in self._trails:
-            on_trail(time, robot, trail)
+        for observer in self._observers:
+            observer.trail(time, robot, trail)

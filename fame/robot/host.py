@@ -6,12 +6,9 @@ Methods without a docstring are those of `fame.engine.host.Host`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from datetime import datetime
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from random import Random
 from typing import Any, Protocol
 
 from fame.bpmn.model import Expression
@@ -22,35 +19,16 @@ from fame.engine.state import Trail
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node, Publisher, resolve
+from fame.randomness import robot_random
 from fame.robot.endpoints import Endpoints
-from fame.robot.events import Event, Observer, trail_handler
+from fame.robot.events import Event, Observer, observer_of
 from fame.robot.mission import Mission
+from fame.robot.options import RobotOptions
 from fame.robot.scripts import Scripts
 from fame.robot.service_tasks import call_service, ros_service_task
-from fame.robot.services import BuiltInService, ServiceContext, compile_service
+from fame.robot.services import ServiceContext, compile_service
 from fame.robot.timers import Timers
 from fame.scripting import Inbox, Runner, compile_expression, compile_script, error_line
-
-Fields = tuple[str, str, Mapping[str, Any]]
-"""A message that brings the robot to its safe state: topic, type, fields."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HostOptions:
-    """Options of a robot; see `fame.robot.node.RobotNode`."""
-
-    observer: Observer | None
-    on_report: Callable[[Event], object] | None
-    safe_state: Sequence[Fields]
-    safe_suspended: Sequence[Fields] | None
-    strict: bool
-    epoch: datetime
-    random: Random
-    until: int | None
-    keep: int | None
-    on_end: Callable[[Instance], object]
-    built_in_services: Mapping[str, BuiltInService]
-    files: Path | None
 
 
 class Recorder(Protocol):
@@ -83,7 +61,7 @@ class EngineHost:
         middleware: Middleware,
         scheduler: Scheduler,
         endpoints: Endpoints,
-        options: HostOptions,
+        options: RobotOptions,
     ) -> None:
         self.engine: Engine
         self.instances: list[Instance] = []
@@ -95,14 +73,14 @@ class EngineHost:
         self._middleware, self._scheduler, self._endpoints = middleware, scheduler, endpoints
         self.recorder: Recorder | None = None
         self.on_suspended: Callable[[Engine], object] = lambda engine: None
-        self._on_trail = trail_handler(options.observer) if options.observer is not None else None
+        self.observer: Observer | None = observer_of(options.observer) if options.observer is not None else None
         self.scripts: Scripts = Scripts(
             robot,
             node,
             scheduler,
             endpoints,
             epoch=options.epoch,
-            random=options.random,
+            random=options.random or robot_random(0, node.namespace),
             report=self.report,
             log=self._log,
             send=self._send,
@@ -208,8 +186,8 @@ class EngineHost:
     # ---- observation -------------------------------------------------------------------------------------------------
 
     def observe(self, trail: Trail) -> None:
-        if self._on_trail is not None:
-            self._on_trail(self._scheduler.now, self._robot, trail)
+        if self.observer is not None:
+            self.observer.trail(self._scheduler.now, self._robot, trail)
 
     def report(self, element: str, text: str) -> None:
         if self._options.on_report is not None:
@@ -219,9 +197,9 @@ class EngineHost:
         """Pass on an event that is not a step of a token, to reports and observer."""
         if self._options.on_report is not None:
             self._options.on_report(event)
-        if self._options.observer is not None:
+        if self.observer is not None:
             self.engine.observe()  # first what happened before
-            self._options.observer(event)
+            self.observer(event)
 
     def _log(self, level: str, text: str) -> None:
         self.emit(self._event("", "log", f"{level}: {text}" if level != "info" else text))
@@ -248,9 +226,9 @@ class EngineHost:
     def ended(self, instance: Instance) -> None:
         if instance.error is not None:
             instance.error = self._located(instance.error)
-            if self._options.observer is not None:  # for recordings: whoever runs the mission prints the error itself
+            if self.observer is not None:  # for recordings: whoever runs the mission prints the error itself
                 self.engine.observe()
-                self._options.observer(self._event(instance.error.element, "report", instance.error.text))
+                self.observer(self._event(instance.error.element, "report", instance.error.text))
         self.elements_done += sum(instance.counts[1:])
         self.completed += instance.status == "completed"
         self.failed += instance.status == "failed"

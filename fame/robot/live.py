@@ -19,7 +19,7 @@ from fame.fast_json import json_bytes
 from fame.middleware import messages
 from fame.middleware.interface import Node, Publisher
 from fame.robot.changes import ChangeTracker
-from fame.robot.events import Event
+from fame.robot.events import Event, Observer
 from fame.robot.robot_state import COUNTED, RobotState
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ class LiveFeed:
         self._current = None
 
 
-class ProcessFeed:
+class ProcessFeed(Observer):
     """The observer of one process of the robot, and its `state`: without subscribers, of events alone."""
 
     node: RobotNode | None
@@ -243,7 +243,7 @@ class ProcessFeed:
                 self.node.host.report("", f"changes cannot be published: {type(error).__name__}: {error}")
 
 
-class ElementFeed:
+class ElementFeed(Observer):
     """An observer that publishes every step on ``/fame_dt``, as the viewer of the original FaMe's modeler shows it.
 
     Each std_msgs/msg/String is ``element/status/instance``: the id of the element; ``enter``, ``leave``, ``take``,

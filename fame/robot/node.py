@@ -10,27 +10,23 @@ from __future__ import annotations
 
 import difflib
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from functools import partial
-from pathlib import Path
-from random import Random
-from types import MappingProxyType
 from typing import Any, Literal
 
 from fame.bpmn.model import CallActivity, Process
-from fame.clock import EPOCH, SECOND, Kind, Scheduler
+from fame.clock import SECOND, Kind, Scheduler
 from fame.engine import BpmnError, Engine, Instance, Program, compile_program
 from fame.engine.state import Wait
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import ENGINE, MISSION, Middleware, Node, resolve
-from fame.randomness import robot_random
 from fame.robot.endpoints import Endpoints
-from fame.robot.events import Event, Observer
-from fame.robot.host import EngineHost, Fields, HostOptions
+from fame.robot.events import Event
+from fame.robot.host import EngineHost
 from fame.robot.mission import Mission
-from fame.robot.services import BuiltInService
+from fame.robot.options import RobotOptions
 from fame.robot.waiting_tokens import WaitingToken, WaitingTokens
 from fame.scripting import Runner, script_topics
 
@@ -55,19 +51,6 @@ def _given(values: Mapping[str, Any] | None) -> str:
 class RobotNode:
     """A robot's engine. `load` makes it ready, `start` starts its process; `close` ends it.
 
-    observer   gets every `Event`, if given; the program is compiled for it
-    on_report  gets what people should know, as events
-    safe_state (topic, type, fields) to publish when the robot is to be safe
-    safe_suspended  the same while its mission is suspended, if it differs from `safe_state`
-    epoch      the date of the scheduler's time 0: what dates of timers and `robot.date` are counted from
-    random     its random numbers; default: those of seed 0 (`fame.randomness`)
-    strict     an undefined name in a payload is an error, not a warning
-    until      when the run ends at the latest (ns): dates and cycles that are due later are reported
-    keep       how many instances to remember (all by default); `started`, `completed` and `failed` count all
-    on_end     called with each instance that has ended
-    built_in_services  services that run as long as their service task, by name (`fame.robot.services`)
-    files      folder that built-in services take names of files from; default: that of the model
-    hold_errors  an uncaught error does not fail its instance: the token stays as an incident, and the robot holds
     compiled   False leaves compiling to the caller: `compile_process`, in any thread, then `assemble`
 
     Raises ModelError for a process that cannot be compiled.
@@ -84,57 +67,30 @@ class RobotNode:
         *,
         scheduler: Scheduler,
         middleware: Middleware,
-        namespace: str | None = None,
-        observer: Observer | None = None,
-        on_report: Callable[[Event], object] | None = None,
-        safe_state: Sequence[Fields] = (),
-        safe_suspended: Sequence[Fields] | None = None,
-        strict: bool = False,
-        epoch: datetime = EPOCH,
-        random: Random | None = None,
-        until: int | None = None,
-        keep: int | None = None,
-        on_end: Callable[[Instance], object] = lambda instance: None,
-        built_in_services: Mapping[str, BuiltInService] = MappingProxyType({}),
-        files: Path | None = None,
-        hold_errors: bool = False,
+        options: RobotOptions | None = None,
         compiled: bool = True,
     ) -> None:
-        self._hold_errors = hold_errors
+        options = options or RobotOptions()
+        self._hold_errors = options.hold_errors
         self._holds: set[str] = set()
         self.name: str = name
-        self.namespace: str = name if namespace is None else namespace
+        self.namespace: str = name
         self.mission, self.scheduler, self.middleware = mission, scheduler, middleware
-        self.epoch: datetime = epoch
+        self.epoch: datetime = options.epoch
         self.node: Node = middleware.node(ENGINE, self.namespace, MISSION)
         self.engine: Engine
         self.endpoints: Endpoints = Endpoints(self.node, mission.types, middleware, scheduler)
-        options = HostOptions(
-            observer=observer,
-            on_report=on_report,
-            safe_state=safe_state,
-            safe_suspended=safe_suspended,
-            strict=strict,
-            epoch=epoch,
-            random=robot_random(0, self.namespace) if random is None else random,
-            until=until,
-            keep=keep,
-            on_end=on_end,
-            built_in_services=built_in_services,
-            files=files,
-        )
         self.host: EngineHost = EngineHost(name, mission, self.node, middleware, scheduler, self.endpoints, options)
         self.runner: Runner = self.host.runner
         self.runner.on_lost = self._on_lost_request
         self.waiting: WaitingTokens = WaitingTokens(name, mission, self.node, middleware, scheduler, self.runner)
         self.host.on_suspended = self.waiting.on_suspended
-        self._observed = observer is not None
+        self._observed = options.observer is not None
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # messages between `load` and `start`
         if compiled:
             self._assemble_or_close()
-        watch: Callable[[RobotNode], Callable[[], object]] | None = getattr(observer, "watch", None)
-        if watch is not None:
-            self.host.scripts.on_step = watch(self)
+        if self.host.observer is not None:
+            self.host.scripts.on_step = self.host.observer.watch(self)
 
     # ---- life --------------------------------------------------------------------------------------------------------
 

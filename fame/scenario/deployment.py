@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from typing import Any
 
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool
 from fame.clock import SECOND, WallScheduler
 from fame.deploy import Deployment, LateJoiners, Report, engines
 from fame.deploy.assignment import assign_robots
+from fame.deploy.options import DeploymentOptions
+from fame.deploy.sender import Sender
 from fame.errors import ConfigError, DeploymentError
 from fame.middleware.interface import Middleware
 from fame.scenario.process import run_until_signal
@@ -85,16 +85,21 @@ class MissionWatch:
 
 
 class Sending:
-    """The deployment of a model to discovered engines. `options` are those of `Deployment`."""
+    """The deployment of a model to discovered engines."""
 
     definitions: Definitions
     scheduler: WallScheduler
     middleware: Middleware
 
     def __init__(
-        self, definitions: Definitions, scheduler: WallScheduler, middleware: Middleware, **options: Any
+        self,
+        definitions: Definitions,
+        scheduler: WallScheduler,
+        middleware: Middleware,
+        options: DeploymentOptions | None = None,
     ) -> None:
-        self.definitions, self.scheduler, self.middleware, self._options = definitions, scheduler, middleware, options
+        self.definitions, self.scheduler, self.middleware = definitions, scheduler, middleware
+        self._sender = Sender(f"deploy-{os.getpid()}", scheduler, middleware, options or DeploymentOptions())
 
     def deploy(
         self,
@@ -110,7 +115,7 @@ class Sending:
         """
         examine(self._find(only, patience, log))
         try:
-            deployment = self._begin(only, (), lambda _: self.scheduler.stop())
+            deployment = self._sender.send(self.definitions, lambda _: self.scheduler.stop(), only=only)
         except ConfigError as error:  # an engine has left in the meantime
             raise DeploymentError(str(error)) from None
         try:
@@ -137,16 +142,7 @@ class Sending:
 
     def stay(self, served: Collection[str], log: Callable[[str], object]) -> None:
         """Deploy to robots that join late or come back, until SIGINT or SIGTERM."""
-        late_joiners = LateJoiners(
-            self.definitions,
-            self._begin,
-            scheduler=self.scheduler,
-            middleware=self.middleware,
-            key=self._options.get("key"),
-            library=self._options.get("library"),
-            supplied=served,
-            log=log,
-        )
+        late_joiners = LateJoiners(self.definitions, self._sender, supplied=served, log=log)
         run_until_signal(self.scheduler)
         late_joiners.close()
 
@@ -168,22 +164,6 @@ class Sending:
                 raise DeploymentError(text) from None
             break
         self.scheduler.run(self.scheduler.now + _FINDING)  # for others of a multi-instance pool
-        with suppress(ConfigError, DeploymentError):  # an engine has left in the meantime: `_begin` says so
+        with suppress(ConfigError, DeploymentError):  # an engine has left in the meantime: `send` says so
             found = assign_robots(self.definitions, engines(self.middleware), found=True, only=only)
         return found
-
-    def _begin(self, only: Sequence[str], again: Collection[str], ended: Callable[[Deployment], object]) -> Deployment:
-        number = time.time_ns()
-        deployment = Deployment(
-            self.definitions,
-            id=f"deploy-{os.getpid()}-{number}",
-            sequence=number // 1000,
-            scheduler=self.scheduler,
-            middleware=self.middleware,
-            ended=ended,
-            only=only,
-            again=again,
-            **self._options,
-        )
-        deployment.begin()
-        return deployment

@@ -24,6 +24,7 @@ from fame.check.gate import refuse_errors
 from fame.clock import SECOND, Kind, Scheduler, date_text
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
 from fame.deploy.authentication import GONE, ReportReader
+from fame.deploy.options import DeploymentOptions
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.signing import new_run_key, read_private, write_public
 from fame.middleware import messages, qos
@@ -295,8 +296,7 @@ class Team:
             middleware=self.middleware,
             ended=self._deployed,
             robots=list(self.scenario.cast),
-            library=self.scenario.library,
-            key=self._key,
+            options=DeploymentOptions(library=self.scenario.library, key=self._key),
         )
         self._deployment.begin()
 

@@ -24,7 +24,8 @@ from fame.middleware.network import Network
 from fame.monitor.services import SERVICES
 from fame.randomness import ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, Service, make_mission
-from fame.robot.events import Observer, combine_observers
+from fame.robot.events import Observer, OnEvent, combine_observers
+from fame.robot.options import RobotOptions
 from fame.scenario.film_captions import Captions
 from fame.scenario.judging import RunJudge
 from fame.scenario.plan import Completion, Fault, OutsideSignal, published_from_outside
@@ -68,7 +69,7 @@ class Run:
         self,
         scenario: Plan,
         real_time: bool,
-        observer: Observer | None,
+        observer: OnEvent | None,
         progress: Callable[[Progress], object] | None,
         strict: bool = False,
         on_interrupt: Callable[[], object] | None = None,
@@ -122,17 +123,19 @@ class Run:
                     shared=shared,
                     services=self._services(robot),
                 ),
-                built_in_services=SERVICES,
                 scheduler=self.scheduler,
                 middleware=self.middleware,
-                observer=self.observer,
-                on_report=self.reports.append,
-                safe_state=bodies[robot].SAFE_STATE if robot in bodies else (),
-                safe_suspended=bodies[robot].SAFE_SUSPENDED if robot in bodies else (),
-                strict=strict,
-                epoch=scenario.epoch,
-                random=robot_random(scenario.seed, robot),
-                until=round(scenario.duration * SECOND),
+                options=RobotOptions(
+                    built_in_services=SERVICES,
+                    observer=self.observer,
+                    on_report=self.reports.append,
+                    safe_state=bodies[robot].SAFE_STATE if robot in bodies else (),
+                    safe_suspended=bodies[robot].SAFE_SUSPENDED if robot in bodies else (),
+                    strict=strict,
+                    epoch=scenario.epoch,
+                    random=robot_random(scenario.seed, robot),
+                    until=round(scenario.duration * SECOND),
+                ),
             )
             for robot, pool in scenario.cast.items()
         ]
@@ -156,11 +159,12 @@ class Run:
         world = World(
             self.scenario.world, seed=self.scenario.seed, scheduler=self.scheduler, middleware=self.middleware
         )
-        watch_world = getattr(self.observer, "watch_world", None)
-        if watch_world is not None:
+        if self.observer is not None:
             from sim2d.scene import SceneRecorder
 
-            watch_world(lambda put: self._last_looks.append(partial(SceneRecorder(world, put).look, world)))
+            self.observer.watch_world(
+                lambda put: self._last_looks.append(partial(SceneRecorder(world, put).look, world))
+            )
         world.watchers.append(lambda _: self.scheduler.stop() if self.over else None)
         return world
 
@@ -208,9 +212,8 @@ class Run:
             look()
         complete = not self.interrupted and (self.over or self._stuck)
         judgements = self.judging.finish(self.scheduler.now, complete=complete) if self.judging is not None else ()
-        on_end = getattr(self._logs, "run_ends", None)
-        if on_end is not None:
-            on_end(complete)
+        if self.observer is not None:
+            self.observer.run_ends(complete)
         names = {node.node.full_name: node.name for node in self.nodes}
         for end, text in mistyped_topics(self.middleware.graph()):
             if end in names:

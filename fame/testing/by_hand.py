@@ -21,6 +21,7 @@ from fame.monitor.services import SERVICES
 from fame.randomness import robot_random
 from fame.robot import RobotNode, make_mission
 from fame.robot.events import Observer
+from fame.robot.options import RobotOptions
 from fame.scenario import Scenario
 from fame.scenario.run import Run
 from fame.testing.failure import failure
@@ -45,9 +46,11 @@ class _RunByHand(Run):
             robot: RobotNode(
                 robot,
                 make_mission(plan.definitions, pool.process, library=plan.library, shared=shared),
-                built_in_services=SERVICES, scheduler=self.scheduler, middleware=self.middleware,
-                observer=self.observer, on_report=self.reports.append, strict=strict, epoch=plan.epoch,
-                random=robot_random(plan.seed, robot), compiled=False,
+                scheduler=self.scheduler, middleware=self.middleware, compiled=False,
+                options=RobotOptions(
+                    built_in_services=SERVICES, observer=self.observer, on_report=self.reports.append, strict=strict,
+                    epoch=plan.epoch, random=robot_random(plan.seed, robot),
+                ),
             )
             for robot, pool in plan.cast.items()
         }  # fmt: skip

@@ -19,12 +19,11 @@ from typing import TYPE_CHECKING, Any
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
 from fame.config.values import Source
-from fame.engine.state import Trail, scopes_of
+from fame.engine.state import scopes_of
 from fame.engine.waiting import check_conditions
 from fame.errors import ConfigError, FameError
 from fame.gc_tuning import rarely_collected
 from fame.log.recorder import About, Recorder, recording_to
-from fame.log.team_state import Put
 from fame.middleware import messages
 from fame.middleware.interface import resolve
 from fame.middleware.local import LocalNode, LocalPublisher
@@ -400,7 +399,7 @@ class MissionUnderTest:
         metadata = {"seed": str(self.scenario.seed), "scenario": Path(self.scenario.file).name, "command": "pytest"}
         stream = recording_to(lambda: self._recording, self.files(), About(metadata=metadata), "signals")
         self._recorder: Recorder = self._resources.enter_context(stream)
-        observer = combine_observers([self.trace, _UntilSaved(self._recorder, lambda: self._saved is None)])
+        observer = combine_observers([self.trace, self._recorder])
         assert observer is not None
         self._run = self.make_run(observer)
         self._outside = self._run.middleware.node("test")
@@ -501,31 +500,6 @@ class MissionUnderTest:
         for name in ("_recorder", "_outside"):
             self.__dict__.pop(name, None)
         self.fakes = Fakes(self)
-
-
-class _UntilSaved:
-    """Passes events on to a recorder as long as the recording is open."""
-
-    def __init__(self, recorder: Recorder, is_open: Callable[[], bool]) -> None:
-        self._recorder, self._is_open = recorder, is_open
-
-    def __call__(self, event: Event) -> None:
-        if self._is_open():
-            self._recorder(event)
-
-    def trail(self, time: int, robot: str, trail: Trail) -> None:
-        """Pass on what happened at one instant."""
-        if self._is_open():
-            self._recorder.trail(time, robot, trail)
-
-    def watch(self, node: RobotNode) -> Callable[[], object]:
-        """Record this robot."""
-        step = self._recorder.watch(node)
-        return lambda: step() if self._is_open() else None
-
-    def watch_world(self, record: Callable[[Put], object]) -> None:
-        """Record a simulated world."""
-        self._recorder.watch_world(lambda put: record(lambda *scene: put(*scene) if self._is_open() else None))
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from fame.engine.program import Program
 from fame.engine.state import Scope, Trail
 from fame.robot import Event
+from fame.robot.events import Observer
 
 
 class Step(NamedTuple):
@@ -22,7 +23,7 @@ class Step(NamedTuple):
     detail: object
 
 
-class Trace:
+class Trace(Observer):
     """An observer that keeps what happened, by robot and element. `homes`: robot -> file of its process.
 
     steps      in order

@@ -38,6 +38,7 @@ from engine_models import (
 )
 
 from fame.deploy import EngineNode
+from fame.deploy.options import EngineOptions
 from fame.engine import restore, snapshot
 from fame.errors import MissionError
 from fame.robot.waiting_tokens import WaitingTokens
@@ -323,8 +324,7 @@ def test_no_engine_ends_when_it_describes_or_reports_an_incident(kind: str) -> N
         "A",
         scheduler=field.scheduler,
         middleware=field.middleware,
-        hold_errors=True,
-        on_report=lambda event: told.append(str(event.detail)),
+        options=EngineOptions(hold_errors=True, on_report=lambda event: told.append(str(event.detail))),
     )
     field.listen("A")
     batches = list[str]()
@@ -356,7 +356,7 @@ def test_an_error_in_a_description_is_reported_and_the_mission_goes_on(monkeypat
         "A",
         scheduler=field.scheduler,
         middleware=field.middleware,
-        on_report=lambda event: told.append(str(event.detail)),
+        options=EngineOptions(on_report=lambda event: told.append(str(event.detail))),
     )
     field.listen("A")
     field.person.subscription("/A/bpmn_events", "std_msgs/msg/String", lambda message: None)

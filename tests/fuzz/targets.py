@@ -20,6 +20,7 @@ from random import Random
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from fame.deploy.options import EngineOptions
 from fame.errors import ConfigError
 
 from .mutations import Mutate, json_lines, json_text, text_or_bytes, xml, zipped
@@ -240,7 +241,7 @@ def _batches() -> list[bytes]:
 
     scheduler = Scheduler()
     middleware, found = LocalMiddleware(scheduler), []
-    engine = EngineNode("REX", scheduler=scheduler, middleware=middleware, wall_time=lambda: NOW)
+    engine = EngineNode("REX", scheduler=scheduler, middleware=middleware, options=EngineOptions(wall_time=lambda: NOW))
     observer = middleware.node("observer")
     observer.subscription(f"/REX/{EVENTS_TOPIC}", STRING, lambda message: found.append(message.data.encode()))
     sender = observer.publisher("/REX/bpmn_process", STRING, PROCESS_QOS)

@@ -43,6 +43,6 @@ _FUNCTIONS: tuple[tuple[Any, str, Callable[..., tuple[Any, ...]]], ...] = (
         "refuse_errors",
         lambda definitions, processes, *_, **__: (definitions.source, *(process.id for process in processes)),
     ),
-    (loading, "_read", lambda model, robot, library, services, durable: (model, robot, durable)),
+    (loading, "_read", lambda model, robot, options: (model, robot, options.state is not None)),
 )
 """What depends on nothing but a model, and what it depends on."""

@@ -20,6 +20,7 @@ from fame.deploy import Deployment, EngineNode, engines
 from fame.deploy.assignment import assign_robots
 from fame.deploy.authentication import Diagram
 from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope, Report, signed
+from fame.deploy.options import DeploymentOptions, EngineOptions
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.robot_state import Reply
 from fame.deploy.signing import Identity, _name_of, sign
@@ -335,10 +336,9 @@ class Team:
         return SplitterNode(
             scheduler=process,
             middleware=wire,
-            key=self.key,
             trusted=() if self.key is None else [self.key.public_key()],
             log=lambda text: self.note(f"{process.name}: {text}"),
-            wall_time=process.machine.wall_time,
+            options=DeploymentOptions(key=self.key, wall_time=process.machine.wall_time),
         )
 
     def _begin_server(self, process: Process, wire: Wire) -> ActionServer:
@@ -390,14 +390,16 @@ class Team:
             robot.name,
             scheduler=process,
             middleware=wire,
-            wall_time=robot.machine.wall_time,
-            epoch=datetime.fromtimestamp(robot.machine.wall_time(), UTC),
-            state=state,
-            seed=self.plan.seed,
-            trusted=() if self.key is None else [self.key.public_key()],
-            identity=None if self.key is None else self._identity(robot.name, self.key),
-            hold_errors="breaks" in self.more,
-            log=self._recording(robot, process),
+            options=EngineOptions(
+                wall_time=robot.machine.wall_time,
+                epoch=datetime.fromtimestamp(robot.machine.wall_time(), UTC),
+                state=state,
+                seed=self.plan.seed,
+                trusted=() if self.key is None else [self.key.public_key()],
+                identity=None if self.key is None else self._identity(robot.name, self.key),
+                hold_errors="breaks" in self.more,
+                log=self._recording(robot, process),
+            ),
         )
         self._listen(robot, robot.engine, process)
 
@@ -529,14 +531,12 @@ class Team:
         try:
             sender.deployment = Deployment(
                 mission(sender.version, self.more),
-                migrate=sender.migrates,
                 id=sender.process.name,
                 sequence=round(wall_time() * 1e6),
                 scheduler=sender.process,
                 middleware=sender.wire,
-                wall_time=wall_time,
-                key=sender.key,
                 ended=lambda _: self._later(0.0, partial(self._ended, sender)),
+                options=DeploymentOptions(migrate=sender.migrates, wall_time=wall_time, key=sender.key),
             )
         except FameError as error:
             self._leave(sender, f"not sent: {error}")

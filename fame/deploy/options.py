@@ -1,0 +1,76 @@
+"""Options of engines and of deployments."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from fame.robot.options import RobotOptions
+
+if TYPE_CHECKING:
+    from fame.bpmn.library import Library
+    from fame.bpmn.pools import Pool
+    from fame.clock import Scheduler
+    from fame.deploy.migration import Foreseen
+    from fame.deploy.signing import Identity
+    from fame.robot import Service
+    from fame.robot.journal import StateDirectory
+    from fame.robot.live import FeedLog
+
+PATIENCE = 10.0
+"""How long a deployment waits for a robot (s)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EngineOptions(RobotOptions):
+    """Options of a `fame.deploy.EngineNode`, besides those of its robot.
+
+    library    where called processes are found that a model does not bring
+    services   Python functions for service tasks, by name
+    trusted    public keys: only what one of them signed is run
+    identity   signs the reports where keys are used, by default one made now
+    unsigned_tasks  with `trusted`, requests on tasks need not be signed
+    wall_time  gives s since 1970
+    time       the scheduler of the mission, if it has another time: simulated, with `epoch` as the date of second 0
+    state      keeps the mission on disk: what was running when the engine before ended goes on
+    seed       of the random numbers, by default and after a resumption a new one, which recordings contain
+    log        takes what live views get, with and without subscribers
+    """
+
+    library: Library | None = None
+    services: Mapping[str, Service] | None = None
+    trusted: Sequence[Any] = ()
+    identity: Identity | None = None
+    unsigned_tasks: bool = False
+    wall_time: Callable[[], float] = time.time
+    time: Scheduler | None = None
+    state: StateDirectory | None = None
+    seed: int | None = None
+    log: FeedLog | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeploymentOptions:
+    """Options of a `fame.deploy.Deployment`.
+
+    library    where called processes are found
+    patience   how long a robot may take to answer (s)
+    key        signs what is sent
+    wall_time  gives s since 1970
+    migrate    what runs goes over to the model by a `plan` (`fame.deploy.migration`), for somebody (`who`)
+    approve    gives a reason against a migration, or nothing; called in a thread with the pool of each robot, and what
+               is foreseen of it
+    preview    only ask what would become of what runs
+    """
+
+    library: Library | None = None
+    patience: float = PATIENCE
+    key: Any = None
+    wall_time: Callable[[], float] = time.time
+    migrate: bool = False
+    plan: Mapping[str, Any] = field(default_factory=dict)
+    who: str = ""
+    approve: Callable[[Mapping[str, Pool], Mapping[str, Foreseen]], str] = lambda pools, foreseen: ""
+    preview: bool = False

@@ -1,0 +1,54 @@
+"""Options of a robot's node: what it runs its process with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING, Any
+
+from fame.clock import EPOCH
+
+if TYPE_CHECKING:
+    from fame.engine import Instance
+    from fame.robot.events import Event, OnEvent
+    from fame.robot.services import BuiltInService
+
+Fields = tuple[str, str, Mapping[str, Any]]
+"""A message that brings the robot to its safe state: topic, type, fields."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotOptions:
+    """Options of a `fame.robot.RobotNode`.
+
+    observer   gets every `Event` (`fame.robot.events`), if given; the program is compiled for it
+    on_report  gets what people should know, as events
+    safe_state (topic, type, fields) to publish when the robot is to be safe
+    safe_suspended  the same while its mission is suspended, if it differs from `safe_state`
+    epoch      the date of the scheduler's time 0: what dates of timers and `robot.date` are counted from
+    random     its random numbers; default: those of seed 0 (`fame.randomness`)
+    strict     an undefined name in a payload is an error, not a warning
+    until      when the run ends at the latest (ns): dates and cycles that are due later are reported
+    keep       how many instances to remember (all by default); `started`, `completed` and `failed` count all
+    on_end     called with each instance that has ended
+    built_in_services  services that run as long as their service task, by name (`fame.robot.services`)
+    files      folder that built-in services take names of files from; default: that of the model
+    hold_errors  an uncaught error does not fail its instance: the token stays as an incident, and the robot holds
+    """
+
+    observer: OnEvent | None = None
+    on_report: Callable[[Event], object] | None = None
+    safe_state: Sequence[Fields] = ()
+    safe_suspended: Sequence[Fields] | None = None
+    epoch: datetime = EPOCH
+    random: Random | None = None
+    strict: bool = False
+    until: int | None = None
+    keep: int | None = None
+    on_end: Callable[[Instance], object] = lambda instance: None
+    built_in_services: Mapping[str, BuiltInService] = field(default_factory=dict)
+    files: Path | None = None
+    hold_errors: bool = False
