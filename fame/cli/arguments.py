@@ -141,6 +141,34 @@ def register_types(arguments: argparse.Namespace) -> None:
         register_files(place)
 
 
+def add_key(parser: argparse.ArgumentParser, help: str) -> None:
+    """``--key FILE.key``; `private_key` reads it."""
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help=f"{help} (see fame keys)")
+
+
+def private_key(arguments: argparse.Namespace) -> Any:
+    """The secret key of ``--key``, None without it. Raises ConfigError."""
+    if arguments.key is None:
+        return None
+    from fame.deploy.signing import read_private
+
+    return read_private(arguments.key)
+
+
+def add_trust(parser: argparse.ArgumentParser, help: str) -> None:
+    """``--trust FILE.pub``, any number of times; `trusted_keys` reads them."""
+    parser.add_argument("--trust", action="append", default=[], type=Path, metavar="FILE.pub", help=help)
+
+
+def trusted_keys(arguments: argparse.Namespace) -> Sequence[Any]:
+    """The public keys of ``--trust``. Raises ConfigError."""
+    if not arguments.trust:
+        return ()
+    from fame.deploy.signing import read_trusted
+
+    return read_trusted(arguments.trust)
+
+
 def add_json(parser: Parser) -> None:
     """``--json``."""
     parser.add_argument("--json", action="store_true", help="print one JSON object, also after an error")

@@ -14,10 +14,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli import migration
-from fame.cli.arguments import Commands, add_json, add_library, command, positive
-from fame.cli.network import OPEN, add_network, connected, person
+from fame.cli.arguments import (
+    Commands,
+    add_json,
+    add_key,
+    add_library,
+    add_trust,
+    command,
+    positive,
+    private_key,
+    trusted_keys,
+)
+from fame.cli.network import add_network, connected, guard, person
 from fame.cli.output import note, print_json, table
-from fame.errors import NOT_KNOWN, ConfigError, DeploymentError, FameError
+from fame.errors import NOT_KNOWN, ConfigError, DeploymentError
 
 if TYPE_CHECKING:
     from fame.bpmn.library import Library
@@ -54,9 +64,7 @@ def add_deploy(commands: Commands) -> None:
     )  # fmt: skip
     migration.add_options(parser)
     parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
-    parser.add_argument(
-        "--key", type=Path, metavar="FILE.key", help="sign the deployment with this key (see fame keys)"
-    )
+    add_key(parser, "sign the deployment with this key")
     parser.add_argument(
         "--explore", action="store_true",
         help="first explore its reachable states (fame check --explore) with the robots that were found; send nothing "
@@ -81,7 +89,6 @@ def run_deploy(arguments: Namespace) -> int:
     from fame.bpmn.pools import matches, pools_of
     from fame.bpmn.reader import read
     from fame.check.gate import refuse_errors
-    from fame.deploy.signing import read_private
     from fame.scenario import Sending
 
     if arguments.allow_partial and not (arguments.explore or arguments.migrate):
@@ -90,7 +97,7 @@ def run_deploy(arguments: Namespace) -> int:
         raise ConfigError(f"--until-ended cannot be given with {'--stay' if arguments.stay else '--dry-run'}")
     definitions, library = read(arguments.model), Library(arguments.library)
     migrated = migration.Migration(arguments, definitions, library)
-    key = read_private(arguments.key) if arguments.key is not None else None
+    key = private_key(arguments)
     names, pools = arguments.to, pools_of(definitions)
     sent = [pool.process for pool in pools if not names or any(matches(robot, pool) for robot in names)]
     refuse_errors(definitions, sent, library, sent=True)  # before any robot is looked for
@@ -162,9 +169,6 @@ def _print_json(deployment: Deployment, migrated: migration.Migration, failures:
     print_json({"status": status, "robots": results, "failures": dict(failures), **found})
 
 
-_OPEN = f"{OPEN}: give --key FILE.key, or --insecure to take what anybody sends"
-
-
 def add_splitter(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
@@ -172,14 +176,8 @@ def add_splitter(commands: Commands) -> None:
         help="deploy the models that are published on /collaboration_diagram, also to robots that join late",
     )  # fmt: skip
     parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
-    parser.add_argument(
-        "--key", type=Path, metavar="FILE.key",
-        help="sign deployments with this key, and accept only diagrams signed with it or a --trust key (see fame keys)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
-        help="accept diagrams signed with this key; repeatable",
-    )  # fmt: skip
+    add_key(parser, "sign deployments with this key, and accept only diagrams signed with it or a --trust key")
+    add_trust(parser, "accept diagrams signed with this key; repeatable")
     parser.add_argument("--insecure", action="store_true", help="accept (and sign) diagrams of any sender")
     add_network(parser)
     add_library(parser)
@@ -190,20 +188,14 @@ def run_splitter(arguments: Namespace) -> int:
     from fame.bpmn.library import Library
     from fame.deploy import SplitterNode
     from fame.deploy.options import DeploymentOptions
-    from fame.deploy.signing import read_private, read_trusted
     from fame.scenario import serve
 
-    key = read_private(arguments.key) if arguments.key is not None else None
-    trusted = read_trusted(arguments.trust) if arguments.trust else []
-    if key is not None:
-        trusted.append(key.public_key())
-    guarded = bool(trusted or arguments.insecure)
-    if arguments.network is not None and not guarded:
-        raise FameError(_OPEN)
+    key = private_key(arguments)
+    trusted = [*trusted_keys(arguments), *([key.public_key()] if key is not None else [])]
+    expect_guarded = guard(arguments, trusted, "--key FILE.key")
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> SplitterNode:
-        if not (guarded or middleware.confined):
-            raise FameError(_OPEN)
+        expect_guarded(middleware)
         return SplitterNode(
             scheduler=scheduler,
             middleware=middleware,

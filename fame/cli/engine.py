@@ -10,8 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, Parser, add_library, command, epoch, natural
-from fame.cli.network import OPEN, add_network, lockstep, note_ready
+from fame.cli.arguments import Commands, Parser, add_library, add_trust, command, epoch, natural, trusted_keys
+from fame.cli.network import add_network, guard, lockstep, note_ready, wait_until
 from fame.cli.output import note, survive_stdout
 from fame.errors import ConfigError, FameError
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 STUCK = 10.0
 """CPU time (s) after which a call that cannot be interrupted ends the engine."""
-_OPEN = f"{OPEN}: give --trust FILE.pub, or --insecure to take what anybody sends"
 
 
 def add(commands: Commands) -> None:
@@ -54,10 +53,7 @@ def add_options(parser: Parser) -> None:
         "a command of its own",
     )  # fmt: skip
     parser.add_argument("--type", metavar="TYPE", help="kind of robot (car ...), which determines its safe state")
-    parser.add_argument(
-        "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
-        help="run only deployments signed with this key; repeatable (see fame keys)",
-    )  # fmt: skip
+    add_trust(parser, "run only deployments signed with this key; repeatable (see fame keys)")
     parser.add_argument(
         "--identity", type=Path, metavar="FILE.key",
         help="sign the engine's messages with this key, which proves the robot's name (see fame keys); needs --trust",
@@ -190,17 +186,14 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
     trusted, identity = _keys(arguments)
     if arguments.files is not None and not arguments.files.is_dir():
         raise ConfigError("expected a folder", file=str(arguments.files))
-    guarded = bool(trusted or arguments.insecure)
-    if arguments.network is not None and not guarded:
-        raise FameError(_OPEN)
+    expect_guarded = guard(arguments, trusted, "--trust FILE.pub")
     safe, suspended = _safe_states(arguments.type)
     state = _state(arguments)
     library = _library(arguments)
     opened = ExitStack()
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
-        if not (guarded or middleware.confined):  # loopback is asked for, and the platform does not keep it
-            raise FameError(_OPEN)
+        expect_guarded(middleware)
         if _is_there(arguments.name, trusted, scheduler, middleware):
             raise FameError(f"there is an engine {arguments.name!r} already")
         time = _simulated_time(arguments, scheduler, middleware)
@@ -251,9 +244,9 @@ def _library(arguments: Namespace) -> Library | None:
 
 def _keys(arguments: Namespace) -> tuple[Any, Any]:
     """The public keys that are trusted, and the engine's identity or None. Raises ConfigError."""
-    from fame.deploy.signing import read_identity, read_trusted
+    from fame.deploy.signing import read_identity
 
-    trusted = read_trusted(arguments.trust) if arguments.trust else ()
+    trusted = trusted_keys(arguments)
     if arguments.identity is None:
         return trusted, None
     if not trusted:
@@ -344,9 +337,7 @@ def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middl
         return False  # nobody to listen to, nothing that all others would have to hear of
     node = middleware.node("_fame_twin", name)
     node.subscription("bpmn_status", STRING, listen, STATUS_QOS)
-    until = scheduler.now + round(1.5 * HEARTBEAT * SECOND)
-    while name in engines(middleware) and not reports and scheduler.now < until:
-        scheduler.run(scheduler.now + SECOND // 20)
+    wait_until(scheduler, lambda: reports or name not in engines(middleware), 1.5 * HEARTBEAT)
     node.close()
     return bool(reports)
 

@@ -9,7 +9,7 @@ from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, Parser, command, natural
 from fame.cli.output import note
@@ -21,7 +21,37 @@ if TYPE_CHECKING:
     from fame.middleware.simulated_time import Lockstep
     from fame.middleware.wire_base import WireNode
 
-OPEN = "other machines can reach this process, and a topic that carries code must not be open by accident"
+
+def guard(arguments: Namespace, trusted: Sequence[Any], option: str) -> Callable[[Middleware], None]:
+    """Raise FameError if others can send code to a process unasked: now, or by what is returned, once it is connected.
+
+    `option` names what would keep them away.
+    """
+    open_to_all = FameError(
+        "other machines can reach this process, and a topic that carries code must not be open by accident: "
+        f"give {option}, or --insecure to take what anybody sends"
+    )
+    guarded = bool(trusted or arguments.insecure)
+    if arguments.network is not None and not guarded:
+        raise open_to_all
+
+    def check(middleware: Middleware) -> None:
+        if not (guarded or middleware.confined):  # loopback is asked for, and the platform does not keep it
+            raise open_to_all
+
+    return check
+
+
+def wait_until(scheduler: WallScheduler, condition: Callable[[], object], seconds: float) -> bool:
+    """Run until a condition holds, for some `seconds` at most. Returns whether it holds."""
+    until = scheduler.now + round(seconds * 1e9)
+    while not condition() and scheduler.now < until:
+        scheduler.run(min(until, scheduler.now + _POLL))
+    return bool(condition())
+
+
+_POLL = 20_000_000
+"""Interval in which `wait_until` looks (ns)."""
 
 
 def add_network(parser: Parser) -> None:

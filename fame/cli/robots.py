@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, Parser, add_json, command, positive
-from fame.cli.network import add_network, connected, person
+from fame.cli.arguments import (
+    Commands,
+    Parser,
+    add_json,
+    add_key,
+    add_trust,
+    command,
+    positive,
+    private_key,
+    trusted_keys,
+)
+from fame.cli.network import add_network, connected, person, wait_until
 from fame.cli.output import print_json, table
 from fame.errors import ConfigError
 from fame.text import printable
@@ -31,10 +40,9 @@ def add_status(commands: Commands) -> None:
         examples=("fame status", "fame status --json", "fame status --why REX", "fame status --why REX Event_Order"),
         help="show the state of every robot: model, instances, where its tokens wait, since when, and for what",
     )  # fmt: skip
-    parser.add_argument(
-        "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
-        help="show only signed states; engines that prove their names with this key take precedence; repeatable",
-    )  # fmt: skip
+    add_trust(
+        parser, "show only signed states; engines that prove their names with this key take precedence; repeatable"
+    )
     parser.add_argument(
         "--why", nargs="+", metavar=("ROBOT", "ELEMENT"),
         help="explain why each token of a robot waits (or that at ELEMENT, an id or label): the condition and its "
@@ -53,12 +61,11 @@ def run_status(arguments: Namespace) -> int:
     from fame.clock import SECOND
     from fame.deploy import STATUS_QOS, STRING, engines
     from fame.deploy.authentication import ReportReader
-    from fame.deploy.signing import read_trusted
     from fame.deploy.status import HEARTBEAT
     from fame.errors import DeploymentError
 
     reports: dict[str, Report] = {}
-    trusted = read_trusted(arguments.trust) if arguments.trust else ()
+    trusted = trusted_keys(arguments)
 
     def on_message(reader: ReportReader, message: Any) -> None:
         report = reader.read(message.data)
@@ -91,7 +98,6 @@ _PATIENCE = 6.0
 
 def _explain_waits(arguments: Namespace) -> int:
     """Print why the tokens of a robot wait."""
-    from fame.clock import SECOND
     from fame.deploy import engines
     from fame.errors import DeploymentError
     from fame.log.live_team import LiveTeam
@@ -104,9 +110,7 @@ def _explain_waits(arguments: Namespace) -> int:
     with connected(arguments) as (scheduler, middleware):
         node = middleware.node("_fame_status")
         with LiveTeam(node, middleware, scheduler, lambda *warning: None, robots=frozenset([robot])) as team:
-            until = scheduler.now + round(_PATIENCE * SECOND)
-            while scheduler.now < until and not (robot in team.state.robots and robot in team.models):
-                scheduler.run(min(until, scheduler.now + SECOND // 10))
+            wait_until(scheduler, lambda: robot in team.state.robots and robot in team.models, _PATIENCE)
             there = engines(middleware)
     if robot not in there:
         raise DeploymentError(f"unknown robot {robot!r}; {suggestion(robot, there)}")
@@ -169,70 +173,63 @@ def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
 
 def add_requests(commands: Commands) -> None:
     """Declare the commands."""
-    completing = command(
-        commands, "complete", complete,
+    completing = _add_request(
+        commands, "complete", element="id of the task; fame status shows where tokens wait",
         examples=("fame complete REX Task_Inspect", "fame complete REX Task_Release --value approved=true"),
         help="complete a user, manual or receive task of a running robot, with its results",
     )  # fmt: skip
-    completing.add_argument("robot", metavar="ROBOT")
-    completing.add_argument("element", metavar="ELEMENT", help="id of the task; fame status shows where tokens wait")
     completing.add_argument(
         "--value", action="append", default=[], type=value, metavar="NAME=VALUE",
         help="a result, which becomes a variable: a number, text, true, false, a list; repeatable",
     )  # fmt: skip
-    activating = command(
-        commands, "activate", activate,
+    _add_request(
+        commands, "activate", element="id of the element; fame status shows which can start",
         examples=("fame activate REX Task_Photo", "fame activate REX Task_Photo --json"),
         help="start an element of an open ad-hoc sub-process of a running robot, again if it has already run",
     )  # fmt: skip
-    activating.add_argument("robot", metavar="ROBOT")
-    activating.add_argument("element", metavar="ELEMENT", help="id of the element; fame status shows which can start")
-    aborting = command(
-        commands, "abort", abort, examples=("fame abort REX", "fame abort REX --key team.key"),
+    aborting = _add_request(
+        commands, "abort", examples=("fame abort REX", "fame abort REX --key team.key"),
         help="end an undecided deployment on a robot (fame status: holding); it keeps its old process",
     )  # fmt: skip
-    aborting.add_argument("robot", metavar="ROBOT")
-    for parser in (completing, activating, aborting, *_add_repairs(commands)):
-        _add_common(parser)
-
-
-def _add_repairs(commands: Commands) -> tuple[Parser, ...]:
-    """Declare the commands that repair a running robot."""
-    retrying = command(
-        commands, "retry", retry, examples=("fame retry REX Task_Grip", "fame retry REX Task_Grip --set force=12"),
+    aborting.set_defaults(command=abort)
+    retrying = _add_request(
+        commands, "retry", element="id of the element; fame status shows the incidents",
+        examples=("fame retry REX Task_Grip", "fame retry REX Task_Grip --set force=12"),
         help="execute a failed element of a running robot again (fame engine --on-error hold)",
     )  # fmt: skip
-    retrying.add_argument("robot", metavar="ROBOT")
-    retrying.add_argument("element", metavar="ELEMENT", help="id of the element; fame status shows the incidents")
     retrying.add_argument(
         "--set", action="append", default=[], type=value, dest="value", metavar="NAME=VALUE",
         help="set a variable first; repeatable",
     )  # fmt: skip
-    setting = command(
-        commands, "set", set_variables,
-        examples=("fame set REX speed=0.5", "fame set REX home='[1, 2]' --key team.key"),
+    setting = _add_request(
+        commands, "set", examples=("fame set REX speed=0.5", "fame set REX home='[1, 2]' --key team.key"),
         help="set variables of a running robot's mission",
     )  # fmt: skip
-    setting.add_argument("robot", metavar="ROBOT")
     setting.add_argument(
         "value", nargs="+", type=value, metavar="NAME=VALUE", help="a number, text, true, false, a list"
     )
-    moving = command(
-        commands, "move", move, examples=("fame move REX Task_Grip Task_Ask",),
+    moving = _add_request(
+        commands, "move", element="id of the element where the token waits; it is cancelled", metavar="FROM",
+        examples=("fame move REX Task_Grip Task_Ask",),
         help="move a token of a running robot to another element of the same scope",
     )  # fmt: skip
-    moving.add_argument("robot", metavar="ROBOT")
-    moving.add_argument("element", metavar="FROM", help="id of the element where the token waits; it is cancelled")
     moving.add_argument("to", metavar="TO", help="id of the element that starts instead")
-    return retrying, setting, moving
 
 
-def _add_common(parser: Parser) -> None:
-    """Add the arguments that these commands share."""
-    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign the request with this key (see fame keys)")
+def _add_request(
+    commands: Commands, act: str, *, examples: Sequence[str], help: str, element: str = "", metavar: str = "ELEMENT"
+) -> Parser:
+    """Declare a command with the arguments that all of them share."""
+    parser = command(commands, act, request, examples=examples, help=help)
+    parser.set_defaults(act=act, element="", value=[], to="")
+    parser.add_argument("robot", metavar="ROBOT")
+    if element:
+        parser.add_argument("element", metavar=metavar, help=element)
+    add_key(parser, "sign the request with this key")
     parser.add_argument("--wait", type=positive, default=5.0, metavar="S", help="how long to wait for the answer (5)")
     add_network(parser)
     add_json(parser)
+    return parser
 
 
 def value(text: str) -> tuple[str, Any]:
@@ -252,61 +249,21 @@ def value(text: str) -> tuple[str, Any]:
     return name, given
 
 
-def complete(arguments: Namespace) -> int:
-    """Complete a task of the robot, and print its answer."""
-    return _request(arguments, "complete", dict(arguments.value))
-
-
-def activate(arguments: Namespace) -> int:
-    """Start an element of an ad-hoc sub-process of the robot, and print its answer."""
-    return _request(arguments, "activate", {})
-
-
-def retry(arguments: Namespace) -> int:
-    """Execute an element that has failed again, and print the robot's answer."""
-    return _request(arguments, "retry", dict(arguments.value))
-
-
-def set_variables(arguments: Namespace) -> int:
-    """Set variables of the robot's mission, and print its answer."""
-    arguments.element = ""
-    return _request(arguments, "set", dict(arguments.value))
-
-
-def move(arguments: Namespace) -> int:
-    """Move a token of the robot, and print its answer."""
-    return _request(arguments, "move", {}, to=arguments.to)
-
-
-def _request(arguments: Namespace, act: str, values: Mapping[str, Any], to: str = "") -> int:
+def request(arguments: Namespace) -> int:
     """Ask a robot to do something (`fame.deploy.requests.TaskRequest`), and print its answer."""
     with connected(arguments) as (scheduler, middleware):
-        report = _answer(arguments, act, values, to, scheduler, middleware)
+        report = _answer(arguments, scheduler, middleware)
     done = report.answer != "refused"
     if arguments.json:
-        print_json(
-            {
-                "status": "completed" if done else "failed",
-                "robot": arguments.robot,
-                "element": arguments.element,
-                "reason": report.reason,
-            }
-        )
+        status = "completed" if done else "failed"
+        print_json({"status": status, "robot": arguments.robot, "element": arguments.element, "reason": report.reason})
     else:
-        print(
-            f"{arguments.robot}: {report.answer}: {printable(report.reason or arguments.element or ', '.join(values))}"
-        )
+        shown = report.reason or arguments.element or ", ".join(dict(arguments.value))
+        print(f"{arguments.robot}: {report.answer}: {printable(shown)}")
     return 0 if done else 1
 
 
-def _answer(
-    arguments: Namespace,
-    act: str,
-    values: Mapping[str, Any],
-    to: str,
-    scheduler: WallScheduler,
-    middleware: Middleware,
-) -> Report:
+def _answer(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> Report:
     """Return the answer of the robot. Raises DeploymentError if it does not answer."""
     import os
     import time
@@ -314,30 +271,24 @@ def _answer(
     from fame.clock import SECOND
     from fame.deploy import Report, engines
     from fame.deploy.requests import TaskClient, TaskRequest
-    from fame.deploy.signing import read_private
     from fame.errors import DeploymentError
 
-    key = read_private(arguments.key) if arguments.key is not None else None
-    robot, answers = arguments.robot, list[Report]()
-    until = scheduler.now + round(arguments.wait * SECOND)
-    while robot not in engines(middleware):
-        if scheduler.now >= until:
-            there = ", ".join(engines(middleware)) or "none"
-            raise DeploymentError(f"no engine of a robot named {robot}; there are {there}")
-        scheduler.run(scheduler.now + SECOND // 20)
-    done = TaskRequest(
+    robot, key = arguments.robot, private_key(arguments)
+    answers, begun = list[Report](), scheduler.now
+    if not wait_until(scheduler, lambda: robot in engines(middleware), arguments.wait):
+        there = ", ".join(engines(middleware)) or "none"
+        raise DeploymentError(f"no engine of a robot named {robot}; there are {there}")
+    asked = TaskRequest(
         id=f"task-{os.getpid()}-{time.time_ns()}",
         element=arguments.element,
-        values=values,
-        act=act,
-        to=to,
+        values=dict(arguments.value),
+        act=arguments.act,
+        to=arguments.to,
         who=person(),
     )
-    asking = TaskClient(
-        robot, done, node=middleware.node(f"fame_{act}"), scheduler=scheduler, answered=answers.append, key=key
-    )
-    while not answers and scheduler.now < until:
-        scheduler.run(scheduler.now + SECOND // 50)
+    node = middleware.node(f"fame_{arguments.act}")
+    asking = TaskClient(robot, asked, node=node, scheduler=scheduler, answered=answers.append, key=key)
+    wait_until(scheduler, lambda: answers, arguments.wait - (scheduler.now - begun) / SECOND)
     asking.close()
     if not answers:
         raise DeploymentError(f"{robot} did not answer within {arguments.wait:g} s")
@@ -361,10 +312,9 @@ def _abort(arguments: Namespace, scheduler: WallScheduler, middleware: Middlewar
     """Answer and reason. Raises DeploymentError if the robot does not answer."""
     from fame.clock import SECOND
     from fame.deploy.requests import AbortClient
-    from fame.deploy.signing import read_private
     from fame.errors import DeploymentError
 
-    key = read_private(arguments.key) if arguments.key is not None else None
+    key = private_key(arguments)
     ended: list[tuple[str, str]] = []
     node = middleware.node("_fame_abort")
 

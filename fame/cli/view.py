@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, Parser, add_library, command, positive, register_types
+from fame.cli.arguments import Commands, Parser, add_key, add_library, command, positive, private_key, register_types
 from fame.cli.network import add_network
 from fame.errors import ConfigError, FameError
 
@@ -60,7 +60,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--control", action="store_true", help="team: allow the page to complete tasks, retry, set and move"
     )
-    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign the requests of --control (see fame keys)")
+    add_key(parser, "sign the requests of --control")
     add_page(parser)
     add_network(parser)
     add_library(parser)
@@ -111,13 +111,12 @@ def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay:
 
 def _team(arguments: Namespace) -> int:
     """The team on the network, until Ctrl-C."""
-    from fame.deploy.signing import read_private
     from fame.scenario import serve
     from fame.view import TeamView
 
     if arguments.branch is not None:
         raise ConfigError("--branch needs a recording: fame view run.mcap --branch S")
-    key = read_private(arguments.key) if arguments.key is not None else None
+    key = private_key(arguments)
     with ExitStack() as served:
 
         def build(scheduler: WallScheduler, middleware: Middleware) -> TeamView:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, command, natural, positive
-from fame.cli.network import add_network, connected, lockstep, note_ready, note_warning
+from fame.cli.network import add_network, connected, lockstep, note_ready, note_warning, wait_until
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -72,18 +72,16 @@ def _expect_no_other(scheduler: WallScheduler, middleware: Middleware) -> None:
     ticks: list[object] = []
     node = middleware.node("_fame_twin", "world")
     node.subscription(CLOCK, CLOCK_TYPE, ticks.append, SENSOR_DATA)
-    until = scheduler.now + SECOND
-    while not ticks and scheduler.now < until:
-        scheduler.run(scheduler.now + SECOND // 20)
+    is_heard = wait_until(scheduler, lambda: ticks, 1.0)
     node.close()
-    if ticks:
+    if is_heard:
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         text = f"another world is on /clock in ROS domain {domain}; for a second one set ROS_DOMAIN_ID to another"
         raise ConfigError(f"{text} number here, and for its engines and commands")
 
 
 _PATIENCE = 5.0
-"""Seconds to find the world, and to wait for its answer."""
+"""Seconds to find the world, and then to wait for its answer."""
 
 
 def add_time(commands: Commands) -> None:
@@ -116,20 +114,15 @@ def resume(arguments: Namespace) -> int:
 
 def _call(arguments: Namespace, service: str) -> int:
     """Call a service of the world without arguments, and wait for its answer. Raises DeploymentError."""
-    from fame.clock import SECOND
     from fame.errors import DeploymentError
     from fame.scenario.world_process import EMPTY
 
     answers: list[object] = []
     with connected(arguments) as (scheduler, middleware):
         client = middleware.node("_fame_pause").client(service, EMPTY)
-        until = scheduler.now + round(_PATIENCE * SECOND)
-        requested = False
-        while not answers and scheduler.now < until:
-            if client.available and not requested:
-                requested = True
-                client.call(None, answers.append)
-            scheduler.run(scheduler.now + SECOND // 50)
+        if wait_until(scheduler, lambda: client.available, _PATIENCE):
+            client.call(None, answers.append)
+            wait_until(scheduler, lambda: answers, _PATIENCE)
     if not answers:
         raise DeploymentError(f"no world answered within {_PATIENCE:g} s; start one with: fame world WORLD.yaml")
     return 0
