@@ -15,7 +15,7 @@ _EXTRAS = {
     "joblib": ("campaigns need joblib", "campaign"),
     "distributed": ("--backend dask needs distributed", "dask"),
     "ray": ("--backend ray needs ray", "ray"),
-    "matplotlib": ("pictures need matplotlib", "sim"),
+    "matplotlib": ("pictures and plots need matplotlib", "sim"),
     "pandas": ("tables of events need pandas", "pandas"),
     "pytest": ("tests of missions need pytest", "test"),
     "pyarrow": ("Parquet files need pyarrow", "parquet"),

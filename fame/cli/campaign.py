@@ -74,7 +74,8 @@ def run(arguments: Namespace) -> int:
     from fame.scenario.campaign import run_campaign
     from fame.scenario.campaign_report import summary, text_report, write_reports
 
-    require("joblib")  # before a folder is written, which would be in the way of the next try
+    for package in ("joblib", "matplotlib", "scipy"):  # before a folder is written, which would be in the way
+        require(package)
     if arguments.property is not None and arguments.width is None:
         raise ConfigError("--property needs --width W")
     campaign, folder = _campaign(arguments)

@@ -8,8 +8,9 @@ import statistics
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
+from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fame import intervals
 from fame.imports import require
@@ -20,6 +21,9 @@ from fame.scenario.property_statistics import (
     statistics as statistics_of_properties,
 )
 from fame.scenario.variation import is_number
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Row = Mapping[str, Any]
 COUNTED = ("completed", "failed", "timeout")
@@ -203,7 +207,7 @@ def write_reports(rows: Sequence[Row], folder: Path, scenario: str, *, parquet: 
     files = {
         "summary.json": json.dumps(found, indent=2) + "\n",
         "index.html": html_report(rows, scenario),
-        **{f"{name}.svg": _standalone(plot) for name, plot in _plots(found, rows).items()},
+        **{f"{name}.svg": plot for name, plot in _plots(found, rows).items()},
     }
     for name, text in files.items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -226,7 +230,7 @@ def _flat(row: Row) -> dict[str, Any]:
 def html_report(rows: Sequence[Row], scenario: str) -> str:
     """One page: the result, the distribution of durations, failures with the commands that repeat them, parameters."""
     found = summary(rows)
-    plots = _plots(found, rows)
+    plots = {name: plot[plot.index("<svg") :] for name, plot in _plots(found, rows).items()}
     low, high = found["interval"]
     share = f"{found['probability']:.1%}" if found["probability"] is not None else "no runs"
     body = [
@@ -260,8 +264,8 @@ def html_report(rows: Sequence[Row], scenario: str) -> str:
 
 _STYLE = """body{font-family:Arial,Helvetica,sans-serif;margin:2em auto;max-width:70em;color:#1f2328}
 table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #d0d7de;padding:.25em .7em;text-align:left}
-td:last-child{word-break:break-word}svg{display:block;margin:1em 0}text{font-size:12px}"""
-_GREEN, _GREY, _BLUE = "#1a7f37", "#d0d7de", "#0969da"
+td:last-child{word-break:break-word}svg{display:block;margin:1em 0}"""
+_GREEN, _BLUE = "#1a7f37", "#0969da"
 
 
 def _table(heads: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
@@ -271,68 +275,35 @@ def _table(heads: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
 
 
 def _plots(found: Mapping[str, Any], rows: Sequence[Row]) -> dict[str, str]:
-    """The plots of a campaign by name, as elements of SVG; those for which there are values."""
-    plots = {"success": _interval_picture(found["probability"] or 0.0, *found["interval"])}
+    """The plots of a campaign by name, as SVG; those for which there are values."""
+    require("matplotlib")
+    from matplotlib.figure import Figure
+
+    low, high = found["interval"]
+    figure = Figure(figsize=(6, 0.8), layout="constrained")
+    axes = figure.add_subplot(xlim=(0, 100), yticks=[], xlabel="completed (%)")
+    axes.axvspan(100 * low, 100 * high, color=_GREEN, alpha=0.35)
+    axes.plot(100 * (found["probability"] or 0.0), 0, "o", color=_GREEN)
+    plots = {"success": _svg(figure)}
     done = [float(row["duration"]) for row in rows if row["status"] == "completed"]
     if done:
-        plots["duration"] = _histogram(done)
+        figure = Figure(figsize=(6, 1.8), layout="constrained")
+        figure.add_subplot(xlabel="simulated s", ylabel="runs").hist(done, bins=30, color=_BLUE)
+        plots["duration"] = _svg(figure)
     if found["parameters"]:
-        plots["parameters"] = _bars([(one["path"], one["success"], one["duration"]) for one in found["parameters"]])
+        lines = found["parameters"][::-1]
+        figure = Figure(figsize=(7, 0.8 + 0.3 * len(lines)), layout="constrained")
+        axes = figure.add_subplot(xlim=(0, 1), xlabel="strength")
+        for offset, name, colour in ((0.2, "success", _GREEN), (-0.2, "duration", _BLUE)):
+            places = [number + offset for number in range(len(lines))]
+            axes.barh(places, [one[name] for one in lines], 0.4, color=colour, label=f"on {name}")
+        axes.set_yticks(range(len(lines)), [one["path"] for one in lines])
+        axes.legend()
+        plots["parameters"] = _svg(figure)
     return plots
 
 
-def _standalone(plot: str) -> str:
-    """A plot as a file of its own, on white."""
-    style = "<style>text{font:12px Arial,Helvetica,sans-serif}</style><rect width='100%' height='100%' fill='#fff'/>"
-    head, end, rest = plot.partition(">")
-    return f"{head.replace('<svg', _SVG, 1)}{end}{style}{rest}\n"
-
-
-_SVG = '<svg xmlns="http://www.w3.org/2000/svg"'
-
-
-def _interval_picture(probability: float, low: float, high: float) -> str:
-    x = [20 + 560 * value for value in (low, high, probability)]
-    ticks = "".join(
-        f'<text x="{20 + 560 * tick / 10:g}" y="48" text-anchor="middle">{tick * 10} %</text>'
-        for tick in range(0, 11, 2)
-    )
-    return (
-        f'<svg width="600" height="56"><rect x="20" y="18" width="560" height="4" fill="{_GREY}"/>'
-        f'<rect x="{x[0]:.1f}" y="12" width="{max(1.0, x[1] - x[0]):.1f}" height="16" fill="{_GREEN}" opacity="0.35"/>'
-        f'<circle cx="{x[2]:.1f}" cy="20" r="6" fill="{_GREEN}"/>{ticks}</svg>'
-    )
-
-
-def _histogram(values: Sequence[float], bins: int = 30) -> str:
-    low, high = min(values), max(values)
-    width = (high - low) / bins or 1.0
-    counts = [0] * bins
-    for value in values:
-        counts[min(int((value - low) / width), bins - 1)] += 1
-    top = max(counts)
-    heights = [130 * count / top for count in counts]
-    bars = "".join(
-        f'<rect x="{40 + 18 * place}" y="{150 - height:.1f}" width="17" height="{height:.1f}" fill="{_BLUE}"/>'
-        for place, height in enumerate(heights)
-    )
-    marks = ((40, low, "start"), (40 + 9 * bins, (low + high) / 2, "middle"), (40 + 18 * bins, high, "end"))
-    labels = "".join(f'<text x="{x}" y="168" text-anchor="{anchor}">{value:.4g}</text>' for x, value, anchor in marks)
-    scale = f'<text x="36" y="26" text-anchor="end">{top}</text>'
-    return f'<svg width="{60 + 18 * bins}" height="176">{bars}{scale}{labels}</svg>'
-
-
-def _bars(lines: Sequence[tuple[str, float, float]]) -> str:
-    height = 30 * len(lines) + 24
-    parts = [
-        f'<text x="300" y="14" fill="{_GREEN}">on success</text><text x="390" y="14" fill="{_BLUE}">on duration</text>'
-    ]
-    for number, (name, success, duration) in enumerate(lines):
-        y = 24 + 30 * number
-        parts.append(f'<text x="290" y="{y + 16}" text-anchor="end">{escape(name)}</text>')
-        for offset, value, colour in ((0, success, _GREEN), (12, duration, _BLUE)):
-            parts.append(
-                f'<rect x="300" y="{y + offset}" width="{max(1.0, 300 * value):.1f}" height="10" fill="{colour}"/>'
-            )
-            parts.append(f'<text x="{306 + 300 * value:.1f}" y="{y + offset + 9}" font-size="10">{value:.2f}</text>')
-    return f'<svg width="680" height="{height}">{"".join(parts)}</svg>'
+def _svg(figure: Figure) -> str:
+    text = StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None})
+    return text.getvalue()
