@@ -17,6 +17,7 @@ Each end is a pure state machine, ``(state, event) -> (state, actions)``, in a s
     leader_election    which splitter is the leader      splitter_node  its shell
     late_joiners       robots that join late or restart
     machine            runs a state machine: events in, actions out
+    options            what an engine runs with, and a deployment is sent with
     resumption         the deployment on disk, for engines that resume
     migration          plans of migrations, and their preview
 

@@ -1,6 +1,7 @@
 """The node of one robot: its engine, connected to middleware, scheduler and scripts.
 
 node            the interface for others, from loading a process to its end
+options         what it runs its process with
 host            the host of the engine: messages, timers, scripts, events
 mission         the process that a robot runs, with everything that it refers to
 endpoints       publishers and subscriptions of its events and scripts; messages to one robot
