@@ -20,7 +20,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Container, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, MessageError
@@ -179,9 +179,19 @@ class WireMiddleware(ABC):
             self.release()
 
 
-class WireNode(ABC):
+class EndpointClasses(NamedTuple):
+    """The classes of the endpoints of a backend, each made with its node first (`fame.middleware.wire_endpoints`)."""
+
+    publisher: Callable[..., WirePublisher]
+    subscription: Callable[..., WireSubscription]
+    service: Callable[..., WireService]
+    client: Callable[..., WireClient]
+
+
+class WireNode:
     """A node and its endpoints. See `fame.middleware.interface.Node`."""
 
+    endpoint_classes: ClassVar[EndpointClasses]
     middleware: WireMiddleware
     name: str
     namespace: str
@@ -202,22 +212,6 @@ class WireNode(ABC):
             until = middleware.scheduler.now + _LATEST_PARAMETERS
             middleware.scheduler.after(_PARAMETERS_DELAY, partial(self._await_quiet, 0, until))
 
-    @abstractmethod
-    def make_publisher(self, topic: str, type: str, qos: QoS) -> WirePublisher:
-        """Make a publisher on a topic (full name)."""
-
-    @abstractmethod
-    def make_subscription(self, topic: str, type: str, callback: Callback, qos: QoS) -> WireSubscription:
-        """Make a subscription to a topic (full name)."""
-
-    @abstractmethod
-    def make_service(self, name: str, type: str, handler: Callable[[Message], Any]) -> WireService:
-        """Make a service of a full name."""
-
-    @abstractmethod
-    def make_client(self, name: str, type: str) -> WireClient:
-        """Make a client of a service (full name)."""
-
     def hold(self, held: bool) -> None:
         """Hold its messages until they are drained, or stop holding them."""
         self.held = held
@@ -235,16 +229,21 @@ class WireNode(ABC):
         return all(nodes.index(self) < nodes.index(other) for other in self.others())
 
     def publisher(self, topic: str, type: str, qos: QoS = SIGNAL) -> Any:
-        return self._add(self.publishers, self.make_publisher(self._full(topic), type, qos))
+        publisher = self.endpoint_classes.publisher(self, self._full(topic), type, qos)
+        for subscription in self.subscriptions:
+            subscription.ignore(publisher)
+        return self._add(self.publishers, publisher)
 
     def subscription(self, topic: str, type: str, callback: Callback, qos: QoS = SIGNAL) -> Any:
-        return self._add(self.subscriptions, self.make_subscription(self._full(topic), type, callback, qos))
+        return self._add(
+            self.subscriptions, self.endpoint_classes.subscription(self, self._full(topic), type, callback, qos)
+        )
 
     def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> Any:
-        return self._add(self.services, self.make_service(self._full(name), type, handler))
+        return self._add(self.services, self.endpoint_classes.service(self, self._full(name), type, handler))
 
     def client(self, name: str, type: str) -> Any:
-        return self._add(self.services, self.make_client(self._full(name), type))
+        return self._add(self.services, self.endpoint_classes.client(self, self._full(name), type))
 
     def close(self) -> None:
         """Close all endpoints. Does nothing the second time."""

@@ -128,7 +128,7 @@ class WireSubscription(TopicEndpoint):
     def __init__(self, node: WireNode, topic: str, type: str, callback: Callback, qos: QoS) -> None:
         super().__init__(node, topic, type, qos)
         self.max_size: int = MAX_MESSAGE_SIZE
-        self.held: bool = False
+        self.held: bool = node.held
         self.on_dropped: OnWarning = self._warn_once
         self.counts_losses: bool = counts_losses(qos)
         self.uncounted: bool = False  # whether more may have been lost than the backend can count
@@ -137,6 +137,9 @@ class WireSubscription(TopicEndpoint):
         self._scheduled = False
         self._unreadable = 0
         self._soon = node.middleware.scheduler.soon
+
+    def ignore(self, publisher: Any) -> None:
+        """Drop the messages of a publisher of the same node, if the backend does not do so by itself."""
 
     def drain(self) -> list[tuple[str, bytes]]:
         """Take all held messages, each with the full name of the node that sent it."""

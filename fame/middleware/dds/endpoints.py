@@ -12,7 +12,7 @@ import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import count
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from cyclonedds.core import DDSException
 from cyclonedds.qos import Policy
@@ -27,8 +27,11 @@ from fame.middleware.dds.wire import matched, user_data
 from fame.middleware.errors import FOREIGN, dropped_warning
 from fame.middleware.interface import EndpointWarning, Message, QoS
 from fame.middleware.qos import one_deeper
-from fame.middleware.wire_base import Warnings, WireNode
+from fame.middleware.wire_base import Warnings
 from fame.middleware.wire_endpoints import WireClient, WirePublisher, WireService, WireSubscription
+
+if TYPE_CHECKING:
+    from fame.middleware.dds.middleware import DdsNode
 
 _BATCH = 16
 """How many samples are taken from Cyclone at a time."""
@@ -41,9 +44,10 @@ _LONGEST = 10 * SECOND
 class DdsPublisher(WirePublisher):
     """A publisher."""
 
-    def __init__(self, node: WireNode, participant: Participant, topic: str, type: str, qos: QoS) -> None:
+    def __init__(self, node: DdsNode, topic: str, type: str, qos: QoS) -> None:
         super().__init__(node, topic, type, qos)
-        self._participant, self._unflushed, self._sent = participant, False, 0
+        self._participant = participant = node.participant
+        self._unflushed, self._sent = False, 0
         data = wire.type_hash(self.type) + wire.NUMBERED
         self._writer = participant.entities.writer(wire.dds_topic(topic), self.type, qos, data)
         self.gid: bytes = self._writer.guid.bytes
@@ -87,17 +91,9 @@ class DdsSubscription(WireSubscription):
     While it is `held`, messages wait in Cyclone alone, for `drain`.
     """
 
-    def __init__(
-        self,
-        node: WireNode,
-        participant: Participant,
-        topic: str,
-        type: str,
-        callback: Callable[[Message], object],
-        qos: QoS,
-    ) -> None:
+    def __init__(self, node: DdsNode, topic: str, type: str, callback: Callable[[Message], object], qos: QoS) -> None:
         super().__init__(node, topic, type, callback, qos)
-        self._participant = participant
+        self._participant = participant = node.participant
         self._own = {publisher.handle for publisher in node.publishers if publisher.topic == topic}
         self._senders: dict[int, str] = {}
         self._last: dict[int, int | None] = {}  # source times of the last messages; None: not numbered
@@ -106,10 +102,7 @@ class DdsSubscription(WireSubscription):
         )
         self.gid: bytes = self._reader.guid.bytes
         self.handle: int = wire.handle(self._reader.get_instance_handle())
-
-    def start(self) -> None:
-        """Receive messages from now on."""
-        self._participant.data.add(self._reader, self._on_data)
+        participant.data.add(self._reader, self._on_data)
 
     def ignore(self, publisher: DdsPublisher) -> None:
         """Drop the messages of a publisher of the same node, also those that are still queued when it closes."""
@@ -255,11 +248,9 @@ class DdsService(WireService):
 
     exchange: _Exchange
 
-    def __init__(
-        self, node: WireNode, participant: Participant, name: str, type: str, handler: Callable[[Message], Any]
-    ) -> None:
+    def __init__(self, node: DdsNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
         super().__init__(node, name, type, handler)
-        self.exchange = _Exchange(participant, node.middleware.warn, name, type, "service", self._on_request)
+        self.exchange = _Exchange(node.participant, node.middleware.warn, name, type, "service", self._on_request)
         self._reachable: set[int] = set()
 
     def release(self) -> None:
@@ -301,9 +292,9 @@ class DdsClient(WireClient):
 
     exchange: _Exchange
 
-    def __init__(self, node: WireNode, participant: Participant, name: str, type: str) -> None:
+    def __init__(self, node: DdsNode, name: str, type: str) -> None:
         super().__init__(node, name, type)
-        self.exchange = _Exchange(participant, node.middleware.warn, name, type, "client", self._on_message)
+        self.exchange = _Exchange(node.participant, node.middleware.warn, name, type, "client", self._on_message)
         self._guid = wire.handle(self.exchange.writer.get_instance_handle())
         self._numbers = count(1)
 

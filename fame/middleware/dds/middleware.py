@@ -8,15 +8,14 @@ from __future__ import annotations
 import atexit
 from collections.abc import Callable, Set
 from functools import partial
-from typing import Any
 
 from fame.clock import SECOND, WallScheduler
 from fame.middleware.dds import wire
 from fame.middleware.dds.discovery import Endpoint, NodeEntry
 from fame.middleware.dds.endpoints import DdsClient, DdsPublisher, DdsService, DdsSubscription
 from fame.middleware.dds.participant import Participant
-from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, Message, QoS, TopicInfo
-from fame.middleware.wire_base import WireMiddleware, WireNode, domain_id
+from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, TopicInfo
+from fame.middleware.wire_base import EndpointClasses, WireMiddleware, WireNode, domain_id
 
 _FLUSH_PATIENCE = 4 * SECOND
 """Time limit for a subscription to receive all messages; one whose process died is removed earlier (ns)."""
@@ -109,30 +108,11 @@ class DdsNode(WireNode):
     publishers: list[DdsPublisher]
     subscriptions: list[DdsSubscription]
     services: list[DdsService | DdsClient]
+    endpoint_classes = EndpointClasses(DdsPublisher, DdsSubscription, DdsService, DdsClient)
 
     def __init__(self, middleware: DdsMiddleware, name: str, namespace: str, part: str) -> None:
-        self._participant = middleware.participant
+        self.participant: Participant = middleware.participant
         super().__init__(middleware, name, namespace, part)
-
-    def make_publisher(self, topic: str, type: str, qos: QoS) -> DdsPublisher:
-        publisher = DdsPublisher(self, self._participant, topic, type, qos)
-        for subscription in self.subscriptions:
-            subscription.ignore(publisher)
-        return publisher
-
-    def make_subscription(
-        self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS
-    ) -> DdsSubscription:
-        subscription = DdsSubscription(self, self._participant, topic, type, callback, qos)
-        subscription.held = self.held
-        subscription.start()
-        return subscription
-
-    def make_service(self, name: str, type: str, handler: Callable[[Message], Any]) -> DdsService:
-        return DdsService(self, self._participant, name, type, handler)
-
-    def make_client(self, name: str, type: str) -> DdsClient:
-        return DdsClient(self, self._participant, name, type)
 
     def entry(self) -> NodeEntry:
         """The node as it is announced to the domain, with its other parts."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from importlib import import_module
 from itertools import count
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.context import Context
@@ -35,8 +35,10 @@ from fame.middleware import codec
 from fame.middleware.interface import UNKNOWN_NODE, Message, QoS, resolve
 from fame.middleware.qos import compatible, one_deeper
 from fame.middleware.self_echo_filter import EchoFilter
-from fame.middleware.wire_base import WireNode
 from fame.middleware.wire_endpoints import WireClient, WirePublisher, WireService, WireSubscription
+
+if TYPE_CHECKING:
+    from fame.middleware.ros.middleware import RosNode
 
 # ---- types, messages, quality of service -----------------------------------------------------------------------------
 
@@ -201,7 +203,8 @@ class RosHandle:
 class RosPublisher(WirePublisher):
     """A publisher. `history` is what late subscriptions get."""
 
-    def __init__(self, node: WireNode, ros: RosHandle, topic: str, type: str, qos: QoS) -> None:
+    def __init__(self, node: RosNode, topic: str, type: str, qos: QoS) -> None:
+        ros = node.handle
         super().__init__(node, ros.node.resolve_topic_name(topic), type, qos)
         self._ros = ros
         events = PublisherEventCallbacks(
@@ -239,13 +242,13 @@ class RosSubscription(WireSubscription):
 
     def __init__(
         self,
-        node: WireNode,
-        ros: RosHandle,
+        node: RosNode,
         topic: str,
         type: str,
         callback: Callable[[Message], object],
         qos: QoS,
     ) -> None:
+        ros = node.handle
         super().__init__(node, ros.node.resolve_topic_name(topic), type, callback, qos)
         self._ros, self._echoes = ros, EchoFilter()
         if qos.durability == "transient_local":
@@ -324,7 +327,8 @@ class RosService(WireService):
     scheduler. Responses are sent one after the other: rclpy resumes coroutines that wait in no order.
     """
 
-    def __init__(self, node: WireNode, ros: RosHandle, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+    def __init__(self, node: RosNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+        ros = node.handle
         super().__init__(node, ros.node.resolve_service_name(name), type, handler)
         self._ros, self._class = ros, ros_class(self.request_type.removesuffix("_Request"))
         self._responses: deque[tuple[Any, Any]] = deque()
@@ -365,7 +369,8 @@ class RosService(WireService):
 class RosClient(WireClient):
     """A client. See `fame.middleware.interface.Client`."""
 
-    def __init__(self, node: WireNode, ros: RosHandle, name: str, type: str) -> None:
+    def __init__(self, node: RosNode, name: str, type: str) -> None:
+        ros = node.handle
         super().__init__(node, ros.node.resolve_service_name(name), type)
         self._ros, self._class = ros, ros_class(self.request_type.removesuffix("_Request"))
         try:

@@ -11,7 +11,6 @@ import sys
 import threading
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
@@ -22,7 +21,7 @@ from fame.clock import SECOND, WallScheduler
 from fame.errors import ConfigError
 from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.errors import mismatch_warning
-from fame.middleware.interface import EndpointWarning, Message, QoS, TopicInfo, resolve
+from fame.middleware.interface import EndpointWarning, TopicInfo, resolve
 from fame.middleware.qos import compatible, mismatch
 from fame.middleware.ros.endpoints import (
     RosClient,
@@ -35,7 +34,7 @@ from fame.middleware.ros.endpoints import (
     from_profile,
     owner,
 )
-from fame.middleware.wire_base import NAMING_DELAY, WireMiddleware, WireNode
+from fame.middleware.wire_base import NAMING_DELAY, EndpointClasses, WireMiddleware, WireNode
 
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _LOOK = SECOND
@@ -193,13 +192,14 @@ class RosNode(WireNode):
     publishers: list[RosPublisher]
     subscriptions: list[RosSubscription]
     services: list[RosService | RosClient]
+    endpoint_classes = EndpointClasses(RosPublisher, RosSubscription, RosService, RosClient)
 
     def __init__(self, middleware: RosMiddleware, name: str, namespace: str, part: str) -> None:
         self.requested: tuple[str, str] = name, namespace
         self.ros: Node = middleware.shared(name, namespace, part) or self._made(middleware, name, namespace)
         self._is_own = self.ros is not middleware.observer
         super().__init__(middleware, *_names(self.ros) if self._is_own else (name, namespace), part)
-        self._handle = RosHandle(self.ros, middleware.executor, middleware.on_mismatch, middleware.waiter)
+        self.handle = RosHandle(self.ros, middleware.executor, middleware.on_mismatch, middleware.waiter)
 
     def _made(self, middleware: RosMiddleware, name: str, namespace: str) -> Node:
         try:
@@ -215,26 +215,12 @@ class RosNode(WireNode):
         middleware.executor.add_node(made)
         return made
 
-    def make_publisher(self, topic: str, type: str, qos: QoS) -> RosPublisher:
-        return RosPublisher(self, self._handle, topic, type, qos)
-
-    def make_subscription(
-        self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS
-    ) -> RosSubscription:
-        return RosSubscription(self, self._handle, topic, type, callback, qos)
-
-    def make_service(self, name: str, type: str, handler: Callable[[Message], Any]) -> RosService:
-        return RosService(self, self._handle, name, type, handler)
-
-    def make_client(self, name: str, type: str) -> RosClient:
-        return RosClient(self, self._handle, name, type)
-
     def close(self) -> None:
         """Close all endpoints. Does nothing the second time."""
         if self in self.middleware.nodes:
             super().close()
             if self._is_own and not self.others():
-                self._handle.executor.remove_node(self.ros)
+                self.handle.executor.remove_node(self.ros)
                 self.ros.destroy_node()
 
 

@@ -163,7 +163,6 @@ class ZenohSubscription(WireSubscription):
         self._noted = False  # whether the scheduler will take what has arrived
         self._wakeups = node.middleware.wakeups
         self._held: deque[tuple[bytes, bytes]] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
-        self.held = node.held
         # A thread of Zenoh does as little as possible: the scheduler's would wait for the interpreter's lock meanwhile.
         self._on_sample = self._take_sample if self._wakeups is None else self._note
         self._listener: threading.Thread | None = None

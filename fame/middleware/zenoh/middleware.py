@@ -24,9 +24,9 @@ import zenoh
 from fame.clock import SECOND, WallScheduler
 from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.errors import mismatch_warning
-from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, Message, QoS, TopicInfo
+from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, TopicInfo
 from fame.middleware.qos import mismatch
-from fame.middleware.wire_base import WireMiddleware, WireNode, domain_id
+from fame.middleware.wire_base import EndpointClasses, WireMiddleware, WireNode, domain_id
 from fame.middleware.zenoh import tokens
 from fame.middleware.zenoh.endpoints import ZenohClient, ZenohPublisher, ZenohService, ZenohSubscription
 from fame.middleware.zenoh.session import open_session, take_over
@@ -324,6 +324,7 @@ class ZenohNode(WireNode):
     subscriptions: list[ZenohSubscription]
     services: list[ZenohService | ZenohClient]
     entity: Entity
+    endpoint_classes = EndpointClasses(ZenohPublisher, ZenohSubscription, ZenohService, ZenohClient)
 
     def __init__(self, middleware: ZenohMiddleware, name: str, namespace: str, part: str) -> None:
         super().__init__(middleware, name, namespace, part)
@@ -334,23 +335,6 @@ class ZenohNode(WireNode):
             token = tokens.node_token(middleware.domain, middleware.id, middleware.next_id(), namespace, name)
             self.entity = tokens.entity(token)
             self._token = middleware.declare(self.entity)
-
-    def make_publisher(self, topic: str, type: str, qos: QoS) -> ZenohPublisher:
-        publisher = ZenohPublisher(self, topic, type, qos)
-        for subscription in self.subscriptions:
-            subscription.ignore(publisher)
-        return publisher
-
-    def make_subscription(
-        self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS
-    ) -> ZenohSubscription:
-        return ZenohSubscription(self, topic, type, callback, qos)
-
-    def make_service(self, name: str, type: str, handler: Callable[[Message], Any]) -> ZenohService:
-        return ZenohService(self, name, type, handler)
-
-    def make_client(self, name: str, type: str) -> ZenohClient:
-        return ZenohClient(self, name, type)
 
     def close(self) -> None:
         """Close all endpoints. Does nothing the second time."""
