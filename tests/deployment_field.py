@@ -86,7 +86,14 @@ class Field:
         self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
 
     def deploy(
-        self, text: str, id: str = "d1", sequence: int = 1, robots: Sequence[str] | None = None, **options
+        self,
+        text: str,
+        id: str = "d1",
+        sequence: int = 1,
+        robots: Sequence[str] | None = None,
+        only: Sequence[str] = (),
+        options: DeploymentOptions | None = None,
+        **more,
     ) -> Deployment:
         sent = Deployment(
             read_text(text, file="team.bpmn"),
@@ -96,7 +103,8 @@ class Field:
             middleware=self.middleware,
             ended=lambda deployment: None,
             robots=robots,
-            options=DeploymentOptions(**options),
+            only=only,
+            options=replace(options or DeploymentOptions(), **more),
         )
         sent.begin()
         self.pass_time(12)

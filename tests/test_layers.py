@@ -184,7 +184,7 @@ def test_an_engine_without_a_process_has_loaded_nothing_that_only_a_process_need
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())
     assert {"fame", "cyclonedds"} <= loaded
-    assert loaded & {"fame.bpmn.model", "fame.engine", "fame.scripting", "fame.robot", "fame.check"} == set()
+    assert loaded & {"fame.bpmn.model", "fame.engine", "fame.scripting", "fame.robot.node", "fame.check"} == set()
     assert loaded & {"rosbags", "numpy", "yaml", "lxml"} == set()
 
 

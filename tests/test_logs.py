@@ -23,6 +23,7 @@ from fame.log import COLUMNS, logging_to, outcomes, visits
 from fame.log.elements import element_info
 from fame.log.reading import run_outcomes
 from fame.robot import Event
+from fame.robot.events import Observer
 from fame.scenario import Scenario
 
 XES = "{http://www.xes-standard.org/}"
@@ -395,7 +396,7 @@ def test_what_takes_long_is_heard_in_between(tmp_path: Path) -> None:
     definitions, trails = read_text(text, file="loop.bpmn"), []
     log = fame.EventLog()
 
-    class Counting:
+    class Counting(Observer):
         def __call__(self, event: Event) -> None:
             log(event)
 

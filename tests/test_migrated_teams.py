@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,7 @@ def test_where_the_choice_is_not_clear_the_plan_has_it_as_a_comment(tmp_path: Pa
 def test_the_log_says_who_changed_what_from_which_model_to_which() -> None:
     field = Field("A", "B")
     said: list[Any] = []
-    field.engines["A"]._observers = (said.append,)
+    field.engines["A"]._options = replace(field.engines["A"]._options, observer=said.append)
     field.deploy(team("ua"))
     before = field.engines["A"].hash[:12]
     field.deploy(team("ua", extra="<!-- changed -->").replace("n = 1", "n = 2"), "d2", 2, migrate=True, who="ann@desk")
@@ -184,10 +185,10 @@ def test_force_overrides_what_the_exploration_finds_and_the_logs_say_so(
 ) -> None:
     field = Field("A", "B")
     said: list[Any] = []
-    field.engines["B"]._observers = (said.append,)
+    field.engines["B"]._options = replace(field.engines["B"]._options, observer=said.append)
     field.deploy(relay("S"))
     refused = asked(tmp_path, EARLY)
-    sent = field.deploy(EARLY, "d2", 2, **refused.options)
+    sent = field.deploy(EARLY, "d2", 2, options=refused.options)
     assert sent.failed
     assert "(--force overrides)" in str(sent.robots["A"])
     refused.explain()
@@ -195,7 +196,7 @@ def test_force_overrides_what_the_exploration_finds_and_the_logs_say_so(
     assert "error in the migrated state: " in run
     assert "ua" in run.partition("error in the migrated state: ")[2]
     forced = asked(tmp_path, EARLY, "--force")
-    sent = field.deploy(EARLY, "d3", 3, who="ann@desk", **forced.options)
+    sent = field.deploy(EARLY, "d3", 3, who="ann@desk", options=forced.options)
     assert not sent.failed
     assert [field.engines[robot].deployed for robot in "AB"] == ["d3", "d3"]
     assert f"overridden by --force: {forced.findings()[0]['text']}" in capsys.readouterr().err
@@ -211,10 +212,10 @@ def test_a_migration_that_is_not_explored_whole_is_not_known_to_be_fine(
     monkeypatch.setattr(migration, "BUDGET", 1e-9)
     for number, (options, code, status) in enumerate((((), 3, "partial"), (("--allow-partial",), 0, "completed")), 2):
         given = asked(tmp_path, relay("S"), *options)
-        sent = field.deploy(relay("S"), f"d{number}", number, **given.options)
+        sent = field.deploy(relay("S"), f"d{number}", number, options=given.options)
         assert (given.exit_code(sent), given.status(sent)) == (code, status)
     refused = asked(tmp_path, relay("S"))
-    sent = field.deploy(relay("S"), "d4", 4, **refused.options)
+    sent = field.deploy(relay("S"), "d4", 4, options=refused.options)
     assert "no error found in a partial search" in str(sent.robots["A"])
 
 

@@ -9,7 +9,7 @@ from deployment_field import TEAM, Field, kill, patrol
 from fame import deploy
 from fame.clock import SECOND
 from fame.deploy import EngineNode, SplitterNode
-from fame.deploy.options import EngineOptions
+from fame.deploy.options import DeploymentOptions, EngineOptions
 from fame.deploy.splitter_node import DIAGRAM, STATUS
 from fame.middleware import messages
 
@@ -31,7 +31,7 @@ class Farm(Field):
             scheduler=self.scheduler,
             middleware=self.middleware,
             log=self.lines.append,
-            wall_time=lambda at=self.wall: at + self.scheduler.now / SECOND,
+            options=DeploymentOptions(wall_time=lambda at=self.wall: at + self.scheduler.now / SECOND),
         )
 
     def diagram(self, text: str) -> None:
