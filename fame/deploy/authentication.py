@@ -14,7 +14,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 from fame.deploy import fields
 from fame.deploy.envelope import SIZE, Report, model_hash
@@ -130,11 +130,11 @@ class Diagram:
     `issued` is s since 1970. The signature is about all but the model, which its hash stands for.
     """
 
-    model: str
-    hash: str
-    purpose: str
-    issued: float
-    signature: str = ""
+    model: Annotated[str, fields.text(SIZE)]
+    hash: fields.Hash
+    purpose: Annotated[str, fields.among("deploy", "deployed")]
+    issued: fields.Number
+    signature: fields.Name = ""
 
     @classmethod
     def of(cls, model: str, *, purpose: str, now: float, key: Any) -> Diagram:
@@ -145,15 +145,6 @@ class Diagram:
     def to_json(self) -> str:
         """The JSON text that is sent."""
         return json.dumps({"fame": 1, **fields.values(self)}, sort_keys=True)
-
-
-_DIAGRAM: dict[str, fields._Check] = {
-    "model": fields.text(20_000_000),
-    "hash": fields.text(64),
-    "purpose": fields.among("deploy", "deployed"),
-    "issued": fields.number,
-    "signature": fields.text(1000),
-}
 
 
 class DiagramReader:
@@ -186,9 +177,7 @@ def _read(text: str) -> Diagram:
     try:
         values = read_json(text, SIZE)
         del values["fame"]
-        if fields.first_invalid(values, _DIAGRAM) is not None:
-            raise TypeError
-        return Diagram(**values)
+        return fields.read(Diagram, values)
     except (ValueError, TypeError, KeyError, AttributeError):
         raise DeploymentError(
             "not signed; this splitter accepts only diagrams signed with a trusted key", cause="signature"

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Annotated, Any
 
 from fame.deploy import fields
 from fame.errors import DeploymentError, FameError, ModelError
@@ -28,7 +28,6 @@ PLAIN = "plain-"
 """Prefix of the deployment id of a bare model, whose sender waits for no answer."""
 SIZE, _LONGEST = 20_000_000, 1_000_000
 """The longest envelope or bare model, and the longest report, that is accepted (characters)."""
-_Message = TypeVar("_Message", "Envelope", "Report")
 AHEAD = 366 * 86_400.0
 """How far a sequence may be ahead of the robot's clock (s). A sender takes a number above all that its robots have
 seen: one from the far future would leave no numbers for later ones. The margin is for clocks that are wrong."""
@@ -55,6 +54,37 @@ class Problem:
         return str(ModelError(self.text, file=self.file, line=self.line, element=self.element, name=self.name))
 
 
+_Text = Annotated[str, fields.text(SIZE)]
+_TEXT = fields.text(SIZE)
+_WAIT: dict[str, fields.Check] = {
+    **dict.fromkeys(("element", "for", "place", "suspended"), _TEXT),
+    "since": fields.number,
+    "topics": fields.mapping(_TEXT, fields.integer()),
+}
+_ERROR: dict[str, fields.Check] = {
+    **dict.fromkeys(("code", "element", "name", "file", "text"), _TEXT),
+    "line": fields.integer(),
+}
+_PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
+_TOKEN: dict[str, fields.Check] = {
+    **dict.fromkeys(("element", "fate", "target", "reason", "name"), _TEXT),
+    "others": fields.sequence(_TEXT),
+}
+_TOKENS = fields.sequence(fields.record(_TOKEN))
+_MIGRATION: dict[str, fields.Check] = {
+    "hash": fields.text(64), "tokens": _TOKENS, "gone": _TOKENS, "state": fields.is_object,
+}  # fmt: skip
+STATES = ("waiting", "loading", "ready", "holding", "running", "suspended", "incident", "idle", "failed")
+
+
+def _is_proof(value: Any) -> bool:
+    """The fields of an envelope that has no proof itself."""
+    if not isinstance(value, dict) or value.get("proof", {}) != {}:
+        return False
+    rest = {name: each for name, each in value.items() if name != "proof"}
+    return fields.first_invalid(rest, fields.checks(Envelope)) is None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Envelope:
     """What a sender, or another robot, tells a robot.
@@ -75,25 +105,29 @@ class Envelope:
     issued    s since 1970; like `signature` only where keys are used (`fame.deploy.signing`)
     """
 
-    deployment: str
-    sequence: int
-    robot: str
-    phase: str
-    hash: str = ""
-    model: str = ""
-    promises: Mapping[str, str] = field(default_factory=dict, hash=False)
-    team: Sequence[str] = field(default=(), hash=False)
-    engines: Mapping[str, str] = field(default_factory=dict, hash=False)
-    migrate: bool = False
-    plan: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    preview: bool = False
-    who: str = ""
-    again: bool = False
-    begun: bool = False
-    proof: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    born: int = 0
-    issued: float = 0.0
-    signature: str = ""
+    deployment: fields.Name
+    sequence: fields.Count
+    robot: fields.Robot
+    phase: Annotated[str, fields.among(*PHASES)]
+    hash: fields.Hash = ""
+    model: _Text = ""
+    promises: Annotated[Mapping[str, str], fields.mapping(fields.topic, fields.among("publisher", "subscriber"))] = (
+        field(default_factory=dict, hash=False)
+    )
+    team: Annotated[Sequence[str], fields.sequence(fields.robot)] = field(default=(), hash=False)
+    engines: Annotated[Mapping[str, str], fields.mapping(fields.robot, fields.text(1000))] = field(
+        default_factory=dict, hash=False
+    )
+    migrate: fields.Flag = False
+    plan: Annotated[Mapping[str, Any], fields.is_object] = field(default_factory=dict, hash=False)
+    preview: fields.Flag = False
+    who: fields.Name = ""
+    again: fields.Flag = False
+    begun: fields.Flag = False
+    proof: Annotated[Mapping[str, Any], _is_proof] = field(default_factory=dict, hash=False)
+    born: fields.Birth = 0
+    issued: fields.Number = 0.0
+    signature: fields.Name = ""
 
     @property
     def order(self) -> tuple[int, str]:
@@ -139,38 +173,40 @@ class Report:
     key        where keys are used, its public key; `voucher`: signature of a trusted key for its name
     """
 
-    robot: str
-    state: str
-    hash: str = ""
-    deployed: str = ""
-    candidate: str = ""
-    sequence: int = -1
-    deployment: str = ""
-    answer: str = ""
-    reason: str = ""
-    problem: Mapping[str, Any] = field(default_factory=dict)
-    migration: Mapping[str, Any] = field(default_factory=dict)
-    instances: int = 0
-    started: int = 0
-    completed: int = 0
-    failed: int = 0
-    elements: int = 0
-    ahead: str = ""
-    waits: Sequence[Mapping[str, Any]] = ()
-    more_waits: int = 0
-    untaken: Mapping[str, int] = field(default_factory=dict)
-    offers: Sequence[str] = ()
-    absent: Mapping[str, float] = field(default_factory=dict)
-    warnings: Sequence[str] = ()
-    error: str = ""
-    errors: Sequence[Mapping[str, Any]] = ()
-    incidents: Sequence[Mapping[str, str]] = ()
-    now: float = 0.0
-    born: int = 0
-    time: float = 0.0
-    key: str = ""
-    voucher: str = ""
-    signature: str = ""
+    robot: fields.Robot
+    state: Annotated[str, fields.among(*STATES)]
+    hash: fields.Hash = ""
+    deployed: fields.Name = ""
+    candidate: fields.Name = ""
+    sequence: Annotated[int, fields.integer(-1)] = -1
+    deployment: fields.Name = ""
+    answer: fields.Name = ""
+    reason: _Text = ""
+    problem: Annotated[Mapping[str, Any], fields.record(_PROBLEM)] = field(default_factory=dict)
+    migration: Annotated[Mapping[str, Any], fields.record(_MIGRATION)] = field(default_factory=dict)
+    instances: fields.Count = 0
+    started: fields.Count = 0
+    completed: fields.Count = 0
+    failed: fields.Count = 0
+    elements: fields.Count = 0
+    ahead: Annotated[str, fields.among("", "endless", "due")] = ""
+    waits: Annotated[Sequence[Mapping[str, Any]], fields.sequence(fields.record(_WAIT))] = ()
+    more_waits: fields.Count = 0
+    untaken: Annotated[Mapping[str, int], fields.mapping(_TEXT, fields.integer())] = field(default_factory=dict)
+    offers: Annotated[Sequence[str], fields.sequence(_TEXT)] = ()
+    absent: Annotated[Mapping[str, float], fields.mapping(fields.robot, fields.number)] = field(default_factory=dict)
+    warnings: Annotated[Sequence[str], fields.sequence(_TEXT)] = ()
+    error: _Text = ""
+    errors: Annotated[Sequence[Mapping[str, Any]], fields.sequence(fields.record(_ERROR))] = ()
+    incidents: Annotated[
+        Sequence[Mapping[str, str]], fields.sequence(fields.record(dict.fromkeys(("element", "code", "text"), _TEXT)))
+    ] = ()
+    now: fields.Number = 0.0
+    born: fields.Birth = 0
+    time: fields.Number = 0.0
+    key: fields.Name = ""
+    voucher: fields.Name = ""
+    signature: fields.Name = ""
 
     @property
     def engine(self) -> str:
@@ -185,98 +221,9 @@ class Report:
     def from_json(cls, text: str) -> Report | None:
         """The report in a text, or None if it has none."""
         try:
-            return _message(cls, read_json(text, _LONGEST), _REPORT)
+            return fields.read(cls, read_json(text, _LONGEST))
         except (ValueError, TypeError):
             return None
-
-
-def _is_object(value: Any) -> bool:
-    return isinstance(value, dict)
-
-
-_TEXT, _NAME = fields.text(SIZE), fields.text(1000)
-_ENVELOPE: dict[str, fields._Check] = {
-    "deployment": _NAME,
-    "sequence": fields.integer(),
-    "robot": fields.robot,
-    "phase": fields.among(*PHASES),
-    "hash": fields.text(64),
-    "model": _TEXT,
-    "promises": fields.mapping(fields.topic, fields.among("publisher", "subscriber")),
-    "team": fields.sequence(fields.robot),
-    "engines": fields.mapping(fields.robot, _NAME),
-    "migrate": fields.flag,
-    "plan": _is_object,
-    "preview": fields.flag,
-    "who": _NAME,
-    "again": fields.flag,
-    "begun": fields.flag,
-    "born": fields.integer(0, 2**63),
-    "issued": fields.number,
-    "signature": _NAME,
-}
-_ENVELOPE["proof"] = fields.record({**_ENVELOPE, "proof": fields.record({})})
-_WAIT: dict[str, fields._Check] = {
-    "element": _TEXT,
-    "for": _TEXT,
-    "since": fields.number,
-    "topics": fields.mapping(_TEXT, fields.integer()),
-    "place": _TEXT,
-    "suspended": _TEXT,
-}
-_ERROR: dict[str, fields._Check] = {
-    **dict.fromkeys(("code", "element", "name", "file", "text"), _TEXT),
-    "line": fields.integer(),
-}
-_TOKEN: dict[str, fields._Check] = {
-    **dict.fromkeys(("element", "fate", "target", "reason", "name"), _TEXT),
-    "others": fields.sequence(_TEXT),
-}
-_PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
-STATES = ("waiting", "loading", "ready", "holding", "running", "suspended", "incident", "idle", "failed")
-_REPORT: dict[str, fields._Check] = {
-    "robot": fields.robot,
-    "state": fields.among(
-        "waiting", "loading", "ready", "holding", "running", "suspended", "incident", "idle", "failed"
-    ),
-    "hash": fields.text(64),
-    "deployed": _NAME,
-    "candidate": _NAME,
-    "sequence": fields.integer(-1),
-    "deployment": _NAME,
-    "answer": _NAME,
-    "reason": _TEXT,
-    "problem": fields.record(_PROBLEM),
-    "migration": fields.record(
-        {
-            "hash": fields.text(64),
-            "tokens": fields.sequence(fields.record(_TOKEN)),
-            "gone": fields.sequence(fields.record(_TOKEN)),
-            "state": _is_object,
-        }
-    ),
-    "instances": fields.integer(),
-    "started": fields.integer(),
-    "elements": fields.integer(),
-    "ahead": fields.among("", "endless", "due"),
-    "errors": fields.sequence(fields.record(_ERROR)),
-    "incidents": fields.sequence(fields.record({"element": _TEXT, "code": _TEXT, "text": _TEXT})),
-    "completed": fields.integer(),
-    "failed": fields.integer(),
-    "waits": fields.sequence(fields.record(_WAIT)),
-    "more_waits": fields.integer(),
-    "untaken": fields.mapping(_TEXT, fields.integer()),
-    "offers": fields.sequence(_TEXT),
-    "warnings": fields.sequence(_TEXT),
-    "absent": fields.mapping(fields.robot, fields.number),
-    "error": _TEXT,
-    "now": fields.number,
-    "born": fields.integer(0, 2**63),
-    "time": fields.number,
-    "key": _NAME,
-    "voucher": _NAME,
-    "signature": _NAME,
-}
 
 
 def model_hash(model: bytes) -> str:
@@ -295,7 +242,7 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
     try:
         found = read_json(text, SIZE)
         found.pop("fame")
-        envelope = _message(Envelope, found, _ENVELOPE)
+        envelope = fields.read(Envelope, found)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         why = f" ({error})" if isinstance(error, TypeError | ValueError) else ""
         raise DeploymentError(f"neither a .bpmn text nor an envelope{why}: {text[:60]!r}", cause="syntax") from None
@@ -319,9 +266,9 @@ def stored_envelope(text: str) -> Envelope:
         found = read_json(text, 2 * SIZE)  # escaped
         found.pop("fame")
         if found["phase"] != "run":
-            return _message(Envelope, found, _ENVELOPE)
+            return fields.read(Envelope, found)
         bare = {**found, "phase": "load", "sequence": 0}  # a bare model is no envelope that is sent
-        return replace(_message(Envelope, bare, _ENVELOPE), phase="run", sequence=-1)
+        return replace(fields.read(Envelope, bare), phase="run", sequence=-1)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise DeploymentError(f"is not a deployment that an engine has kept: {error}", cause="syntax") from None
 
@@ -346,16 +293,6 @@ def _text_hash(text: str) -> str:
         return model_hash(text.encode())
     except UnicodeEncodeError:
         raise DeploymentError("the model has a lone surrogate: it is not valid Unicode", cause="syntax") from None
-
-
-def _message(cls: type[_Message], found: Any, checks: Mapping[str, fields._Check]) -> _Message:
-    """A message made of JSON. Raises TypeError for a field that is unknown or has a wrong value."""
-    if not isinstance(found, dict):
-        raise TypeError("not an object")
-    field = fields.first_invalid(found, checks)
-    if field is not None:
-        raise TypeError(f"field {field[:40]!r}")
-    return cls(**found)
 
 
 def engines(middleware: Middleware) -> list[str]:

@@ -1,4 +1,8 @@
-"""Checks of JSON fields that come from the network. An object is accepted only if every field of it passes."""
+"""Messages as JSON: dataclasses whose fields say what they may have.
+
+A field is declared with its check, as ``Annotated[str, text(64)]``. What comes from the network is accepted only if
+every field of it passes.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 from fame.text import is_ros_name
 
@@ -21,23 +25,24 @@ def _names(cls: Any) -> tuple[str, ...]:
     return tuple(field.name for field in dataclasses.fields(cls))
 
 
-_Check = Callable[[Any], bool]
+Check = Callable[[Any], bool]
 """Whether a field may have a JSON value."""
+_Message = TypeVar("_Message")
 LAST = 2**53
 """Integers are smaller: exact in the JSON of every language. As a sequence: microseconds until the year 2255."""
 
 
-def text(longest: int) -> _Check:
+def text(longest: int) -> Check:
     """A text of at most `longest` characters."""
     return lambda value: isinstance(value, str) and len(value) <= longest
 
 
-def among(*values: str) -> _Check:
+def among(*values: str) -> Check:
     """One of some texts."""
     return lambda value: isinstance(value, str) and value in values
 
 
-def integer(lowest: int = 0, end: int = LAST) -> _Check:
+def integer(lowest: int = 0, end: int = LAST) -> Check:
     """An integer from `lowest` to below `end`."""
     return lambda value: type(value) is int and lowest <= value < end
 
@@ -62,23 +67,58 @@ def topic(value: Any) -> bool:
     return isinstance(value, str) and len(value) <= 250 and is_ros_name(value)
 
 
-def sequence(each: _Check) -> _Check:
+def sequence(each: Check) -> Check:
     """A list of at most 10,000 values."""
     return lambda value: isinstance(value, list) and len(value) <= 10_000 and all(map(each, value))
 
 
-def mapping(key: _Check, each: _Check) -> _Check:
+def mapping(key: Check, each: Check) -> Check:
     """An object of at most 10,000 names."""
     return lambda value: (
         isinstance(value, dict) and len(value) <= 10_000 and all(map(key, value)) and all(map(each, value.values()))
     )
 
 
-def record(checks: Mapping[str, _Check]) -> _Check:
+def record(checks: Mapping[str, Check]) -> Check:
     """An object with these fields, or some of them."""
     return lambda value: isinstance(value, dict) and first_invalid(value, checks) is None
 
 
-def first_invalid(found: Mapping[str, Any], checks: Mapping[str, _Check]) -> str | None:
+@cache
+def checks(cls: Any) -> Mapping[str, Check]:
+    """The checks of the fields of a message."""
+    hints = get_type_hints(cls, include_extras=True)
+    return {name: hints[name].__metadata__[0] for name in _names(cls)}
+
+
+def read(cls: Callable[..., _Message], found: Any) -> _Message:
+    """A message made of JSON. Raises TypeError for a field that is unknown or has a wrong value."""
+    if not isinstance(found, dict):
+        raise TypeError("not an object")
+    field = first_invalid(found, checks(cls))
+    if field is not None:
+        raise TypeError(f"field {field[:40]!r}")
+    return cls(**found)
+
+
+def first_invalid(found: Mapping[str, Any], checks: Mapping[str, Check]) -> str | None:
     """The first field of `found` that is unknown or does not pass, or None."""
     return next((name for name, value in found.items() if name not in checks or not checks[name](value)), None)
+
+
+# ---- fields of several messages --------------------------------------------------------------------------------------
+
+
+def is_object(value: Any) -> bool:
+    """An object of any content."""
+    return isinstance(value, dict)
+
+
+Name = Annotated[str, text(1000)]
+Hash = Annotated[str, text(64)]
+Robot = Annotated[str, robot]
+Flag = Annotated[bool, flag]
+Number = Annotated[float, number]
+Count = Annotated[int, integer()]
+Birth = Annotated[int, integer(0, 2**63)]
+"""When an engine began (ns since 1970)."""

@@ -19,7 +19,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 from fame.clock import SECOND
 from fame.deploy import fields
@@ -42,12 +42,12 @@ class SplitterStatus:
     `issued` (s since 1970) and `signature` are there where keys are used.
     """
 
-    born: int
-    state: str
-    deployed: str = ""
-    text: str = ""
-    issued: float = 0.0
-    signature: str = ""
+    born: Annotated[int, fields.integer(1, 2**63)]
+    state: Annotated[str, fields.among("standby", "idle", "deploying", "keeping")]
+    deployed: fields.Hash = ""
+    text: Annotated[str, fields.text(100_000)] = ""
+    issued: fields.Number = 0.0
+    signature: fields.Name = ""
 
     def signed(self, key: Any, now: float) -> SplitterStatus:
         """Return it signed by a private key `now`, or unchanged without a key."""
@@ -74,20 +74,9 @@ class SplitterStatus:
     def from_json(cls, text: str) -> SplitterStatus | None:
         """The status in a text, or None if it has none."""
         try:
-            found = read_json(text)
-            return cls(**found) if fields.first_invalid(found, _STATUS) is None else None
-        except (ValueError, TypeError, AttributeError):
+            return fields.read(cls, read_json(text))
+        except (ValueError, TypeError):
             return None
-
-
-_STATUS: dict[str, fields._Check] = {
-    "born": fields.integer(1, 2**63),
-    "state": fields.among("standby", "idle", "deploying", "keeping"),
-    "deployed": fields.text(64),
-    "text": fields.text(100_000),
-    "issued": fields.number,
-    "signature": fields.text(1000),
-}
 
 
 # ---- state, events, actions ------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy import fields
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 SETTLE, REPEAT = 0.02, 0.3
 """Before the first request, and between two (s): see `fame.deploy.sender_protocol`."""
-SIZE, _NAME = 1_000_000, 1000
-"""The longest request, and its longest id, of itself and of an element (characters): both are kept for a while."""
+SIZE = 1_000_000
+"""The longest request (characters)."""
 _DONE = {"complete": "completed", "activate": "activated", "retry": "retried", "set": "set", "move": "moved"}
 _ANSWERS = 100
 """How many answers a robot remembers."""
@@ -49,16 +49,16 @@ class TaskRequest:
     `robot`, `born`, `issued` and `signature` are there where keys are used: as of `Envelope`.
     """
 
-    id: str
-    element: str
-    values: Mapping[str, Any] = field(default_factory=dict)
-    act: str = "complete"
-    to: str = ""
-    who: str = ""
-    robot: str = ""
-    born: int = 0
-    issued: float = 0.0
-    signature: str = ""
+    id: fields.Name
+    element: fields.Name
+    values: Annotated[Mapping[str, Any], fields.is_object] = field(default_factory=dict)
+    act: Annotated[str, fields.among("complete", "activate", "retry", "set", "move")] = "complete"
+    to: fields.Name = ""
+    who: fields.Name = ""
+    robot: fields.Name = ""
+    born: fields.Birth = 0
+    issued: fields.Number = 0.0
+    signature: fields.Name = ""
 
     def signed(self, robot: str, key: Any, *, born: int, now: float) -> TaskRequest:
         """Return it signed by a private key `now` (s since 1970) for the engine of a robot that was `born` then."""
@@ -70,20 +70,6 @@ class TaskRequest:
         return json.dumps(fields.values(self), sort_keys=True)
 
 
-_REQUEST: dict[str, fields._Check] = {
-    "id": fields.text(_NAME),
-    "element": fields.text(_NAME),
-    "values": lambda value: isinstance(value, dict),
-    "act": fields.among("complete", "activate", "retry", "set", "move"),
-    "to": fields.text(_NAME),
-    "who": fields.text(_NAME),
-    "robot": fields.text(_NAME),
-    "born": fields.integer(0, 2**63),
-    "issued": fields.number,
-    "signature": fields.text(_NAME),
-}
-
-
 def read_request(text: str) -> TaskRequest:
     """Read a request. Raises DeploymentError."""
     from fame.engine.data import is_variable
@@ -91,9 +77,8 @@ def read_request(text: str) -> TaskRequest:
     if len(text) > SIZE:
         raise DeploymentError(f"{len(text)} characters for a task; at most {SIZE} are accepted", cause="size")
     try:
-        found, why = read_json(text, SIZE), ""
-        request = TaskRequest(**found) if fields.first_invalid(found, _REQUEST) is None else None
-    except (ValueError, TypeError, AttributeError) as error:
+        request, why = fields.read(TaskRequest, read_json(text, SIZE)), ""
+    except (ValueError, TypeError) as error:
         request, why = None, f" ({error})" if isinstance(error, ValueError) else ""
     if request is None or not all(map(is_variable, request.values)) or (request.act == "activate" and request.values):
         raise DeploymentError(
