@@ -230,7 +230,7 @@ def _flat(row: Row) -> dict[str, Any]:
 def html_report(rows: Sequence[Row], scenario: str) -> str:
     """One page: the result, the distribution of durations, failures with the commands that repeat them, parameters."""
     found = summary(rows)
-    plots = {name: plot[plot.index("<svg") :] for name, plot in _plots(found, rows).items()}
+    plots = _plots(found, rows)
     low, high = found["interval"]
     share = f"{found['probability']:.1%}" if found["probability"] is not None else "no runs"
     body = [
@@ -287,9 +287,7 @@ def _plots(found: Mapping[str, Any], rows: Sequence[Row]) -> dict[str, str]:
     plots = {"success": _svg(figure)}
     done = [float(row["duration"]) for row in rows if row["status"] == "completed"]
     if done:
-        figure = Figure(figsize=(6, 1.8), layout="constrained")
-        figure.add_subplot(xlabel="simulated s", ylabel="runs").hist(done, bins=30, color=_BLUE)
-        plots["duration"] = _svg(figure)
+        plots["duration"] = _histogram(done)
     if found["parameters"]:
         lines = found["parameters"][::-1]
         figure = Figure(figsize=(7, 0.8 + 0.3 * len(lines)), layout="constrained")
@@ -303,7 +301,16 @@ def _plots(found: Mapping[str, Any], rows: Sequence[Row]) -> dict[str, str]:
     return plots
 
 
+def _histogram(values: Sequence[float]) -> str:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 1.8), layout="constrained")
+    figure.add_subplot(ylabel="runs").hist(values, bins=30, color=_BLUE)
+    return _svg(figure)
+
+
 def _svg(figure: Figure) -> str:
+    """A figure as an element of a page or a file of its own."""
     text = StringIO()
     figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()
+    return text.getvalue()[text.getvalue().index("<svg") :]

@@ -17,7 +17,7 @@ from fame.properties.conditions import Pose, Source, field_of
 from fame.properties.judge import Judge, Judgement
 from fame.properties.monitor import Monitor, compile
 from fame.properties.vocabulary import CheckField, Vocabulary, vocabulary_of
-from fame.robot.events import Event
+from fame.robot.events import Event, Observer
 from fame.text import suggestion
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def _variables(definitions: Definitions, plan: Plan) -> dict[str, frozenset[str]
     return {robot: names for robot, names in found.items() if names is not None}
 
 
-class RunJudge:
+class RunJudge(Observer):
     """Judges the properties of a plan. `begin` is called when nodes and world are there, before the first token moves.
 
     `report` gets each violation: a time is that of the violation, not that at which it was noticed.
