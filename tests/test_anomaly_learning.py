@@ -455,6 +455,7 @@ def test_thresholds_promise_a_rate_of_false_alarms(folder: Path):
     assert card["False alarms"]["promise"].startswith(
         "at most 0.14 false alarms per run on average over trainings, with 90 % confidence at most 0.32, by 6 runs "
     )
+    assert card["False alarms"]["bound per run of 90 % of models"] == pytest.approx(1 - 0.1 ** (1 / 6))
     assert card["False alarms"]["measured per run"] == 0.0
 
 

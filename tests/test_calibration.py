@@ -164,3 +164,14 @@ def test_a_threshold_far_beyond_what_was_seen_is_known_as_such():
     assert (calibrate(every, 0.05).stretch < FAR).all()
     every[3, 0] *= 1000.0
     assert (calibrate(every, 0.05).stretch[1:] > FAR).all()
+
+
+def test_of_200_machines_few_exceed_the_conditional_bound():
+    """Each with thresholds of its own at 0.05, by 19 runs; its rate is that of 2000 further runs."""
+    rates, bound = [], calibrate(scores(0, 19), 0.05).bound
+    for seed in range(200):
+        every = scores(seed, 2019, channels=6)
+        rates.append((every[19:] > calibrate(every[:19], 0.05).thresholds).any(axis=1).mean())
+    assert np.mean(rates) < 0.05
+    exceeding = sum(rate > bound for rate in rates)
+    assert binomtest(exceeding, 200, 0.1, alternative="greater").pvalue > 0.05

@@ -81,7 +81,9 @@ def _trained_card(model: TrainedModel) -> Card:
 def _alarms(calibration: Calibration) -> dict[str, Any]:
     return {
         "asked": f"{calibration.asked:g} per run", "promise": calibration.text,
-        "promised per run": calibration.promised, "factor on thresholds": calibration.margin, **_measured(calibration),
+        "promised per run": calibration.promised,
+        "bound per run of 90 % of models": calibration.bound if calibration.promised is not None else None,
+        "factor on thresholds": calibration.margin, **_measured(calibration),
     }  # fmt: skip
 
 
