@@ -8,6 +8,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -207,7 +208,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
             StateDirectory(arguments.state / robot).close()
     quiet = arguments.quiet or arguments.json
     with (
-        _log_files(arguments) as files,
+        _log_files(arguments, recorded=bool(scenario.properties)) as files,
         team_logs(scenario, files, _about(arguments, scenario), arguments.log_topics) as logs,
     ):
         with live_table(sys.stderr, wanted=not quiet) as live:
@@ -225,9 +226,22 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
             ).run()
         if logs is not None:
             logs.finish()
+        result = _judged(result, scenario, files)
         with progress_line(sys.stderr, wanted=not quiet) as line:
             _draw(arguments, files, line)
     return _print_result(arguments, result, reports=False)
+
+
+def _judged(result: Result, scenario: Scenario, files: Sequence[Path]) -> Result:
+    """The result with the judgements about the recording of the team: nobody sees all of it while it runs."""
+    recording = next((path for path in files if path.suffix.lower() == ".mcap" and path.exists()), None)
+    if not scenario.properties or recording is None:
+        return result
+    from fame.log.judge import judge_log
+    from fame.scenario.judging import team_vocabulary
+
+    found = judge_log(recording, scenario.properties, team=team_vocabulary(scenario))
+    return replace(result, judgements=tuple(found))
 
 
 def _seen(sight: TeamStatus) -> str:
@@ -246,9 +260,9 @@ def _seen(sight: TeamStatus) -> str:
 
 
 @contextmanager
-def _log_files(arguments: Namespace) -> Iterator[list[Path]]:
-    """The logs to write: those that are wanted, and for a picture or a film a recording, at least as long as needed."""
-    with TemporaryDirectory(prefix="fame-") if _drawings(arguments) else nullcontext("") as folder:
+def _log_files(arguments: Namespace, *, recorded: bool = False) -> Iterator[list[Path]]:
+    """The logs to write: those that are wanted, and a recording as long as needed, for drawings or if `recorded`."""
+    with TemporaryDirectory(prefix="fame-") if _drawings(arguments) or recorded else nullcontext("") as folder:
         needs_one = folder and not any(path.suffix.lower() == ".mcap" for path in arguments.log)
         yield [*arguments.log, *([Path(folder) / "run.mcap"] if needs_one else [])]
 

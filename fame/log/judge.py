@@ -21,19 +21,25 @@ from fame.log.recording import Message, Recording, scene_values
 from fame.middleware.interface import ENGINE
 from fame.properties import Judge, Judgement, Monitor, Property, compile
 from fame.properties.conditions import Pose, Source
-from fame.properties.vocabulary import Closure, vocabulary
+from fame.properties.vocabulary import Closure, Vocabulary, vocabulary
 
 BATTERY = "sensor_msgs/msg/BatteryState"
 
 
-def judge_log(path: str | Path, properties: Sequence[Property], model: Definitions | None = None) -> list[Judgement]:
-    """The judgements about a log; `model` is that of a log of events alone.
+def judge_log(
+    path: str | Path,
+    properties: Sequence[Property],
+    model: Definitions | None = None,
+    *,
+    team: Vocabulary | None = None,
+) -> list[Judgement]:
+    """The judgements about a log; `model` is that of a log of events alone, `team` what is known of the team of a run.
 
     Raises ConfigError for a file that is no log, and for properties that name what its team does not have.
     """
     if Path(path).suffix.lower() == ".mcap":
         with Recording(path) as recording:
-            return _Replay(recording, properties).judgements()
+            return _Replay(recording, properties, team).judgements()
     if model is None:
         raise ConfigError("has no model: expected one beside the properties, NAME.bpmn of NAME.properties.yaml",
                           file=str(path))  # fmt: skip
@@ -80,13 +86,17 @@ def _compiled(
 class _Replay:
     """A recording that is given to a judge."""
 
-    def __init__(self, recording: Recording, properties: Sequence[Property]) -> None:
+    def __init__(self, recording: Recording, properties: Sequence[Property], team: Vocabulary | None) -> None:
         self._recording = recording
-        models = models_of(recording)
         last = recording.state(recording.end)
         played = {robot: state.process for robot, state in last.robots.items()}
         played |= {robot: runs[0].process for robot, runs in recording.runs.items() if runs}
-        self._judge = Judge(_compiled(properties, played, models))
+        if team is None:
+            self._judge = Judge(_compiled(properties, played, models_of(recording)))
+        else:
+            self._judge = Judge([compile(each, team) for each in properties])
+            for robot in team.robots.keys() - last.robots.keys():
+                self._judge.lose(robot, f"nothing of {robot} was recorded")
         self._scopes: dict[str, dict[int, dict[str, Any]]] = {}  # by robot and instance: variables of the process
         self._reads: dict[str, list[Source]] = {}
         for source in self._judge.sources:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fame.errors import NOT_KNOWN
-from fame.properties.conditions import Source
+from fame.properties.conditions import Pose, Source
 from fame.properties.monitor import OPEN, SECOND, VIOLATED, Monitor, PartState, Verdict, VerdictWord, overall
 
 if TYPE_CHECKING:
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 HEADS = ("property", "verdict", "slack", "why")
 """Columns of a table of judgements (`Judgement.row`)."""
+_PLAIN = frozenset((Pose, float, int, str))
+"""Types of values that are compared before anything else is done."""
 _Place = tuple[int, int]
 """The number of a monitor, and that of one of its parts."""
 
@@ -153,6 +155,8 @@ class Judge:
         """Take the value of a source; None if it is lost."""
         if time > self._now:
             self.advance(time)
+        if value.__class__ in _PLAIN and self.values.get(source) == value:
+            return  # a value holds until it changes
         self.values[source] = value
         self._dirty.update(dict.fromkeys(self._readers.get(source, ())))
 

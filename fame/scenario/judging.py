@@ -31,8 +31,9 @@ BATTERY = "sensor_msgs/msg/BatteryState"
 
 def team_vocabulary(plan: Plan, check_field: CheckField = lambda topic, path: "") -> Vocabulary:
     """The vocabulary of a scenario. Raises ModelError for a called process that is not found."""
-    reads = [each.condition for each in plan.properties if "." in each.sentence and each.condition]
-    variables = _variables(plan.definitions, plan) if reads else {}
+    values = (value for each in plan.properties for part in each.condition for value in (part.left, part.right))
+    reads = any(value.kind == "variable" for value in values)
+    variables = _variables(plan.definitions, plan) if reads else {}  # to look for them takes as long as to read a model
     return vocabulary_of(
         plan.definitions, plan.library.declared, plan.cast, variables=variables, check_field=check_field
     )
