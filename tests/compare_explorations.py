@@ -3,7 +3,8 @@
 A model is explored, and run by real engines with several draws of what the exploration does not know: times, decisions,
 failures. No run may come to what the exploration has not found (a deadlock, an uncaught error), nor enter what it calls
 unreachable. Each run that it reports, played by real engines, has to end in the reported state. The full search has to
-find the same as the reduced one.
+find the same as the reduced one. Properties made at random are proved or refuted by both alike, and no run violates one
+that is proved.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ import fame
 from fame.check.explore import Exploration, Finding
 from fame.check.explore.findings import FAILING
 from fame.engine.canonical import stimuli
+from fame.properties import Judge, Vocabulary, compile, parse, vocabulary_of
+from fame.properties.sentence import NOWHERE
 from fame.robot.events import Event
 from fame.robot.node import RobotNode
 from fame.scenario import Scenario
@@ -43,6 +46,11 @@ EVENTS = 20_000
 """Events of a run, after which it counts as endless: robots may answer each other for ever in no time."""
 
 
+PATTERNS = ("never {}", "never {} before {}", "{} only after {}", "{} each time only after {}", "{}",
+            "{} at most 2 times", "after {}, {}", "between {} and {}, {}", "after {}, {} only after {}")  # fmt: skip
+"""Of properties made at random."""
+
+
 class EndlessError(BaseException):
     """A run does not end. No Exception, so that no engine takes it for an error of its model."""
 
@@ -53,11 +61,15 @@ CALLED = ("Help_", "Move_")
 
 @dataclass(slots=True)
 class Drawn:
-    """What a run came to: where tokens are left, which elements were entered, and where errors were not caught."""
+    """What a run came to: where tokens are left, which elements were entered, and where errors were not caught.
+
+    `instant`: a behaviour was over in no time, which the exploration takes for a step that takes some.
+    """
 
     waiting: frozenset[str] = frozenset()
     entered: set[tuple[str, str]] = field(default_factory=set)
     errors: set[str] = field(default_factory=set)
+    instant: bool = False
 
 
 def scenario_of(text: str) -> Scenario:
@@ -77,21 +89,29 @@ class LeftRun(Run):
     """A run that notes where tokens are left before it stops everything."""
 
     left: frozenset[str] = frozenset()
+    over: bool = False
 
     def stop(self) -> None:
+        self.over = True
         self.left = self.left or waiting(self.nodes)
         super().stop()
 
 
-def run(text: str) -> Drawn | None:
-    """Run a team until nothing can move; None if it goes on."""
-    drawn, events = Drawn(), 0
+def run(text: str, judge: Judge | None = None) -> Drawn | None:
+    """Run a team until nothing can move, before a judge of its properties; None if it goes on."""
+    drawn, events, called = Drawn(), 0, dict[tuple[str, str], int]()
 
     def observe(event: Event) -> None:
         nonlocal events
         events += 1
         if events > EVENTS:
             raise EndlessError
+        if "_call_" in event.element:
+            where = (event.robot, event.element)
+            drawn.instant |= event.what == "leave" and called.get(where) == event.time
+            called[where] = event.time
+        if judge is not None and not made.over:
+            judge.event(event.time, event.robot, event.element, event.what, event.detail)
         if event.what == "enter":
             drawn.entered.add((f"P_{event.robot.partition('_')[0]}", event.element))
 
@@ -155,6 +175,50 @@ def replayed(text: str, finding: Finding, folder: Path) -> Iterator[str]:
                 yield f"its run leads to errors at {sorted(failed)}: {finding.text}"
 
 
+def sentences(seed: int, names: Vocabulary) -> Iterator[str]:
+    """Properties of a team, made at random."""
+    random = Random(f"properties {seed}")
+
+    def event() -> str:
+        pool = random.choice(sorted({*names.pools, *(one for one in names.robots if "_" not in one)}))
+        robot = random.choice(names.pools.get(pool, (pool,)))
+        terms = names.robots[robot]
+        said = [f"completes {one}" for one in terms.own] + [f"starts {one}" for one in terms.own]
+        said += [f"throws {topic}" for topic in terms.throws if topic[0] == "/"] + ["completes", "ends"] * 3
+        return f"{random.choice((robot, pool))} {random.choice(said)}"
+
+    for pattern in PATTERNS:
+        yield pattern.format(event(), event(), event())
+
+
+def judged_differently(seed: int, draws: int = DRAWS) -> tuple[int, list[str]]:
+    """How many properties of a model the exploration knows, and where the full search or a run says otherwise."""
+    robots, options = varied(seed)
+    text = text_of(robots, **options)
+    definitions, library, cast = cast_of(fame.read(text.encode()), {}, ())
+    names = vocabulary_of(definitions, library, cast)
+    given = [parse(one, NOWHERE, one) for one in sentences(seed, names)]
+    reduced, full = (
+        explore(definitions, delivery="run", limit=LIMIT, samples=False, properties=given, reduced=one)
+        for one in (True, False)
+    )
+    found = []
+    if reduced.exhaustive and full.exhaustive:
+        found += [f"{one}, and in the full search: {other}"
+                  for one, other in zip(reduced.properties, full.properties, strict=True)
+                  if one.verdict != other.verdict]  # fmt: skip
+    for draw in range(draws if reduced.exhaustive else 0):
+        judge = Judge([compile(one, names) for one in given])
+        drawn = run(text_of(robots, **options, drawn=Random(f"{seed} {draw}")), judge)
+        if drawn is not None and not drawn.instant:
+            judgements = judge.finish(10**15, complete=True)
+            found += [f"draw {draw}: {one} is {one.verdict}, and a run: {other}"
+                      for one, other in zip(reduced.properties, judgements, strict=True)
+                      if other.verdict == "violated" and one.verdict in ("proved", "not triggered")]  # fmt: skip
+    known = sum(one.verdict in ("proved", "refuted") for one in reduced.properties)
+    return known, [f"seed {seed}: {one}" for one in found]
+
+
 def compare(seed: int, folder: Path) -> tuple[bool, list[str]]:
     """Compare a model with its runs: whether it was explored whole, and all differences."""
     robots, options = varied(seed)
@@ -170,6 +234,7 @@ def compare(seed: int, folder: Path) -> tuple[bool, list[str]]:
     full = explore(fame.read(text.encode()), delivery="run", limit=LIMIT, samples=False, reduced=False)
     if full.exhaustive and verdicts(full) != verdicts(result):
         found.append(f"the reduced search finds {verdicts(result)}, the full one {verdicts(full)}")
+    found += judged_differently(seed, 2)[1]
     return result.exhaustive, [f"seed {seed}: {one}" for one in found]
 
 

@@ -172,6 +172,10 @@ def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
     if result.widened:
         names = ", ".join(f"{name} of {robot}" for robot, name in result.widened)
         yield f"  with too many values to tell apart, so unknown after a while: {names}"
+    for judged in result.properties:
+        yield ""
+        yield f"{'error: ' if judged.verdict == 'refuted' else ''}{judged}"
+        yield from (f"  {number:3}. {step}" for number, step in enumerate(judged.run, 1))
     shown = [one for one in result.findings if everything or one.accepted or one.kind not in ("unneeded", "fault")]
     for finding in shown:
         yield ""
@@ -241,9 +245,25 @@ def as_json(result: Exploration) -> dict[str, Any]:
         "seconds": round(result.seconds, 3),
         "outside": list(result.outside),
         "widened": [list(one) for one in result.widened],
-        "searches": [asdict(search) for search in result.searches],
+        "searches": [_without_judged(asdict(search)) for search in result.searches],
+        "properties": [
+            {
+                "property": one.name,
+                "sentence": one.sentence,
+                "verdict": one.verdict,
+                "text": one.text,
+                "delivery": one.delivery,
+                "run": [step.text for step in one.run],
+            }
+            for one in result.properties
+        ],
         "findings": [finding_as_json(one) for one in result.findings],
     }
+
+
+def _without_judged(search: dict[str, Any]) -> dict[str, Any]:
+    """A search without its verdicts about properties, which are given for all searches together."""
+    return {name: value for name, value in search.items() if name != "judged"}
 
 
 def finding_as_json(finding: Finding) -> dict[str, Any]:

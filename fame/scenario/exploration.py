@@ -15,6 +15,8 @@ from fame.check.explore import Exploration, Request, explore_from, explore_team
 from fame.clock import Scheduler
 from fame.errors import ConfigError, expect
 from fame.middleware.local import LocalMiddleware
+from fame.properties.files import beside
+from fame.properties.sentence import Property
 from fame.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -37,6 +39,7 @@ def explore(
     reduced: bool = True,
     limit: int = 200_000,
     seconds: float | None = None,
+    properties: Sequence[Property] | None = None,
     samples: bool = True,
     progress: Callable[[int, int], object] = lambda states, frontier: None,
 ) -> Exploration:
@@ -51,6 +54,7 @@ def explore(
     reduced   leave out orders of steps that make no difference
     limit     states of all deliveries together
     seconds   time for all of them; the result then depends on the machine
+    properties  what is proved or refuted; by default the sentences in ``NAME.properties.yaml`` beside the model
     samples   if a limit ends a search, also explore the order of `fame run`, fewer robots, and random runs
     progress  called now and then with the number of states of a delivery, and of those still to be explored
 
@@ -72,6 +76,9 @@ def explore(
         progress=progress,
     )
     definitions, found, cast = cast_of(model, robots, library)
+    if properties is None:
+        properties = beside(Path(definitions.file)) if definitions.file else ()
+    request = replace(request, properties=tuple(properties))
     if _is_scenario(model):
         request = replace(request, sources=_sources(Scenario.load(model, robots=robots, library=library)))
     return explore_team(definitions, found, cast, request)

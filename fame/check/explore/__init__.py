@@ -32,6 +32,7 @@
     search          all states of the team, breadth first
     sampling        runs that a search has not reached: the schedule of fame run, random ones
     trace           runs, in the terms of the model
+    properties      sentences about the team, proved or refuted
     findings        deadlocks, lost signals, errors ... one per cause
 
 `docs/exploration.md` says what is abstracted and what follows from that.

@@ -22,6 +22,7 @@ from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
 from fame.check.explore.host import OutOfTimeError, field_names, never
 from fame.check.explore.local import Local
 from fame.check.explore.product import Delivery, Options, Product, silent
+from fame.check.explore.properties import PROOFS, Judged, Monitors
 from fame.check.explore.reduction import Reduction
 from fame.check.explore.running_states import as_explored, real_program
 from fame.check.explore.sampling import STEPS, Sampler, durations
@@ -34,6 +35,7 @@ from fame.engine import Program
 from fame.engine.encoding import Data
 from fame.errors import ModelError, expect
 from fame.gc_tuning import rarely_collected
+from fame.properties import Property, compile, vocabulary_of
 
 LIMIT = 200_000
 """States of all deliveries together, by default."""
@@ -60,6 +62,7 @@ class Request:
     limit     states, of all deliveries together
     seconds   time for all deliveries together, None for no bound
     sources   topics on which somebody outside of the team publishes
+    properties  sentences that are judged
     samples   explore some parts besides if a limit ends a search
     progress  called now and then with the number of states of a delivery, and of those still to be explored
     """
@@ -71,6 +74,7 @@ class Request:
     limit: int = LIMIT
     seconds: float | None = None
     sources: frozenset[str] = frozenset()
+    properties: tuple[Property, ...] = ()
     samples: bool = True
     progress: Callable[[int, int], object] = silent
 
@@ -86,6 +90,7 @@ class Searched:
     cuts: tuple[str, ...]
     bound: bool = False
     faults: tuple[tuple[str, str, str], ...] = ()
+    judged: tuple[Judged, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +106,7 @@ class Exploration:
     widened     variables that have too many values, and so are unknown from some time on: (robot, name)
     seconds     of all searches (wall clock)
     sampled     what was explored besides, because a limit ended a search
+    properties  what is known of each property, in all deliveries
     """
 
     file: str
@@ -112,6 +118,7 @@ class Exploration:
     seconds: float
     widened: tuple[tuple[str, str], ...] = ()
     sampled: tuple[str, ...] = ()
+    properties: tuple[Judged, ...] = ()
 
     @property
     def exhaustive(self) -> bool:
@@ -125,13 +132,18 @@ class Exploration:
 
     @property
     def status(self) -> Literal["completed", "partial", "failed"]:
-        """``failed`` after an error that is not accepted; ``partial``: none was found, but not all was explored."""
-        return "failed" if self.failed else "completed" if self.exhaustive else "partial"
+        """``failed`` after an error that is not accepted, or if a property is refuted.
+
+        ``partial``: there is no such, but not all was explored, or it is not known whether a property holds.
+        """
+        known = self.exhaustive and all(one.verdict != "not known" for one in self.properties)
+        return "failed" if self.failed else "completed" if known else "partial"
 
     @property
     def failed(self) -> bool:
-        """Whether an error was found, and not accepted."""
-        return any(one.level == "error" for one in self.findings)
+        """Whether an error was found, and not accepted, or a property is refuted."""
+        refuted = any(one.verdict == "refuted" for one in self.properties)
+        return refuted or any(one.level == "error" for one in self.findings)
 
     @property
     def states(self) -> int:
@@ -177,6 +189,9 @@ class Team:
         self.places = dict(_places(definitions, self.pools, library))
         self.alike: dict[str, bool] = {pool.name: not self._knows_itself(pool) for pool in self.pools}
         fields = field_names(types)
+        compiled = [compile(one, vocabulary_of(definitions, library, cast)) for one in request.properties]
+        events = frozenset((element, what) for one in compiled for _, element, what in one.events)
+        observed |= bool(compiled)
         made: dict[str, Local] = {}
         self.locals: list[Local] = []
         for robot, pool in cast.items():
@@ -184,9 +199,12 @@ class Team:
             if local is None:
                 local = Local(robot, definitions, pool.process, self.model, self.values,
                               kept=self.model.kept[pool.name], fields=fields, robots=self.robots,
-                              ordered=request.ordered, observed=observed)  # fmt: skip
+                              ordered=request.ordered, observed=observed, events=events)  # fmt: skip
                 made[pool.name] = local
             self.locals.append(local)
+        several = {robot for robot, pool in cast.items() if pool.multi_instance}
+        team = dict(zip(self.robots, self.locals, strict=True))
+        self.monitors = Monitors(compiled, team, several) if compiled else None
         self.given: dict[int, Data] = {
             place: as_explored(snapshots[robot], self._real(place, observed), self.locals[place].program)
             for place, robot in enumerate(self.robots)
@@ -211,7 +229,8 @@ class Team:
         found = []
         for pool in self.pools:
             places = tuple(place for place, robot in enumerate(self.robots) if self.cast[robot].name == pool.name)
-            if len(places) > 1 and self.alike[pool.name]:
+            apart = self.monitors is not None and any(self.robots[place] in self.monitors.apart for place in places)
+            if len(places) > 1 and self.alike[pool.name] and not apart:
                 found.append(places)
         return tuple(found)
 
@@ -230,6 +249,7 @@ class Team:
         report, cuts = self._report(delivery, limit, stop, faults=False)
         self._note_received(report)
         found, rows = report.findings(), list[tuple[str, str, Finding | None]]()
+        judged = tuple(self.monitors.judge(report.runs, exhaustive=not cuts)) if self.monitors is not None else ()
         if self.request.faults:
             report, more = self._report(delivery, limit, stop, faults=True)
             cuts, rows = tuple(dict.fromkeys((*cuts, *more))), report.faults()
@@ -237,7 +257,7 @@ class Team:
         spent, explored = time.perf_counter() - begun, report.explored
         table = tuple((name, delivery, outcome) for name, outcome, _ in rows)
         return Searched(delivery, len(explored.states), explored.transitions, spent, cuts,
-                        bool(explored.cut), table), found  # fmt: skip
+                        bool(explored.cut), table, judged), found  # fmt: skip
 
     def sample(self, stop: Callable[[], bool]) -> Iterator[tuple[str, list[Finding]]]:
         """Explore parts that a search may not have reached, each with its name, and what was found in it."""
@@ -291,7 +311,7 @@ class Team:
             counts[pool.name] += 1
             if counts[pool.name] <= number or not pool.multi_instance:
                 kept[robot] = pool
-        request = replace(self.request, faults=False, samples=False)
+        request = replace(self.request, faults=False, samples=False, properties=())
         searched, found = Team(self.definitions, self.library, kept, request).search("run", steps, stop)
         return [one for one in found if one.kind in FAILING and not one.accepted], not searched.cuts
 
@@ -315,6 +335,7 @@ class Team:
             delivery=delivery, reduced=request.reduced, faults=faults, limit=limit,
             groups=self.groups() if request.reduced else (), stop=stop, given=self.given,
             required=() if self.given else self.required(), progress=request.progress,
+            monitors=None if faults else self.monitors,
         )  # fmt: skip
         product = Product(self.robots, self.locals, options)
         if request.reduced:
@@ -336,7 +357,10 @@ class Team:
             starts=tuple(_starts(local) for local in self.locals),
             processes=tuple(pool.process.id for pool in self.cast.values()),
             accepts=_accepted(self.definitions, self.pools, self.library),
-            elements=tuple(frozenset(local.program.elements) & self.places.keys() for local in self.locals),
+            elements=tuple(
+                frozenset(local.program.elements) & self.places.keys() & local.liveness.elements
+                for local in self.locals
+            ),
             exhaustive=exhaustive,
             sourceless=tuple(self._sourceless()),
         )
@@ -458,10 +482,21 @@ def _explored(team: Team, begun: float) -> Exploration:
         outside=tuple(sorted({topic for local in team.locals for topic in local.outside})),
         seconds=time.perf_counter() - begun,
         sampled=tuple(sampled),
+        properties=tuple(_together(searches)),
         widened=tuple(
             (local.robot, name) for local in dict.fromkeys(team.locals) for name in sorted(local.states.widened)
         ),
     )
+
+
+def _together(searches: Sequence[Searched]) -> Iterator[Judged]:
+    """What is known of each property: refuted if it is in one delivery, else not known unless all of them tell."""
+    for judged in zip(*(search.judged for search in searches if not search.bound or search.judged), strict=True):
+        first = min(judged, key=lambda one: PROOFS.index(one.verdict))
+        if first.verdict == "not triggered" and any(one.verdict == "proved" for one in judged):
+            first = next(one for one in judged if one.verdict == "proved")
+        bound = first.verdict != "refuted" and any(search.bound and not search.judged for search in searches)
+        yield replace(first, verdict="not known", text="not all deliveries were explored") if bound else first
 
 
 def _never(finding: Finding, received: Set[tuple[str, str]], *, partial: bool) -> Finding:

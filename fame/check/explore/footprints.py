@@ -72,7 +72,7 @@ class Effect(NamedTuple):
 
     control, timers       of the new state
     changes               the variables that it has written; None if their instance has ended
-    sent ... quiet        as of `fame.check.explore.local.Successor`
+    sent ... events       as of `fame.check.explore.local.Successor`
     """
 
     control: int
@@ -81,6 +81,7 @@ class Effect(NamedTuple):
     sent: tuple[Any, ...]
     flags: tuple[Any, ...]
     quiet: bool
+    events: tuple[Any, ...]
 
 
 class Footprints:

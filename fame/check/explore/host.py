@@ -36,6 +36,9 @@ Flag = tuple[str, str]
 Send = tuple[str, int, str]
 """A message: topic, number of its value, name of the only receiver or ""."""
 
+Event = tuple[str, str, str | None]
+"""Something that a property names: (element, what, detail), with the words of `fame.engine`."""
+
 MOST_DECISIONS = 8
 """Decisions within one step that go all ways; later ones alternate, so that a loop over an unknown condition ends."""
 
@@ -66,6 +69,7 @@ class Outcome:
     over: list[Instance] = field(default_factory=list)
     begun: list[Instance] = field(default_factory=list)
     quiet: bool = True
+    events: list[Event] = field(default_factory=list)
     choices: list[tuple[str, int, int]] = field(default_factory=list)  # element, chosen, ways
     settled: set[int] = field(default_factory=set)
     """Places of choices that were made before, and remembered."""
@@ -107,6 +111,8 @@ class ExplorationHost:
         self.stop: Callable[[], bool] = never
         """Whether the time of the search is over."""
         self.entered: set[str] = set()
+        self.observed: Set[tuple[str, str]] = frozenset()
+        """(element, what) of the events that properties name."""
         self.caught: Set[str] = frozenset()
         """Scripts whose failures may decide something, as an error event catches them."""
         self.traceable = True
@@ -415,7 +421,11 @@ class ExplorationHost:
 
     def make_safe(self, reason: str) -> None: ...
 
-    def observe(self, trail: Trail) -> None: ...
+    def observe(self, trail: Trail) -> None:
+        for _, marks in trail:
+            for element, what, detail in marks:
+                if (element, what) in self.observed:
+                    self.outcome.events.append((element, what, None if detail is None else str(detail)))
 
     def output_missing(self, element: str, output: str) -> None: ...
 

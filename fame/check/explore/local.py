@@ -7,13 +7,13 @@ needs no engine.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from typing import NamedTuple
 
 from fame.bpmn.model import Definitions, Process
 from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.footprints import Effect, Footprints, Watched
-from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
+from fame.check.explore.host import MOST_DECISIONS, Event, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
 from fame.check.explore.liveness import Liveness
 from fame.check.explore.remembering import remembered
 from fame.check.explore.running_states import go_on, resumed
@@ -36,10 +36,14 @@ MOST_ENDLESS = 4
 """Ways of one step that never end, after which no more are tried."""
 
 
+Observed = tuple[Event, ...]
+"""Events of one robot in one step, in their order."""
+
+
 class Successor(NamedTuple):
     """A result of a step: the new state, what was sent, what is to be reported, whether an instance begins.
 
-    `quiet`: nothing was published, not even for the robot itself.
+    `quiet`: nothing was published, not even for the robot itself; `events`: what properties name, in order.
     """
 
     state: int
@@ -47,6 +51,7 @@ class Successor(NamedTuple):
     flags: tuple[Flag, ...]
     begins: bool
     quiet: bool = True
+    events: Observed = ()
 
 
 class Local:
@@ -61,7 +66,8 @@ class Local:
 
     def __init__(self, robot: str, definitions: Definitions, process: Process, model: Abstraction, values: Values, *,
                  kept: frozenset[str], fields: frozenset[str], robots: tuple[str, ...],
-                 ordered: bool, observed: bool = False) -> None:  # fmt: skip
+                 ordered: bool, observed: bool = False,
+                 events: Set[tuple[str, str]] = frozenset()) -> None:  # fmt: skip
         self.robot, self.process, self.values = robot, process, values
         self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
         host: Host = self.host
@@ -70,7 +76,7 @@ class Local:
         self.host.remembered = remembered(self.bodies, model.steps)
         self.kept = kept.union(self.host.remembered)
         self.host.kept = self.kept.__contains__
-        self.host.caught = model.caught
+        self.host.caught, self.host.observed = model.caught, events
         self.body = explored.body
         file = definitions.file
         self.program = compile_program(explored, host=host, library=model.find, file=file, observed=observed)
@@ -129,7 +135,7 @@ class Local:
         if known is not None:
             self.steps += len(known)
             after = self.states.after
-            ways = [Successor(after(content, one), one.sent, one.flags, False, one.quiet) for one in known]
+            ways = [Successor(after(content, one), one.sent, one.flags, False, one.quiet, one.events) for one in known]
             return tuple(dict.fromkeys(ways))
         reads, effects, before = set[str](), list[Effect](), self.steps
 
@@ -140,7 +146,7 @@ class Local:
             if watched is not None and not watched.whole and not outcome.begun and len(left) < 2:
                 reads.update(watched.reads)
                 changes = self.forms.contents.difference(content, left[0], watched.writes) if left else None
-                effects.append(Effect(after, rest, changes, way.sent, way.flags, way.quiet))
+                effects.append(Effect(after, rest, changes, way.sent, way.flags, way.quiet, way.events))
 
         found = self.step_by_engine(state, stimulus, note)
         if len(effects) == self.steps - before and found[-1].state != CUT:  # all was noted
@@ -242,7 +248,14 @@ class Local:
                 self.states.note_begun(outcome.begun)
             number = self.states.number(engine)
             sent, flags = tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags))
-            way = Successor(CUT if number is None else number, sent, flags, bool(outcome.begun), outcome.quiet)
+            way = Successor(
+                CUT if number is None else number,
+                sent,
+                flags,
+                bool(outcome.begun),
+                outcome.quiet,
+                tuple(outcome.events),
+            )
             found[way] = None
             if keep is not None:
                 keep(way, outcome)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from fame.check.explore.broadcast import Broadcast
 from fame.check.explore.host import never
@@ -22,8 +22,25 @@ from fame.check.explore.local import Local, Successor
 from fame.check.explore.network import BEYOND, Network
 from fame.check.explore.stimuli import Stimulus
 from fame.check.explore.symmetry import Symmetry
-from fame.check.explore.transitions import BITS, CUT, DEAD, FAULT_BITS, FAULTS, MASK, Move, Reactions, Seen, Transition
+from fame.check.explore.transitions import (
+    BITS,
+    CUT,
+    DEAD,
+    FAULT_BITS,
+    FAULTS,
+    MASK,
+    MONITOR_BITS,
+    MONITORED,
+    Move,
+    Reactions,
+    Seen,
+    Transition,
+    is_observed,
+)
 from fame.engine.encoding import Data
+
+if TYPE_CHECKING:
+    from fame.check.explore.properties import Monitors
 
 Delivery = Literal["run", "fast", "any"]
 Fault = tuple[str, ...]
@@ -40,6 +57,7 @@ class Options:
 
     groups    places of robots that nothing tells apart
     required  for each pool of which one robot has to start, but none does by itself: the places of its robots
+    monitors  the properties that are judged
     given     snapshots of the robots that do not start, but go on, by place
     progress  called with the number of states, and of those that are still to be explored (the frontier)
     """
@@ -50,6 +68,7 @@ class Options:
     limit: int = 200_000
     groups: tuple[tuple[int, ...], ...] = ()
     required: tuple[tuple[int, ...], ...] = ()
+    monitors: Monitors | None = None
     given: Mapping[int, Data] = field(default_factory=dict)
     stop: Callable[[], bool] = never
     progress: Callable[[int, int], object] = silent
@@ -76,7 +95,8 @@ class Product:
         self.count: int = len(self.robots)
         self.fault_shift: int = self.count * BITS
         self.mark_shift: int = self.fault_shift + FAULT_BITS
-        self.top: int = self.mark_shift + len(options.required)
+        self.monitor_shift: int = self.mark_shift + len(options.required)
+        self.top: int = self.monitor_shift + (MONITOR_BITS if options.monitors is not None else 0)
         self.marks: dict[int, int] = {
             robot: 1 << (self.mark_shift + place) for place, pool in enumerate(options.required) for robot in pool
         }
@@ -84,7 +104,9 @@ class Product:
         self.faults: list[Fault] = [()]
         self.network = Network(self.receivers)
         self.broadcast: Broadcast = Broadcast(self.network, self.receivers, self.receive, options.groups)
-        self.symmetry: Symmetry = Symmetry(options.groups, self.network, self.top)
+        self.symmetry: Symmetry = Symmetry(
+            options.groups, self.network, self.top, self._exchanged if options.monitors is not None else None
+        )
         self.index: dict[int, int] = {}
         self.flags: dict[tuple[str, int, str], Seen] = {}
         self._own: list[dict[int, tuple[Move, ...]]] = [{DEAD: (), CUT: ()} for _ in self.robots]
@@ -148,7 +170,9 @@ class Product:
         if network:
             self._arrivals(state, network, found)
             if found and self.options.delivery == "fast":
+                found = self._judged(found)
                 return self.first_arrivals(state, found) if self.first_arrivals is not None else found
+            found = self._judged(found)
         if self.alone is not None:
             few = self.alone(state)
             if few is not None:
@@ -173,7 +197,32 @@ class Product:
                 found += [(after, robot, move, reactions) for after, reactions in spread]
             else:
                 found.append((new + (self.network.push(state >> self.top, move.sending) << self.top), robot, move, ()))
-        return found
+        return self._judged(found)
+
+    def _judged(self, found: list[Transition]) -> list[Transition]:
+        """The transitions, with what properties make of the events in them."""
+        return found if self.options.monitors is None else [self.judged(transition) for transition in found]
+
+    def judged(self, transition: Transition) -> Transition:
+        """A transition, with what properties make of its events: those of its robot, then those of the others."""
+        monitors, (state, robot, move, reactions) = self.options.monitors, transition
+        if monitors is None or not is_observed(transition):
+            return transition
+        before = number = self.monitored(state)
+        for one, done in ((robot, move), *reactions):
+            if done.successor.events:
+                number = monitors.step(number, one, done.successor.events)
+        return state + ((number - before) << self.monitor_shift), robot, move, reactions
+
+    def monitored(self, state: int) -> int:
+        """The number of the joint state of the properties."""
+        return state >> self.monitor_shift & MONITORED if self.options.monitors is not None else 0
+
+    def _exchanged(self, state: int, places: Mapping[int, int]) -> int:
+        """The difference of a state in the properties when equal robots change places."""
+        assert self.options.monitors is not None
+        number = self.monitored(state)
+        return (self.options.monitors.renamed(number, places) - number) << self.monitor_shift
 
     def _arrivals(self, state: int, network: int, found: list[Transition]) -> None:
         """Messages arrive."""
@@ -208,7 +257,7 @@ class Product:
             found += [
                 (after, all_reactions[0][0], all_reactions[0][1], all_reactions[1:]) for after, all_reactions in worlds
             ]
-        return found
+        return self._judged(found)
 
     def number(self, state: int) -> int | None:
         """The number of an explored state, in which equal robots may stand in another order."""

@@ -90,7 +90,10 @@ class Reduction:
         return chosen if ahead else found
 
     def _answers(self, robot: int, old: int, waiting: _Pending) -> bool:
-        """Whether a robot may send something as these messages arrive, in any order of their channels."""
+        """Whether a robot may send something, or do what a property names, as these messages arrive.
+
+        They arrive in any order of their channels.
+        """
         key = (robot, old, waiting)
         found = self._answering.get(key)
         if found is None:
@@ -99,7 +102,8 @@ class Reduction:
                 left = ((topic, messages[1:]),) if len(messages) > 1 else ()
                 rest = (*waiting[:place], *left, *waiting[place + 1 :])
                 moves = self.product.receive(robot, old, topic, messages[0])
-                if any(move.sending or self._answers(robot, move.state, rest) for move in moves):
+                answers = (move.sending or move.successor.events for move in moves)
+                if any(answers) or any(self._answers(robot, move.state, rest) for move in moves):
                     found = True
                     break
             self._answering[key] = found
@@ -194,7 +198,8 @@ class Reduction:
 
     def _is_silent(self, robot: int, state: int, move: Move) -> bool:
         """Whether nobody notices the move."""
-        if move.sending or move.successor.flags or move.successor.begins or move.state >= CUT:
+        did = move.successor
+        if move.sending or did.flags or did.begins or did.events or move.state >= CUT:
             return False
         before, after = (self.product.locals[robot].views[at] for at in (state, move.state))
         return before.instances == after.instances

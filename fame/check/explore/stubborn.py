@@ -8,8 +8,8 @@ message for it can come.
 
 Every run of the full search is a part of a run of the reduced one, with independent moves in another order: deadlocks,
 ends, errors, lost signals, entered elements and missions that never complete are the same. For that a stubborn set has
-a move to a state that is still to be explored, so that nothing is put off forever; none of its moves fails or is cut;
-and one of its robots runs an instance, so that no end of the mission is passed over.
+a move to a state that is still to be explored, so that nothing is put off forever; none of its moves fails, is cut or
+is named by a property; and one of its robots runs an instance, so that no end of the mission is passed over.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Sequence, Set
 from fame.bpmn import model
 from fame.check.explore.local import Local
 from fame.check.explore.product import Product
-from fame.check.explore.transitions import CUT, Transition
+from fame.check.explore.transitions import CUT, Transition, is_observed
 
 TRIED = 2_000
 """States after which stubborn sets are looked for only if that was worth it."""
@@ -132,9 +132,11 @@ class Stubborn:
         return None
 
     def _leads_on(self, state: int, transitions: Sequence[Transition]) -> bool:
-        """Whether one leads to a state that is still to be explored, and none fails or is cut."""
+        """Whether one leads to a state that is still to be explored, and none fails, is cut, or named by a property."""
         product = self.product
         if any(done.failed for _, _, move, reactions in transitions for done in (move, *(one for _, one in reactions))):
+            return False
+        if product.options.monitors is not None and any(map(is_observed, transitions)):
             return False
         if product.cut and any(product.is_cut(new) for new, *_ in transitions):
             return False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
 from fame.check.explore.network import Network
@@ -10,10 +10,14 @@ from fame.check.explore.transitions import BITS, MASK
 
 
 class Symmetry:
-    """Sorts the robots of each group of equal ones. `top`: the place of the network in a state of the team."""
+    """Sorts the robots of each group of equal ones. `top`: the place of the network in a state of the team.
 
-    def __init__(self, groups: Sequence[tuple[int, ...]], network: Network, top: int) -> None:
-        self.groups, self.network, self.top = groups, network, top
+    exchanged  the difference of a state in what belongs to properties when robots change places
+    """
+
+    def __init__(self, groups: Sequence[tuple[int, ...]], network: Network, top: int,
+                 exchanged: Callable[[int, Mapping[int, int]], int] | None = None) -> None:  # fmt: skip
+        self.groups, self.network, self.top, self._exchanged = groups, network, top, exchanged
 
     def canonical(self, state: int) -> int:
         """The same state with robots that nothing tells apart in the order of their local states."""
@@ -50,9 +54,11 @@ class Symmetry:
         """The state in which the robot at `order[k]` of the group has taken place k."""
         found = [state >> (robot * BITS) & MASK for robot in group]
         network = state >> self.top
+        places = {group[old]: group[new] for new, old in enumerate(order)}
+        if self._exchanged is not None:
+            state += self._exchanged(state, places)
         for place, robot in enumerate(group):
             state += (found[order[place]] - found[place]) << (robot * BITS)
         if network:
-            places = {group[old]: group[new] for new, old in enumerate(order)}
             state += (self.network.renamed(network, places) - network) << self.top
         return state

@@ -1,8 +1,8 @@
 """Transitions of a team: moves of its robots, as differences of its state.
 
 A state of the team is one integer: a field for each robot's local state, one for a fault, a bit for each pool that has
-to start (1 once it has), above them the number of what the network holds. So a move is added to any state in which its
-robot is where the move begins.
+to start (1 once it has), a field for the monitors of properties, above them the number of what the network holds. So a
+move is added to any state in which its robot is where the move begins.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ DEAD = MASK
 """The local state of a robot whose engine has died."""
 FAULT_BITS = 10
 FAULTS = (1 << FAULT_BITS) - 1
+MONITOR_BITS = 32
+MONITORED = (1 << MONITOR_BITS) - 1
 
 
 class Move:
@@ -65,6 +67,12 @@ Reactions = tuple[tuple[int, Move], ...]
 """What the receivers of a message did, at once: (robot, move)."""
 Transition = tuple[int, int, Move, Reactions]
 """(new state, robot, its move, moves of others that follow at once)"""
+
+
+def is_observed(transition: Transition) -> bool:
+    """Whether something happens in a transition that a property names."""
+    _, _, move, reactions = transition
+    return bool(move.successor.events) or any(done.successor.events for _, done in reactions)
 
 
 @dataclass(slots=True)

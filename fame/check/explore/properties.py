@@ -1,0 +1,176 @@
+"""Properties in an exploration: the states of their monitors are a part of each state of the team.
+
+What a monitor reacts to is observed on the way (`ExplorationHost.observe`): a step in which such an event occurs is no
+silent step, and no independent one. Time stands still, so nothing is said about bounds; nor about values of variables,
+messages, distances and batteries, nor about elements inside behaviours that the exploration does not look into.
+
+A property is *refuted* by a run that violates it, by one that ends while an event is still to come, or by one that goes
+on for ever and can never come to it. It is *proved* if there is no such run in a search that has seen all states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from typing import Literal
+
+from fame.check.explore.graph import Explored
+from fame.check.explore.local import Local, Observed
+from fame.check.explore.trace import Runs, Step
+from fame.properties import Monitor, Verdict
+from fame.properties.monitor import State
+
+Proof = Literal["proved", "not triggered", "refuted", "not known"]
+PROOFS: tuple[Proof, ...] = ("refuted", "not known", "not triggered", "proved")
+"""Of several deliveries the first of these counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What an exploration says about a property.
+
+    verdict   ``not triggered``: it is proved, but in no run was there anything to judge
+    text      why it is refuted or not known, and what the search could not do because of it
+    run       the steps of a run to a violation, through as few explored states as possible
+    delivery  how messages were delivered in that run
+    """
+
+    name: str
+    sentence: str
+    verdict: Proof
+    text: str = ""
+    run: tuple[Step, ...] = ()
+    delivery: str = "run"
+
+    def __str__(self) -> str:
+        return f"property {self.name} {'was' if self.verdict == 'not triggered' else 'is'} {self.verdict}" + (
+            f": {self.text}" if self.text else ""
+        )
+
+
+class Monitors:
+    """The monitors of a team that an exploration can judge. Their joint states have numbers, from 0.
+
+    unjudged  name of a property -> why the exploration cannot judge it
+    observed  (element, what) of the events that they need, of any robot
+    apart     the robots of pools with several that a property names, which are not interchangeable any more
+    """
+
+    def __init__(self, monitors: Sequence[Monitor], robots: Mapping[str, Local], several: Set[str]) -> None:
+        self.unjudged = {one.spec.name: why for one in monitors if (why := _unjudged(one, robots))}
+        self.all = tuple(monitors)
+        self.monitors = tuple(one for one in monitors if one.spec.name not in self.unjudged)
+        self.names = tuple(robots)
+        self.observed = frozenset((element, what) for one in self.monitors for _, element, what in one.events)
+        self._several = several
+        self.apart = frozenset(robot for one in self.monitors for robot in self._apart(one))
+        self.states: list[tuple[State, ...]] = []
+        self._numbers: dict[tuple[State, ...], int] = {}
+        self._steps: dict[tuple[int, int, Observed], int] = {}
+        self._renamed: dict[tuple[int, tuple[tuple[int, int], ...]], int] = {}
+        self._number(tuple(one.initial for one in self.monitors))
+
+    def _apart(self, monitor: Monitor) -> list[str]:
+        """The robots of pools with several that a property names."""
+        return sorted({event.robot.text for event in monitor.spec.occurrences} & self._several)
+
+    def _number(self, states: tuple[State, ...]) -> int:
+        number = self._numbers.setdefault(states, len(self.states))
+        if number == len(self.states):
+            self.states.append(states)
+        return number
+
+    def step(self, number: int, robot: int, events: Observed) -> int:
+        """The joint state after events of a robot, in their order."""
+        key = (number, robot, events)
+        found = self._steps.get(key)
+        if found is None:
+            states = self.states[number]
+            for element, what, detail in events:
+                event = (self.names[robot], element, what, detail)
+                pairs = zip(self.monitors, states, strict=True)
+                states = tuple(_plain(one.step(state, 0, event)) for one, state in pairs)
+            found = self._steps[key] = self._number(states)
+        return found
+
+    def renamed(self, number: int, places: Mapping[int, int]) -> int:
+        """The joint state when equal robots change places."""
+        key = (number, tuple(sorted(places.items())))
+        found = self._renamed.get(key)
+        if found is None:
+            names = {self.names[old]: self.names[new] for old, new in places.items()}
+            states = zip(self.monitors, self.states[number], strict=True)
+            found = self._renamed[key] = self._number(tuple(_exchanged(one, state, names) for one, state in states))
+        return found
+
+    def judge(self, runs: Runs, *, exhaustive: bool) -> Iterator[Judged]:
+        """What the explored states say about each property."""
+        explored, product = runs.explored, runs.product
+        numbers = [product.monitored(state) for state in explored.states]
+        for one in self.all:
+            name, sentence = one.spec.name, one.spec.sentence
+            if name in self.unjudged:
+                yield Judged(name, sentence, "not known", self.unjudged[name])
+                continue
+            place = self.monitors.index(one)
+            at, why = _refuted(one, [self.states[number][place] for number in numbers], explored)
+            apart = self._apart(one)
+            said = [f"it names {', '.join(apart)}, so that no robots of the pool were taken for equal"] if apart else []
+            if at is not None:
+                run = tuple(runs.to(at).steps)
+                yield Judged(name, sentence, "refuted", "; ".join([why, *said]), run, product.options.delivery)
+                continue
+            verdict: Proof = "proved"
+            if not exhaustive:
+                verdict, said = "not known", ["not all states were explored", *said]
+            elif all(one.verdict(self.states[number][place]).word == "not triggered" for number in {*numbers}):
+                verdict = "not triggered"
+            yield Judged(name, sentence, verdict, "; ".join(said))
+
+
+def _refuted(monitor: Monitor, states: Sequence[State], explored: Explored) -> tuple[int | None, str]:
+    """The first state that refutes a property, and why; None if none does."""
+    verdicts: dict[State, Verdict] = {state: monitor.verdict(state) for state in {*states}}
+    at = next((at for at, state in enumerate(states) if verdicts[state].word == "violated"), None)
+    if at is not None:
+        return at, "a run violates it"
+    ends = sorted({*explored.final, *explored.stuck})
+    at = next((at for at in ends if monitor.verdict(monitor.finish(states[at], 0)).word == "violated"), None)
+    if at is not None:
+        return at, "a run ends without it"
+    going = [at for at, state in enumerate(states) if verdicts[state].word != "pending"]
+    failing = [at for at, _, _ in explored.failures if at >= 0]
+    leads = explored.leading_to([*going, *ends, *explored.unexplored(), *failing])
+    at = next((at for at in range(len(states)) if not leads[at]), None)
+    return at, "a run goes on for ever without it"
+
+
+def _plain(state: State) -> State:
+    """The state of a monitor without its slack, which decides nothing."""
+    return tuple((phase, since, memory, None, triggered) for phase, since, memory, _, triggered in state)
+
+
+def _exchanged(monitor: Monitor, state: State, names: Mapping[str, str]) -> State:
+    """The state of a monitor when robots have other names."""
+    bindings = [part.binding for part in monitor.parts]
+    found = list(state)
+    for binding, one in zip(bindings, state, strict=True):
+        found[bindings.index({pool: names.get(robot, robot) for pool, robot in binding.items()})] = one
+    return tuple(found)
+
+
+def _unjudged(monitor: Monitor, robots: Mapping[str, Local]) -> str:
+    """Why an exploration cannot judge a property; empty if it can."""
+    if monitor.timed:
+        return "it has a bound, and an exploration has no clock"
+    if monitor.spec.condition:
+        return "an exploration does not judge values"
+    if monitor.reads_messages:
+        return "an exploration does not judge fields of messages"
+    for robot, element, what in monitor.events:
+        local = robots[robot]
+        if what == "log":
+            return "an exploration does not judge reports"
+        if element != local.program.process and element not in local.liveness.elements:
+            return f"{element} is inside a behaviour that the exploration does not look into"
+    return ""

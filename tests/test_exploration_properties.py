@@ -1,0 +1,109 @@
+"""Properties in an exploration: proved, or refuted by a run; reduced and full searches agree, and so do real runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from collaborations import Steps, team
+from compare_explorations import judged_differently
+
+from fame.check.explore.properties import Judged
+from fame.cli import main
+from fame.properties.grammar import parse
+from fame.properties.sentence import NOWHERE
+from fame.scenario.exploration import explore
+
+TWO: dict[str, Steps] = {
+    "A": ["work", "throw a", "work"],
+    "B": ["catch a", "work", "throw b"],
+    "C": ["work", "catch b"],
+}
+LOOP: dict[str, Steps] = {"A": [("loop", ["work", "throw a"])], "B": ["catch a", "throw b"]}
+FOREVER: dict[str, Steps] = {"A": [("while", ["work"])], "B": ["work", "throw b"]}
+MANY: dict[str, Steps] = {"C": ["throw go", "catch done"], "F": ["catch go", "work", "throw done"]}
+
+
+def judged(robots: dict[str, Steps], sentence: str, several: tuple[str, ...] = (), **options: object) -> Judged:
+    made = parse(sentence, NOWHERE, "p")
+    (found,) = explore(team(robots, several), properties=[made], **options).properties  # type: ignore[arg-type]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("robots", "sentence", "verdict"),
+    [
+        (TWO, "B throws /b only after A throws /a", "proved"),
+        (TWO, "A throws /a only after B throws /b", "refuted"),
+        (TWO, "C completes", "refuted"),  # it misses b while it works
+        (TWO, "A completes", "proved"),
+        (TWO, "never A completes", "refuted"),
+        (TWO, "after A throws /a, B throws /b", "proved"),
+        (TWO, "between A throws /a and A completes, B throws /b", "refuted"),
+        (TWO, "never C fails", "proved"),
+        (TWO, "after A fails, B completes", "not triggered"),
+        (LOOP, "A throws /a at most 2 times", "refuted"),
+        (LOOP, "B throws /b at most 1 times", "proved"),
+        (LOOP, "B completes", "proved"),
+        (FOREVER, "B completes", "proved"),
+        (FOREVER, "A completes", "refuted"),
+        (TWO, "A completes within 5 s", "not known"),
+        (TWO, "always A.battery > 0.1", "not known"),
+    ],
+)
+def test_verdicts(robots: dict[str, Steps], sentence: str, verdict: str) -> None:
+    found = judged(robots, sentence, delivery="run")
+    assert found.verdict == verdict, found
+    assert verdict == "refuted" or not found.run
+
+
+def test_a_refutation_has_a_run_that_ends_with_it() -> None:
+    found = judged(TWO, "never B throws /b", delivery="run")
+    steps = [str(step) for step in found.run]
+    assert steps[:2] == ['A\'s "work" ends, throws /a', "B receives /a"]
+    assert steps[-2] == 'B\'s "work" ends, throws /b'
+    assert len(steps) <= 5
+
+
+def test_a_pool_means_each_of_its_robots_and_one_of_them_breaks_the_symmetry() -> None:
+    model = team(MANY, ("F",))
+    sentences = ("F throws /done", "some F throws /done", "F throws /done each time only after F catches /go")
+    for sentence in sentences:
+        assert judged(MANY, sentence, ("F",)).verdict == "proved"
+    equal = explore(model, delivery="run").states
+    assert explore(model, delivery="run", properties=[parse(sentences[2], NOWHERE, "p")]).states <= 2 * equal
+    found = judged(MANY, "F_1 throws /done", ("F",))
+    assert found.verdict == "proved"
+    assert "names F_1" in found.text
+
+
+def test_a_partial_search_proves_nothing() -> None:
+    found = judged(TWO, "B throws /b only after A throws /a", limit=2, delivery="run")
+    assert (found.verdict, found.text) == ("not known", "not all states were explored")
+
+
+def test_an_element_inside_a_behaviour_is_not_judged() -> None:
+    """The ground vehicles call behaviours whose inside the exploration takes for one step."""
+    made = [parse(f"DINGO {one}", NOWHERE, "p") for one in ('starts "Head for Goal"', 'starts "Go To"')]
+    inside, outside = explore("models/ground_vehicles.bpmn", properties=made, delivery="run").properties
+    assert (inside.verdict, outside.verdict) == ("not known", "refuted")
+    assert "is inside a behaviour" in inside.text
+
+
+@pytest.mark.parametrize("part", range(6))
+def test_reduced_and_full_searches_and_real_runs_agree(part: int) -> None:
+    compared = 0
+    for seed in range(part, 60, 6):
+        count, differences = judged_differently(seed)
+        assert not differences, differences
+        compared += count
+    assert compared
+
+
+def test_exit_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = tmp_path / "two.bpmn"
+    model.write_bytes(team({"A": ["work", "throw a"], "B": ["catch a"]}).source)
+    for sentence, code in {"B completes": 0, "never B completes": 1, "A completes within 5 s": 3}.items():
+        (tmp_path / "two.properties.yaml").write_text(f"properties:\n  p: {sentence}\n")
+        assert main(["check", "--explore", str(model)]) == code
+        assert "property p is " in capsys.readouterr().out
