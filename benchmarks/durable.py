@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import fame
 from fame.bpmn import read_text
-from fame.robot.durable import Recorder
+from fame.robot.durable import DurableRecorder
 from fame.robot.journal import Journal, StateDirectory
 from fame.robot.restoring import restored
 from models import CASES, VARIABLES, Case, Drawing, file, started
@@ -42,7 +42,7 @@ def timed(case: Case, folder: Path, journaled: bool) -> float:
     """
     simulation = fame.Simulation(read_text(case.make(case.size), file="generated.bpmn"), "P", VARIABLES)
     directory = StateDirectory(folder)
-    recorder = Recorder(simulation.node, Journal(directory, {}))
+    recorder = DurableRecorder(simulation.node, Journal(directory, {}))
     recorder.begin()
     recorder.journal.sync = lambda then: then()  # type: ignore[method-assign,assignment]
     if not journaled:
@@ -100,7 +100,7 @@ def resume(rounds: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         directory = StateDirectory(folder)
         simulation = fame.Simulation(read_text(text, file="generated.bpmn"), "P", VARIABLES)
-        recorder = Recorder(simulation.node, Journal(directory, {}))
+        recorder = DurableRecorder(simulation.node, Journal(directory, {}))
         recorder.begin()
         simulation.run()
         recorder.close()
@@ -113,7 +113,7 @@ def resume(rounds: int) -> dict[str, Any]:
             contents = directory.read()
             assert contents is not None
             tables = restored(simulation.node, contents)
-            again = Recorder(simulation.node, Journal.resume(directory, contents))
+            again = DurableRecorder(simulation.node, Journal.resume(directory, contents))
             again.go_on(tables, 0.0)
             found.append(time.process_time() - begun)
             reading.append(time.process_time() - loaded)

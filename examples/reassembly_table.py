@@ -26,7 +26,7 @@ from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit, losses, warnings_of
 from fame.monitor.pipeline.trained_model import TrainedModel
 from robots.arm.dynamics import UR5E
-from robots.arm.reassembly import SCENARIOS, Scenario, recorded
+from robots.arm.reassembly import SCENARIOS, Disturbance, recorded
 
 MODEL = Path(__file__).resolve().parent.parent / "models" / "reassembly.skops"
 TRAINING = Training(before=20.0, cutoff=5.0, false_alarms="0.01 per run", margin=1.5)
@@ -79,13 +79,13 @@ def progress(name: str, seeds: range) -> Iterator[int]:
         yield seed
 
 
-def samples(seed: int, scenario: Scenario = "none") -> Samples:
+def samples(seed: int, scenario: Disturbance = "none") -> Samples:
     """The efforts of one run, named as the joint monitor names them."""
     run = recorded(seed, scenario)
     return Samples(run.efforts, run.stamps, COLUMNS)
 
 
-def judged(model: TrainedModel, scenario: Scenario, seeds: range) -> Losses:
+def judged(model: TrainedModel, scenario: Disturbance, seeds: range) -> Losses:
     """What the pipeline makes of runs with these seeds."""
     every = []
     for seed in progress(scenario, seeds):
@@ -94,7 +94,7 @@ def judged(model: TrainedModel, scenario: Scenario, seeds: range) -> Losses:
     return Losses(np.array([run.max(axis=0) for run in every]), np.array([run.mean(axis=0) for run in every]))
 
 
-def tell(model: TrainedModel, found: dict[Scenario, Losses]) -> None:
+def tell(model: TrainedModel, found: dict[Disturbance, Losses]) -> None:
     thresholds = np.array(model.thresholds)
     free = found["none"].largest.mean(axis=0)
     print(f"{'maximum (mean) loss':22}" + "".join(f"{f'joint {joint}':>22}" for joint in JOINTS))

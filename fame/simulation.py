@@ -20,7 +20,7 @@ from fame.errors import ConfigError, ModelError, expect
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.services import SERVICES
 from fame.randomness import SEEDS, ModuleRandom, robot_random
-from fame.robot import Event, RobotNode, Service, make_mission
+from fame.robot import Event, RobotNode, ServiceFunction, make_mission
 from fame.robot.options import RobotOptions
 
 
@@ -47,7 +47,7 @@ class Simulation:
         process: str | None = None,
         variables: Mapping[str, Any] | None = None,
         *,
-        services: Mapping[str, Service] | None = None,
+        services: Mapping[str, ServiceFunction] | None = None,
         observer: Callable[[Event], object] | None = None,
         library: str | Path | Sequence[str | Path] = (),
         robot: str = "robot",
@@ -196,7 +196,7 @@ class Simulation:
         path: str | Path,
         definitions: Definitions | str | Path | None = None,
         *,
-        services: Mapping[str, Service] | None = None,
+        services: Mapping[str, ServiceFunction] | None = None,
         observer: Callable[[Event], object] | None = None,
         library: str | Path | Sequence[str | Path] = (),
     ) -> Simulation:

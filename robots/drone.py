@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from fame.clock import SECOND
 from fame.config.values import Point, parameter
 from fame.errors import MissingTypeError
-from fame.middleware.interface import EndpointWarning, Message
+from fame.middleware.interface import AnyMessage, EndpointWarning
 from robots.equipment import DRAIN_RATE, Battery, BatteryParameters
 from robots.planner import DirectPlanner
 from robots.sensors import Camera, CameraParameters, Motion, Odometer, OdometerParameters
@@ -31,7 +31,7 @@ from sim2d.robot import Appearance, Pose, TopicCommand, body_of, period, rectang
 if TYPE_CHECKING:
     import pymunk
 
-    from fame.middleware.interface import Message
+    from fame.middleware.interface import AnyMessage
     from sim2d.robot import RobotConfig, RobotWorld
 
 
@@ -95,7 +95,7 @@ class Flight:
         (vx, vy), (cos, sin) = body.velocity, body.rotation_vector
         return Motion(vx * cos + vy * sin, vy * cos - vx * sin, self.climb, body.angular_velocity)
 
-    def command(self, twist: Message, now: int) -> None:
+    def command(self, twist: AnyMessage, now: int) -> None:
         """Obey a geometry_msgs/msg/Twist in the body frame, clipped to the limits; NaN stops."""
         p = self._parameters
         ahead, left = within(twist.linear.x, math.inf), within(twist.linear.y, math.inf)
@@ -223,7 +223,7 @@ class Drone:
             text = f"{config.name} offers no service tello_action: {error}"
             world.middleware.warn(EndpointWarning("", text, "backend"))
 
-    def _act(self, request: Message) -> Mapping[str, int]:
+    def _act(self, request: AnyMessage) -> Mapping[str, int]:
         """Start a command of a Tello; the response does not wait until it is done."""
         flight, command = self._flight, request.cmd.strip().lower()
         if command not in ("takeoff", "land"):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from fame.clock import SECOND
 from fame.config.values import Point, parameter
 from fame.middleware import messages
-from fame.middleware.interface import Message, Node
+from fame.middleware.interface import AnyMessage, Node
 from robots.sensors import header_maker, maker
 from sim2d.robot import MEASUREMENT, Pose
 
@@ -117,7 +117,7 @@ class Blade:
         self._since: dict[str, int] = {}  # when (ns) it came above each weed that it is above
         node.subscription("blade_force", "geometry_msgs/msg/Wrench", self._on_force)
 
-    def _on_force(self, wrench: Message) -> None:
+    def _on_force(self, wrench: AnyMessage) -> None:
         self.turn(wrench.torque.z > 0 and not self.blocked)
 
     def turn(self, turns: bool) -> None:
@@ -192,7 +192,7 @@ class Led:
         self.rgb = (0.0, 0.0, 0.0)
         node.subscription("led", "std_msgs/msg/ColorRGBA", self._light)
 
-    def _light(self, colour: Message) -> None:
+    def _light(self, colour: AnyMessage) -> None:
         r, g, b = (min(max(float(c), 0.0), 1.0) if math.isfinite(c) else 0.0 for c in (colour.r, colour.g, colour.b))
         self.rgb = (r, g, b)
 

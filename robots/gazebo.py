@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from fame.middleware import messages
-from fame.middleware.interface import SENSOR_DATA, Message, Node
+from fame.middleware.interface import SENSOR_DATA, AnyMessage, Node
 from robots.planner import DirectPlanner, Planner, PlannerParameters
 from sim2d.robot import MEASUREMENT
 
@@ -23,7 +23,7 @@ class ScannedRange:
         self._publisher = node.publisher("range", RANGE, MEASUREMENT)
         node.subscription("scan", SCAN, self._on_scan, SENSOR_DATA)
 
-    def _on_scan(self, scan: Message) -> None:
+    def _on_scan(self, scan: AnyMessage) -> None:
         seen = [far for far in scan.ranges if scan.range_min <= far <= scan.range_max or far == -math.inf]
         fields = {
             "header": scan.header,

@@ -16,7 +16,7 @@ from typing import Any
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.actions import ActionServer, ServerGoal
-from fame.middleware.interface import LATCHED, Message, Node
+from fame.middleware.interface import LATCHED, AnyMessage, Node
 from robots import navigation as nav
 from robots.navigation import STILL, Dock, Limits, Maneuver, Navigator, Velocity, goal_pose
 from robots.planner import PlannerParameters
@@ -68,16 +68,16 @@ class Nav2:
             )
         ]
 
-    def _on_map(self, message: Message) -> None:
+    def _on_map(self, message: AnyMessage) -> None:
         self._robot.ground = from_message(message)
 
-    def _on_range(self, message: Message) -> None:
+    def _on_range(self, message: AnyMessage) -> None:
         self._robot.on_range(message.range)
 
-    def _on_battery(self, message: Message) -> None:
+    def _on_battery(self, message: AnyMessage) -> None:
         self._robot.charging = message.power_supply_status in (1, 4)  # charging, full
 
-    def _on_odometry(self, message: Message) -> None:
+    def _on_odometry(self, message: AnyMessage) -> None:
         position, orientation = message.pose.pose.position, message.pose.pose.orientation
         self._robot.pose = Pose(position.x, position.y, 2 * math.atan2(orientation.z, orientation.w))
         if self._maneuver is None or self._goal is None:
@@ -194,14 +194,14 @@ class Nav2:
         }
 
 
-def _in_map(poses: Sequence[Message]) -> bool:
+def _in_map(poses: Sequence[AnyMessage]) -> bool:
     """Whether poses are finite and in the frame `map`, the only one known here."""
     return all(
         pose.header.frame_id.lstrip("/") == "map" and all(map(math.isfinite, (*goal_pose(pose),))) for pose in poses
     )
 
 
-def _seconds(duration: Message) -> float:
+def _seconds(duration: AnyMessage) -> float:
     return float(duration.sec + duration.nanosec / SECOND)
 
 

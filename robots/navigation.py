@@ -17,7 +17,7 @@ import numpy as np
 
 from fame.clock import SECOND, Scheduler
 from fame.config.values import Point
-from fame.middleware.interface import Message
+from fame.middleware.interface import AnyMessage
 from robots.planner import PlannerParameters, route
 from sim2d.grid import Grid, inflate
 from sim2d.robot import Pose
@@ -123,7 +123,7 @@ class Navigator:
             del remaining[0]
         return 0
 
-    def follow(self, goal: Message, missed: list[dict[str, Any]], at: list[int]) -> Maneuver:
+    def follow(self, goal: AnyMessage, missed: list[dict[str, Any]], at: list[int]) -> Maneuver:
         """Go to each waypoint in turn, and continue after one that cannot be reached."""
         for _ in range(goal.number_of_loops + 1):
             for index in range(goal.goal_index, len(goal.poses)):
@@ -241,7 +241,7 @@ class Navigator:
             yield STILL
         return 0
 
-    def go_to_dock(self, dock: Dock | None, goal: Message, state: list[int]) -> Maneuver:
+    def go_to_dock(self, dock: Dock | None, goal: AnyMessage, state: list[int]) -> Maneuver:
         """Go to the staging pose, drive into the dock, and wait until the battery is charging."""
         if dock is None:
             return UNKNOWN_DOCK
@@ -347,7 +347,7 @@ def _ahead(path: Sequence[Point], here: Point, distance: float) -> Point:
     return path[-1]
 
 
-def goal_pose(stamped: Message) -> Pose:
+def goal_pose(stamped: AnyMessage) -> Pose:
     """Return the pose of a geometry_msgs/msg/PoseStamped."""
     position, orientation = stamped.pose.position, stamped.pose.orientation
     return Pose(position.x, position.y, 2 * math.atan2(orientation.z, orientation.w))

@@ -23,7 +23,7 @@ import numpy as np
 
 from fame.config.values import Point, parameter
 from fame.middleware import messages
-from fame.middleware.interface import LATCHED, Message, Node
+from fame.middleware.interface import LATCHED, AnyMessage, Node
 from sim2d.grid import Grid, from_message, inflate
 from sim2d.robot import MEASUREMENT
 
@@ -174,27 +174,27 @@ class Planner:
 
     def __init__(self, node: Node, parameters: PlannerParameters, radius: float) -> None:
         self._radius, self._margin, self._tolerance = radius, parameters.margin, parameters.tolerance
-        self._map: Message | None = None
+        self._map: AnyMessage | None = None
         self._ground: Grid | None = None
         self._grid: Grid | None = None  # inflated; made for the first goal, because many robots never get one
-        self._odometry: Message | None = None
-        self._goal: Message | None = None
+        self._odometry: AnyMessage | None = None
+        self._goal: AnyMessage | None = None
         self._plan = node.publisher("plan", "nav_msgs/msg/Path")
         self._failure = node.publisher("plan_failure", "std_msgs/msg/String")
         node.subscription("map", "nav_msgs/msg/OccupancyGrid", self._on_map, LATCHED)
         node.subscription("odom", "nav_msgs/msg/Odometry", self._on_odometry, MEASUREMENT)
         node.subscription("goal_pose", "geometry_msgs/msg/PoseStamped", self._on_goal)
 
-    def _on_map(self, message: Message) -> None:
+    def _on_map(self, message: AnyMessage) -> None:
         self._map, self._grid = message, None
         self._answer()
 
-    def _on_odometry(self, message: Message) -> None:
+    def _on_odometry(self, message: AnyMessage) -> None:
         self._odometry = message
         if self._goal is not None:
             self._answer()
 
-    def _on_goal(self, message: Message) -> None:
+    def _on_goal(self, message: AnyMessage) -> None:
         self._goal = message
         self._answer()
 
@@ -232,18 +232,18 @@ class DirectPlanner:
     """The planner of a flying robot: always the straight line, without a map."""
 
     def __init__(self, node: Node) -> None:
-        self._odometry: Message | None = None
-        self._goal: Message | None = None
+        self._odometry: AnyMessage | None = None
+        self._goal: AnyMessage | None = None
         self._plan = node.publisher("plan", "nav_msgs/msg/Path")
         node.subscription("odom", "nav_msgs/msg/Odometry", self._on_odometry, MEASUREMENT)
         node.subscription("goal_pose", "geometry_msgs/msg/PoseStamped", self._on_goal)
 
-    def _on_odometry(self, message: Message) -> None:
+    def _on_odometry(self, message: AnyMessage) -> None:
         self._odometry = message
         if self._goal is not None:
             self._on_goal(self._goal)
 
-    def _on_goal(self, message: Message) -> None:
+    def _on_goal(self, message: AnyMessage) -> None:
         if self._odometry is None:
             self._goal = message
             return
@@ -254,7 +254,7 @@ class DirectPlanner:
         self._plan.publish(messages.create("nav_msgs/msg/Path", _path(places, self._odometry, message)))
 
 
-def _path(places: list[Point], odometry: Message, goal: Message) -> dict[str, Any]:
+def _path(places: list[Point], odometry: AnyMessage, goal: AnyMessage) -> dict[str, Any]:
     """The fields of a nav_msgs/msg/Path: each pose faces the next, the last has the goal's orientation."""
     stamp, last = odometry.header.stamp, goal.pose.orientation
     header = {"frame_id": "map", "stamp": {"sec": stamp.sec, "nanosec": stamp.nanosec}}

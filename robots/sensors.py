@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from fame.clock import SECOND
 from fame.config.values import parameter
 from fame.middleware import messages
-from fame.middleware.interface import Message, Node
+from fame.middleware.interface import AnyMessage, Node
 from sim2d.randomness import Noise
 from sim2d.robot import MEASUREMENT, Cone, Pose
 
@@ -36,20 +36,20 @@ if TYPE_CHECKING:
     from sim2d.ground import Weeds
 
 
-def constructor(type: str) -> Callable[..., Message]:
+def constructor(type: str) -> Callable[..., AnyMessage]:
     """Return the class of a message type. It takes fields in the order of ROS, without conversion or checks."""
     kind: Any = messages.message_type(type)
     return kind  # type: ignore[no-any-return]
 
 
-def maker(template: Message, *fields: str) -> Callable[..., Message]:
+def maker(template: AnyMessage, *fields: str) -> Callable[..., AnyMessage]:
     """Return a constructor of messages like `template`; it takes the given `fields` by name."""
     kept = {name: getattr(template, name) for name in template.__slots__ if name not in fields}
     return partial(template.__class__, **kept)
 
 
 @cache
-def header_maker(frame: str) -> Callable[[int], Message]:
+def header_maker(frame: str) -> Callable[[int], AnyMessage]:
     """Return a function that makes a std_msgs/msg/Header with this frame from a time (ns)."""
     header, time = constructor("std_msgs/msg/Header"), constructor("builtin_interfaces/msg/Time")
     return lambda now: header(time(now // SECOND, now % SECOND), frame)
@@ -136,7 +136,7 @@ class Ultrasonic:
 
 
 @cache
-def _range_maker(parameters: UltrasonicParameters) -> Callable[..., Message]:
+def _range_maker(parameters: UltrasonicParameters) -> Callable[..., AnyMessage]:
     """Return the constructor of range messages of such sensors; it takes `header` and `range`."""
     fields = {
         "radiation_type": 0,
@@ -195,7 +195,7 @@ class Camera:
 ODOMETRY = "nav_msgs/msg/Odometry"
 Deviations = tuple[float, float, float, float]
 """Standard deviations of x, y, z and yaw, or of their rates."""
-Place = tuple[float, float, float]
+Position = tuple[float, float, float]
 """x, y, z (m)."""
 _CORRELATION = 5.0
 """Correlation time of the pose error, s."""
@@ -256,7 +256,7 @@ class Odometer:
 @cache
 def _odometry_maker(
     sigma: Deviations, speed_sigma: Deviations
-) -> Callable[[Message, str, Place, float, Sequence[float]], Message]:
+) -> Callable[[AnyMessage, str, Position, float, Sequence[float]], AnyMessage]:
     """Return a constructor of odometry messages. Robots with equal noise share it, which keeps it in the CPU cache."""
     covariances = {"pose": {"covariance": _covariance(sigma)}, "twist": {"covariance": _covariance(speed_sigma)}}
     like = messages.create(ODOMETRY, covariances)
@@ -266,7 +266,7 @@ def _odometry_maker(
     pose, twist, point = type(like.pose.pose), type(like.twist.twist), type(like.pose.pose.position)
     quaternion, vector = type(like.pose.pose.orientation), type(like.twist.twist.linear)
 
-    def make(header: Message, frame: str, place: Place, heading: float, motion: Sequence[float]) -> Message:
+    def make(header: AnyMessage, frame: str, place: Position, heading: float, motion: Sequence[float]) -> AnyMessage:
         ahead, left, up, turn_rate = motion
         orientation = quaternion(0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2))
         velocity = twist(vector(ahead, left, up), vector(0.0, 0.0, turn_rate))

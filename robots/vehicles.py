@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from fame.clock import SECOND
 from fame.config.values import Point, parameter
 from fame.errors import ConfigError
-from fame.middleware.interface import LATCHED, Message
+from fame.middleware.interface import LATCHED, AnyMessage
 from fame.text import suggestion
 from robots.equipment import DRAIN_RATE, Battery, BatteryParameters, Blade, BladeParameters, Led, Tray, TrayParameters
 from robots.nav2 import Nav2
@@ -95,7 +95,7 @@ class Drive:
         (vx, vy), (cos, sin) = body.velocity, body.rotation_vector
         return Motion(ahead=vx * cos + vy * sin, turn_rate=body.angular_velocity)
 
-    def command(self, twist: Message, now: int) -> None:
+    def command(self, twist: AnyMessage, now: int) -> None:
         """Obey `linear.x` and `angular.z` of a geometry_msgs/msg/Twist, clipped to the limits; NaN stops."""
         limits = self._parameters
         self.speed = within(twist.linear.x, limits.max_speed)

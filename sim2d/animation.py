@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Any
 from fame.errors import ConfigError, UnavailableError
 from fame.imports import require
 from sim2d import style
-from sim2d.canvas import EDGE, HEAD, LINE, SMOOTH, View, background, draw_weed, faint, fitting, font, view_of, write
+from sim2d.canvas import EDGE, HEAD, LINE, SMOOTH, Viewport, background, draw_weed, faint, fitting, font, view_of, write
 from sim2d.ground import disc, placed
-from sim2d.record import Record, Track
+from sim2d.record import Track, WorldRecord
 from sim2d.robot import Appearance, Pose
 from sim2d.style import larger, symbol, writing
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 
-Label = tuple[float, str, str]
+Caption = tuple[float, str, str]
 """From this time (s) on, the caption of this robot."""
 
 _LONGEST = 15.0
@@ -44,10 +44,10 @@ _NEAR, _SMALLEST = 45.0, 30.0
 
 
 def animate(
-    record: Record,
+    record: WorldRecord,
     path: str | PathLike[str],
     *,
-    labels: Iterable[Label] = (),
+    labels: Iterable[Caption] = (),
     fps: float = 10.0,
     speed: float | None = None,
     title: str = "",
@@ -75,7 +75,7 @@ def animate(
         WRITERS[kind](_counted(frames, _number_of_frames(record, step), progress), str(path), fps)
 
 
-def picture(record: Record, path: str | PathLike[str], *, labels: Iterable[Label] = (), title: str = "") -> None:
+def picture(record: WorldRecord, path: str | PathLike[str], *, labels: Iterable[Caption] = (), title: str = "") -> None:
     """Write the last frame of a film of a run as `.png`, twice as large. Raises as `animate`."""
     _check(record, path)
     *_, last = _frames(record, _Captions(record, labels), record.times[-1] or 1.0, title)
@@ -83,7 +83,7 @@ def picture(record: Record, path: str | PathLike[str], *, labels: Iterable[Label
         last.save(path)
 
 
-def _check(record: Record, path: str | PathLike[str]) -> None:
+def _check(record: WorldRecord, path: str | PathLike[str]) -> None:
     """Raise ConfigError if nothing was recorded, UnavailableError if a package is missing."""
     if not record.times:
         raise ConfigError("expected a run of at least one step, got nothing recorded", file=str(path))
@@ -91,7 +91,7 @@ def _check(record: Record, path: str | PathLike[str]) -> None:
         require(package)
 
 
-def _number_of_frames(record: Record, step: float) -> int:
+def _number_of_frames(record: WorldRecord, step: float) -> int:
     return max(1, math.ceil(record.times[-1] / step - 1e-9) + 1)
 
 
@@ -106,7 +106,7 @@ def _counted(frames: Iterator[Image], count: int, progress: Callable[[int, int],
 class _Captions:
     """The captions of robots by time: robots of the world first, then computers, which have no body."""
 
-    def __init__(self, record: Record, labels: Iterable[Label]) -> None:
+    def __init__(self, record: WorldRecord, labels: Iterable[Caption]) -> None:
         self._times: dict[str, list[float]] = {track.name: [] for track in record.tracks}
         self._texts: dict[str, list[str]] = {track.name: [] for track in record.tracks}
         for time, robot, text in sorted(labels, key=lambda label: label[0]):
@@ -129,7 +129,7 @@ class _Captions:
         return max(held, key=lambda text: held[text], default="")
 
 
-def _frames(record: Record, captions: _Captions, step: float, title: str) -> Iterator[Image]:
+def _frames(record: WorldRecord, captions: _Captions, step: float, title: str) -> Iterator[Image]:
     view = view_of(record, _caption_table(len(captions.names))[1])
     still = background(record, view, title)
     drawn, end = 0, record.times[-1]
@@ -146,7 +146,7 @@ def _frames(record: Record, captions: _Captions, step: float, title: str) -> Ite
         yield frame
 
 
-def _extend_ways(still: Image, record: Record, view: View, drawn: int, sample: int) -> None:
+def _extend_ways(still: Image, record: WorldRecord, view: Viewport, drawn: int, sample: int) -> None:
     from PIL import ImageDraw
 
     draw = ImageDraw.Draw(still)
@@ -159,7 +159,7 @@ def _extend_ways(still: Image, record: Record, view: View, drawn: int, sample: i
             draw.line(view.all(track.poses[drawn : sample + 1]), fill=colour, width=4, joint="curve")
 
 
-def _cut_weeds(still: Image, record: Record, view: View, since: float, until: float) -> None:
+def _cut_weeds(still: Image, record: WorldRecord, view: Viewport, since: float, until: float) -> None:
     """Draw the weeds that were cut between two times (s) as stubble."""
     from PIL import ImageDraw
 
@@ -171,7 +171,7 @@ def _cut_weeds(still: Image, record: Record, view: View, since: float, until: fl
             draw_weed(draw, view, weed, style.STUBBLE, edge)
 
 
-def _draw_things(frame: Image, record: Record, view: View, sample: int) -> None:
+def _draw_things(frame: Image, record: WorldRecord, view: Viewport, sample: int) -> None:
     """Draw doors, and the parcels that lie on the ground."""
     from PIL import ImageDraw
 
@@ -187,7 +187,7 @@ def _draw_things(frame: Image, record: Record, view: View, sample: int) -> None:
             draw.polygon(view.all(style.parcel(parcel)), fill=style.PARCEL, outline=style.PARCEL_EDGE, width=3)
 
 
-def _draw_robots(frame: Image, record: Record, view: View, sample: int) -> None:
+def _draw_robots(frame: Image, record: WorldRecord, view: Viewport, sample: int) -> None:
     from PIL import ImageDraw
 
     draw = ImageDraw.Draw(frame, "RGBA")
@@ -210,7 +210,7 @@ def _draw_robots(frame: Image, record: Record, view: View, sample: int) -> None:
         _name_robot(draw, view, track, sample, index, above)
 
 
-def _draw_senses(draw: Any, appearance: Appearance, colour: str, view: View) -> None:
+def _draw_senses(draw: Any, appearance: Appearance, colour: str, view: Viewport) -> None:
     """Draw the ground that a range sensor saw free, and that a camera sees."""
     cone = appearance.cone
     if cone is not None:
@@ -224,7 +224,7 @@ def _draw_senses(draw: Any, appearance: Appearance, colour: str, view: View) -> 
         draw.ellipse(around, fill=faint(colour, style.CONE), outline=faint(colour, style.LAMP), width=3)
 
 
-def _name_robot(draw: Any, view: View, track: Track, sample: int, index: int, above: bool) -> None:
+def _name_robot(draw: Any, view: Viewport, track: Track, sample: int, index: int, above: bool) -> None:
     appearance = track.appearances[sample]
     text = f"{track.name}  {appearance.altitude:.1f} m" if appearance.altitude >= 0.05 else track.name
     half = font(14, True).getlength(text) / 2
@@ -234,12 +234,12 @@ def _name_robot(draw: Any, view: View, track: Track, sample: int, index: int, ab
     write(draw, (x, y), text, style.robot_colour(index), anchor=anchor, size=14, bold=True, halo=True)
 
 
-def _growth(track: Track, view: View) -> float:
+def _growth(track: Track, view: Viewport) -> float:
     """The factor by which a robot is enlarged to be visible on a large ground."""
     return max(1.0, _SMALLEST * SMOOTH / (2 * max(x for x, _ in track.outline) * view.scale))
 
 
-def _draw_robot(draw: Any, track: Track, colour: str, view: View, sample: int) -> None:
+def _draw_robot(draw: Any, track: Track, colour: str, view: Viewport, sample: int) -> None:
     appearance, growth = track.appearances[sample], _growth(track, view)
     pose, led = appearance.pose, appearance.led
     ahead = max(x for x, _ in track.outline) * growth
@@ -278,7 +278,9 @@ def _draw_battery(draw: Any, place: tuple[float, float], charge: float) -> None:
         draw.line((x - 30, y + 20, x + 28, y - 20), fill=red, width=6)
 
 
-def _draw_captions(frame: Image, record: Record, view: View, captions: _Captions, sample: int, step: float) -> None:
+def _draw_captions(
+    frame: Image, record: WorldRecord, view: Viewport, captions: _Captions, sample: int, step: float
+) -> None:
     from PIL import ImageDraw
 
     draw = ImageDraw.Draw(frame)

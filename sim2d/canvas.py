@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from fame.config.values import Point
 from sim2d import style
-from sim2d.ground import Circle, Shape, Thing, Weed, bounding_box
-from sim2d.record import Record
+from sim2d.ground import Circle, Outline, Thing, Weed, bounding_box
+from sim2d.record import WorldRecord
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -28,7 +28,7 @@ _WIDTH, _HEIGHT = 840, 640
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class Viewport:
     """The transformation from metres on the ground to pixels of the large image, and the `size` of that image."""
 
     scale: float
@@ -46,7 +46,7 @@ class View:
         return [self.at(place) for place in places]
 
 
-def view_of(record: Record, lines: int) -> View:
+def view_of(record: WorldRecord, lines: int) -> Viewport:
     """Return the view of a record's ground on an image with `lines` of captions below it."""
     xmin, ymin, xmax, ymax = record.config.bounds
     scale = min(_WIDTH / (xmax - xmin), _HEIGHT / (ymax - ymin))
@@ -58,10 +58,10 @@ def view_of(record: Record, lines: int) -> View:
     bottom = HEAD + ground[1] + ymin * scale
     even = width + width % 2, height + height % 2  # video codecs want even sizes
     s = SMOOTH
-    return View(scale * s, left * s, bottom * s, (even[0] * s, even[1] * s), captions_top * s)
+    return Viewport(scale * s, left * s, bottom * s, (even[0] * s, even[1] * s), captions_top * s)
 
 
-def background(record: Record, view: View, title: str) -> Image:
+def background(record: WorldRecord, view: Viewport, title: str) -> Image:
     """Draw a large image of the world without its robots."""
     from PIL import Image, ImageDraw
 
@@ -102,13 +102,13 @@ def background(record: Record, view: View, title: str) -> Image:
     return image
 
 
-def draw_weed(draw: Any, view: View, weed: Weed, fill: str, edge: str) -> None:
+def draw_weed(draw: Any, view: Viewport, weed: Weed, fill: str, edge: str) -> None:
     """Draw a weed, large enough to be seen."""
     corners = view.all(style.weed(weed.at, _weed_radius(view, weed) / view.scale))
     draw.polygon(corners, fill=fill, outline=edge, width=3)
 
 
-def _weed_radius(view: View, weed: Weed) -> float:
+def _weed_radius(view: Viewport, weed: Weed) -> float:
     """Pixels of the large image."""
     return max(weed.radius * view.scale, 9.0 * SMOOTH)
 
@@ -128,7 +128,7 @@ def _whole_pixel(large: float) -> int:
     return round(large / SMOOTH) * SMOOTH
 
 
-def _name_target(draw: Any, view: View, target: Thing, record: Record) -> None:
+def _name_target(draw: Any, view: Viewport, target: Thing, record: WorldRecord) -> None:
     """Write the name of a target on the side without a robot."""
     (x, y), (_, low, _, high) = target.shape.centre, bounding_box(target.shape)
     last = [track.poses[-1] for track in record.tracks]
@@ -140,7 +140,7 @@ def _name_target(draw: Any, view: View, target: Thing, record: Record) -> None:
         write(draw, (across, down + 6), target.name, style.TARGET_EDGE, anchor="ma", size=13)
 
 
-def _scale_bar(draw: Any, view: View, record: Record) -> None:
+def _scale_bar(draw: Any, view: Viewport, record: WorldRecord) -> None:
     xmin, _, xmax, _ = record.config.bounds
     length = _round_length((xmax - xmin) / 10)
     x, y = view.at((xmax, record.config.bounds[1]))
@@ -149,7 +149,7 @@ def _scale_bar(draw: Any, view: View, record: Record) -> None:
     write(draw, (x - length * view.scale / 2, y - 6), f"{length:g} m", style.INK, anchor="ms", size=11)
 
 
-def _solid(draw: Any, view: View, shape: Shape, fill: str, edge: str) -> None:
+def _solid(draw: Any, view: Viewport, shape: Outline, fill: str, edge: str) -> None:
     if isinstance(shape, Circle):
         x, y = view.at(shape.centre)
         radius = shape.radius * view.scale

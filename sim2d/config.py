@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from fame.config.loader import read_document
 from fame.config.values import ConfigValue, Point, Source, fill
 from fame.errors import ConfigError
-from sim2d.ground import ChargerConfig, Circle, Shape, Thing, WeedConfig, bounding_box, box, convex
+from sim2d.ground import ChargerConfig, Circle, Outline, Thing, WeedConfig, bounding_box, box, convex
 from sim2d.robot import RobotConfig, robot_class, robot_types
 from sim2d.warehouse import DoorConfig, ParcelConfig, StationConfig
 
@@ -22,7 +22,7 @@ _LEAST, _MOST = 0.01, 1000.0
 _CELLS = 25_000_000
 """Maximum number of cells of a map: making one with a hundred million takes gigabytes."""
 
-Bounds = tuple[float, float, float, float]
+Extent = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax in m."""
 
 _KEYS = (
@@ -55,7 +55,7 @@ _Flat = TypeVar("_Flat", WeedConfig, ChargerConfig, StationConfig)
 class WorldConfig:
     """The content of a world file. `step` in s; `resolution` of the robots' map in m per cell."""
 
-    bounds: Bounds
+    bounds: Extent
     robots: tuple[RobotConfig, ...] = ()
     obstacles: tuple[Thing, ...] = ()
     targets: tuple[Thing, ...] = ()
@@ -104,7 +104,7 @@ def world_config(world: ConfigValue | Mapping[str, Any]) -> WorldConfig:
     )
 
 
-def _bounds(value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Bounds:
+def _bounds(value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Extent:
     if ("size" in keys) == ("bounds" in keys):
         got = "both" if "size" in keys else "neither"
         raise value.error(f"expected either size: [w, h] or bounds: [xmin, ymin, xmax, ymax], got {got}")
@@ -118,7 +118,7 @@ def _bounds(value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Bounds:
     return xmin, ymin, xmax, ymax
 
 
-def _things(listed: ConfigValue | None, kind: str, bounds: Bounds) -> tuple[Thing, ...]:
+def _things(listed: ConfigValue | None, kind: str, bounds: Extent) -> tuple[Thing, ...]:
     things: list[Thing] = []
     for number, value in enumerate(listed.items() if listed else (), 1):
         thing = _thing(value, f"{kind}_{number}")
@@ -140,7 +140,7 @@ def _thing(value: ConfigValue, default_name: str) -> Thing:
     return Thing(name, _shape(kinds[0], value, keys), value.path)
 
 
-def _shape(kind: str, value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Shape:
+def _shape(kind: str, value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Outline:
     if kind == "polygon":
         corners = [corner.point() for corner in keys["polygon"].items()]
         polygon = convex(corners)
@@ -160,7 +160,7 @@ def _shape(kind: str, value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Sh
     return box(centre, width, height, math.radians(angle))
 
 
-def _flat(listed: ConfigValue | None, kind: str, make: type[_Flat], bounds: Bounds) -> Iterator[_Flat]:
+def _flat(listed: ConfigValue | None, kind: str, make: type[_Flat], bounds: Extent) -> Iterator[_Flat]:
     """Flat things: each with a name, a place, and positive numbers that have defaults."""
     numbers: list[str] = [one.name for one in fields(make) if one.name not in ("name", "at")]
     names: set[str] = set()
@@ -180,7 +180,7 @@ def _flat_number(key: str, value: ConfigValue) -> float:
     return value.number() if key == "heading" else value.number(above=0)
 
 
-def _parcels(listed: ConfigValue | None, stations: tuple[StationConfig, ...], bounds: Bounds) -> Iterator[ParcelConfig]:
+def _parcels(listed: ConfigValue | None, stations: tuple[StationConfig, ...], bounds: Extent) -> Iterator[ParcelConfig]:
     """Parcels, which lie at a station or at a place."""
     places = {station.name: station.at for station in stations}
     for number, value in enumerate(listed.items() if listed else (), 1):
@@ -193,7 +193,7 @@ def _parcels(listed: ConfigValue | None, stations: tuple[StationConfig, ...], bo
         yield ParcelConfig(keys["name"].text() if "name" in keys else f"parcel_{number}", place, to)
 
 
-def _doors(listed: ConfigValue | None, bounds: Bounds) -> Iterator[DoorConfig]:
+def _doors(listed: ConfigValue | None, bounds: Extent) -> Iterator[DoorConfig]:
     names: set[str] = set()
     for number, value in enumerate(listed.items() if listed else (), 1):
         keys = value.mapping(("name", "from", "to", "time", "open"))
@@ -208,12 +208,12 @@ def _doors(listed: ConfigValue | None, bounds: Bounds) -> Iterator[DoorConfig]:
         yield DoorConfig(name, start, end, **times)
 
 
-def inside(bounds: Bounds, place: Point) -> bool:
+def inside(bounds: Extent, place: Point) -> bool:
     """Whether a place is on the ground."""
     return bounds[0] <= place[0] <= bounds[2] and bounds[1] <= place[1] <= bounds[3]
 
 
-def _robots(listed: ConfigValue, bounds: Bounds) -> tuple[RobotConfig, ...]:
+def _robots(listed: ConfigValue, bounds: Extent) -> tuple[RobotConfig, ...]:
     robots: dict[str, RobotConfig] = {}
     for name, value in listed.mapping().items():
         if not _NAME.fullmatch(name):
@@ -226,7 +226,7 @@ def _robots(listed: ConfigValue, bounds: Bounds) -> tuple[RobotConfig, ...]:
     return tuple(robots.values())
 
 
-def _robot(name: str, value: ConfigValue, bounds: Bounds) -> RobotConfig:
+def _robot(name: str, value: ConfigValue, bounds: Extent) -> RobotConfig:
     keys = value.mapping()
     kind = value.required("type", f"one of {', '.join(robot_types())}")
     try:

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fame.config.values import Point
-from fame.middleware.interface import Message
+from fame.middleware.interface import AnyMessage
 from sim2d.config import WorldConfig
-from sim2d.ground import Circle, Shape
+from sim2d.ground import Circle, Outline
 from sim2d.randomness import generator
 from sim2d.robot import RobotConfig
 
@@ -58,7 +58,7 @@ class Grid:
         }
 
 
-def from_message(message: Message) -> Grid:
+def from_message(message: AnyMessage) -> Grid:
     """Return the grid of a nav_msgs/msg/OccupancyGrid. Unknown cells, and those with a value of 50 or more, are
     occupied."""
     info = message.info
@@ -67,7 +67,7 @@ def from_message(message: Message) -> Grid:
     return Grid((cells < 0) | (cells >= OCCUPIED // 2), float(info.resolution), (position.x, position.y))
 
 
-def rasterise(bounds: tuple[float, float, float, float], shapes: Iterable[Shape], resolution: float) -> Grid:
+def rasterise(bounds: tuple[float, float, float, float], shapes: Iterable[Outline], resolution: float) -> Grid:
     """Return the map of the ground within `bounds` (m) with solid `shapes`, and an occupied rim one cell wide.
 
     A cell that is only partly on the ground belongs to the rim.
@@ -85,7 +85,7 @@ def rasterise(bounds: tuple[float, float, float, float], shapes: Iterable[Shape]
     return Grid(occupied, resolution, origin)
 
 
-def _distance(shape: Shape, x: Array, y: Array) -> Array:
+def _distance(shape: Outline, x: Array, y: Array) -> Array:
     """Distance (m) of points from a shape, negative inside. Near a polygon's corners it is underestimated."""
     if isinstance(shape, Circle):
         outside: Array = np.hypot(x - shape.centre[0], y - shape.centre[1]) - shape.radius

@@ -33,7 +33,7 @@ class Polygon:
         return sum(x for x, _ in self.corners) / len(self.corners), sum(y for _, y in self.corners) / len(self.corners)
 
 
-Shape = Circle | Polygon
+Outline = Circle | Polygon
 
 
 def box(centre: Point, width: float, height: float, angle: float) -> Polygon:
@@ -74,7 +74,7 @@ def disc(at: Point, radius: float) -> list[Point]:
     return [(at[0] + radius * math.cos(turn), at[1] + radius * math.sin(turn)) for turn in turns]
 
 
-def bounding_box(shape: Shape) -> tuple[float, float, float, float]:
+def bounding_box(shape: Outline) -> tuple[float, float, float, float]:
     """Return xmin, ymin, xmax, ymax."""
     if isinstance(shape, Circle):
         (x, y), r = shape.centre, shape.radius
@@ -95,7 +95,7 @@ class Thing:
     """An obstacle or a target, solid and static. `path` is its key in the file."""
 
     name: str
-    shape: Shape
+    shape: Outline
     path: str = ""
 
 

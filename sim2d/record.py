@@ -1,6 +1,6 @@
 """A recorded run as drawings need it: robots, doors and parcels by time, and the ground at its end.
 
-It is made of the scenes of a recording (`sim2d.scene`), which `Recorder` takes from a world without one.
+It is made of the scenes of a recording (`sim2d.scene`), which `WorldRecorder` takes from a world without one.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Things(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class WorldRecord:
     """A run: what stands still, the times of the samples (s), a track per robot, and the weeds at its end."""
 
     config: WorldConfig
@@ -56,7 +56,7 @@ class Record:
         return names.index(weed.cut_by) if weed.cut_by in names else None
 
 
-class Recorder:
+class WorldRecorder:
     """Keeps the scenes of a world from its start to its stop."""
 
     def __init__(self, world: World) -> None:
@@ -68,12 +68,12 @@ class Recorder:
         self._scenes += [(time, *each) for each in scene_values(scene)]
 
     @property
-    def record(self) -> Record:
+    def record(self) -> WorldRecord:
         """The run until now."""
         return read_record(self._scenes, self._world.scheduler.now)
 
 
-def read_record(scenes: Iterable[tuple[int, str, Mapping[str, Any]]], end: int) -> Record:
+def read_record(scenes: Iterable[tuple[int, str, Mapping[str, Any]]], end: int) -> WorldRecord:
     """The record of a run until `end` (ns), from its scenes: ns, id of an entity, value that FAME's own view draws.
 
     Raises LookupError, TypeError or ValueError for values of another form.
@@ -111,7 +111,7 @@ def read_record(scenes: Iterable[tuple[int, str, Mapping[str, Any]]], end: int) 
         Weed(weed["name"], tuple(weed["at"]), weed["radius"], weed["cut"], weed["by"])
         for weed in ground.get("weeds", ())
     ]
-    return Record(_config(ground), times, list(tracks.values()), weeds, things)
+    return WorldRecord(_config(ground), times, list(tracks.values()), weeds, things)
 
 
 def _config(ground: Mapping[str, Any]) -> WorldConfig:

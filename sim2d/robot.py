@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
 from fame.config.loader import find_object
 from fame.config.values import Point
 from fame.errors import ConfigError
-from fame.middleware.interface import Message, QoS
+from fame.middleware.interface import AnyMessage, QoS
 from fame.text import suggestion
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ class RobotWorld(Protocol):
     space: pymunk.Space
     scheduler: Scheduler
     middleware: Middleware
-    map: Message
+    map: AnyMessage
     weeds: Weeds
     parcels: Parcels
     docks: Mapping[str, Pose]
@@ -229,7 +229,7 @@ BUILT_IN = {
     "drone": "robots.drone:Drone",
     "mh5": "robots.arm.mh5:Cutter",
     "tractor": "robots.vehicles:Tractor",
-    "ur5e": "robots.arm.ur5e:Handler",
+    "ur5e": "robots.arm.ur5e:UR5e",
 }
 """The robot types that come with FAME, as entry points."""
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from fame.config.values import Point
 from fame.fast_json import json_bytes
 from sim2d import style
-from sim2d.ground import ChargerConfig, Circle, Polygon, Shape, disc
+from sim2d.ground import ChargerConfig, Circle, Outline, Polygon, disc
 from sim2d.robot import Appearance, SimulatedRobot
 from sim2d.warehouse import StationConfig
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sim2d.config import WorldConfig
     from sim2d.world import World
 
-Put = Callable[[str, int, Mapping[str, Any]], object]
+PutScene = Callable[[str, int, Mapping[str, Any]], object]
 """Takes a topic, a time (ns) and a message."""
 
 _RATE = 10.0
@@ -41,7 +41,7 @@ class SceneRecorder:
     Robots are sampled while they are `wanted`.
     """
 
-    def __init__(self, world: World, put: Put, wanted: Callable[[], bool] = lambda: True) -> None:
+    def __init__(self, world: World, put: PutScene, wanted: Callable[[], bool] = lambda: True) -> None:
         self._put, self._wanted = put, wanted
         self._every = sampling(world)
         self._robots = [_constant_part(robot, number) for number, robot in enumerate(world.robots.values())]
@@ -238,7 +238,7 @@ def _line(points: Iterable[Point], colour: str, thickness: float) -> dict[str, A
     }
 
 
-def _prism(shape: Shape, colour: str, height: float) -> dict[str, Any]:
+def _prism(shape: Outline, colour: str, height: float) -> dict[str, Any]:
     """The top of a solid as a fan of triangles."""
     corners = disc(shape.centre, shape.radius) if isinstance(shape, Circle) else list(shape.corners)
     fan = [index for number in range(1, len(corners) - 1) for index in (0, number, number + 1)]
@@ -255,7 +255,7 @@ def _colour(colour: str) -> dict[str, float]:
     return {"r": round(red, 3), "g": round(green, 3), "b": round(blue, 3), "a": 1}
 
 
-def _shape(shape: Shape) -> dict[str, Any]:
+def _shape(shape: Outline) -> dict[str, Any]:
     if isinstance(shape, Circle):
         return {"at": list(shape.centre), "radius": shape.radius}
     return {"corners": _rounded(shape.corners)}

@@ -89,7 +89,7 @@ def name_goes_above(place: Sequence[float], others: Iterable[Sequence[float]], *
     return height <= place[1] if distance <= near else place[1] < top - near
 
 
-class Part(NamedTuple):
+class Figure(NamedTuple):
     """A filled polygon, or a line if not `closed`. `colour` is that of the robot or the name of a material."""
 
     corners: Sequence[Point]
@@ -97,72 +97,72 @@ class Part(NamedTuple):
     closed: bool = True
 
 
-def symbol(kind: str, outline: Sequence[Point], appearance: Appearance) -> list[Part]:
+def symbol(kind: str, outline: Sequence[Point], appearance: Appearance) -> list[Figure]:
     """Return the parts of the symbol of a robot type, from bottom to top; x is forward."""
-    pieces = [Part(piece.corners, piece.kind, piece.closed) for piece in appearance.workpieces]
+    pieces = [Figure(piece.corners, piece.kind, piece.closed) for piece in appearance.workpieces]
     return [*pieces, *_SYMBOLS.get(kind, _vehicle)(outline), *_limb(outline, appearance)]
 
 
-def _vehicle(outline: Sequence[Point]) -> list[Part]:
+def _vehicle(outline: Sequence[Point]) -> list[Figure]:
     ahead = max(x for x, _ in outline)
     nose = ((ahead * 0.85, 0.0), (ahead * 0.25, ahead * 0.42), (ahead * 0.25, -ahead * 0.42))
-    return [Part(outline, "robot"), Part(nose, "paper")]
+    return [Figure(outline, "robot"), Figure(nose, "paper")]
 
 
-def _tractor(outline: Sequence[Point]) -> list[Part]:
+def _tractor(outline: Sequence[Point]) -> list[Figure]:
     """A vehicle with large wheels behind and small ones in front."""
     ahead, side = max(x for x, _ in outline), max(y for _, y in outline)
     wheels = [
-        Part(_box(x * ahead, y * side, length * ahead, 0.5 * side), "ink")
+        Figure(_box(x * ahead, y * side, length * ahead, 0.5 * side), "ink")
         for x, length in ((-0.5, 0.85), (0.68, 0.5))
         for y in (-1.05, 1.05)
     ]
     return [*wheels, *_vehicle(outline)]
 
 
-def _drone(outline: Sequence[Point]) -> list[Part]:
+def _drone(outline: Sequence[Point]) -> list[Figure]:
     """Four rotors on two crossed arms; the nose is a dart between the front rotors."""
     far = max(x for x, _ in outline)
     places = [(x * 0.6 * far, y * 0.6 * far) for x in (-1, 1) for y in (-1, 1)]
-    arms = [Part(_turned(_box(0.0, 0.0, 1.7 * far, 0.15 * far), turn), "ink") for turn in (math.pi / 4, -math.pi / 4)]
-    rotors = [Part(disc(place, 0.4 * far), "robot") for place in places]
-    hubs = [Part(disc(place, 0.13 * far), "paper") for place in places]
+    arms = [Figure(_turned(_box(0.0, 0.0, 1.7 * far, 0.15 * far), turn), "ink") for turn in (math.pi / 4, -math.pi / 4)]
+    rotors = [Figure(disc(place, 0.4 * far), "robot") for place in places]
+    hubs = [Figure(disc(place, 0.13 * far), "paper") for place in places]
     body = ((0.6, 0.0), (0.0, 0.32), (-0.32, 0.22), (-0.32, -0.22), (0.0, -0.32))
-    return [*arms, *rotors, *hubs, Part(larger(body, far), "ink")]
+    return [*arms, *rotors, *hubs, Figure(larger(body, far), "ink")]
 
 
-def _arm(outline: Sequence[Point]) -> list[Part]:
+def _arm(outline: Sequence[Point]) -> list[Figure]:
     """The round base of an arm."""
     far = max(x for x, _ in outline)
-    return [Part(disc((0.0, 0.0), far), "robot"), Part(disc((0.0, 0.0), 0.75 * far), "paper")]
+    return [Figure(disc((0.0, 0.0), far), "robot"), Figure(disc((0.0, 0.0), 0.75 * far), "paper")]
 
 
-def _limb(outline: Sequence[Point], appearance: Appearance) -> list[Part]:
+def _limb(outline: Sequence[Point], appearance: Appearance) -> list[Figure]:
     """The links of an arm, and at its tool the two fingers of a gripper or the tip of a blade."""
     if not appearance.limb:
         return []
     far, last = max(x for x, _ in outline), len(appearance.limb) - 1
-    parts: list[Part] = []
+    parts: list[Figure] = []
     for number, (start, end) in enumerate(pairwise(appearance.limb)):
-        parts += [_bar(start, end, far * (0.6 - 0.3 * number / last)), Part(disc(end, far * 0.25), "ink")]
+        parts += [_bar(start, end, far * (0.6 - 0.3 * number / last)), Figure(disc(end, far * 0.25), "ink")]
     wrist, tool = appearance.limb[-2:]
     ahead = math.atan2(tool[1] - wrist[1], tool[0] - wrist[0])
     if appearance.jaws < 0:
-        return [*parts, Part(disc(tool, 0.1 * far), "paper")]
+        return [*parts, Figure(disc(tool, 0.1 * far), "paper")]
     for side in (-1, 1):
         finger = _turned(_box(0.0, side * (appearance.jaws / 2 + 0.01), 0.06, 0.02), ahead)
-        parts.append(Part([(x + tool[0], y + tool[1]) for x, y in finger], "ink"))
+        parts.append(Figure([(x + tool[0], y + tool[1]) for x, y in finger], "ink"))
     return parts
 
 
-def _bar(start: Point, end: Point, width: float) -> Part:
+def _bar(start: Point, end: Point, width: float) -> Figure:
     """A link from one joint to the next."""
     middle, turn = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2), math.atan2(end[1] - start[1], end[0] - start[0])
     bar = _turned(_box(0.0, 0.0, math.dist(start, end) + width * 0.6, width), turn)
-    return Part([(x + middle[0], y + middle[1]) for x, y in bar], "robot")
+    return Figure([(x + middle[0], y + middle[1]) for x, y in bar], "robot")
 
 
-_SYMBOLS: Mapping[str, Callable[[Sequence[Point]], list[Part]]] = {
+_SYMBOLS: Mapping[str, Callable[[Sequence[Point]], list[Figure]]] = {
     "drone": _drone,
     "mh5": _arm,
     "tractor": _tractor,

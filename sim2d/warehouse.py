@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Scheduler
 from fame.config.values import Point
-from fame.middleware.interface import DeferredResponse, Message, Middleware
+from fame.middleware.interface import AnyMessage, DeferredResponse, Middleware
 
 if TYPE_CHECKING:
     import pymunk
@@ -131,7 +131,7 @@ class Door:
             self._next.cancel()
         self._node.close()
 
-    def _on_open(self, request: Message) -> Mapping[str, Any] | DeferredResponse:
+    def _on_open(self, request: AnyMessage) -> Mapping[str, Any] | DeferredResponse:
         if self._next is not None:
             self._next.cancel()
         if self.opening >= 1:

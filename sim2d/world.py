@@ -17,7 +17,7 @@ from fame.config.values import Point
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.middleware import messages
-from fame.middleware.interface import Message, Middleware
+from fame.middleware.interface import AnyMessage, Middleware
 from fame.text import suggestion
 from sim2d.config import WorldConfig, world_config
 from sim2d.grid import Grid, rasterise
@@ -66,7 +66,7 @@ class World:
         self.grid: Grid = rasterise(
             self.config.bounds, (thing.shape for thing in self.config.obstacles), self.config.resolution
         )
-        self.map: Message = messages.create("nav_msgs/msg/OccupancyGrid", self.grid.fields())
+        self.map: AnyMessage = messages.create("nav_msgs/msg/OccupancyGrid", self.grid.fields())
         self.weeds = Weeds(self.config.weeds, lambda: self.now)
         self.parcels = Parcels(self.config.parcels, self.config.stations)
         self.doors: list[Door] = []

@@ -15,8 +15,8 @@ import fame
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
 from fame.robot import RobotNode
-from fame.robot.durable import Recorder
-from fame.robot.journal import Contents, Journal, StateDirectory
+from fame.robot.durable import DurableRecorder
+from fame.robot.journal import Journal, SegmentContents, StateDirectory
 from fame.robot.restoring import restored
 from fame.robot.state_tables import fold
 from fame.scenario.run import Run
@@ -44,11 +44,11 @@ class Recorded:
         self.simulation.scheduler.now = now
         self.simulation._until = now / SECOND
         if self.found is None:
-            self.recorder = Recorder(self.node, Journal(self.directory, {"robot": "robot"}))
+            self.recorder = DurableRecorder(self.node, Journal(self.directory, {"robot": "robot"}))
             self.recorder.begin()
         else:
             tables = restored(self.node, self.found)
-            self.recorder = Recorder(self.node, Journal.resume(self.directory, self.found))
+            self.recorder = DurableRecorder(self.node, Journal.resume(self.directory, self.found))
             self.simulation._begun = True
             self.recorder.go_on(tables, away)
 
@@ -79,7 +79,7 @@ class Recorded:
         )
 
 
-def prefixes(found: Contents) -> list[tuple[int, int]]:
+def prefixes(found: SegmentContents) -> list[tuple[int, int]]:
     """Where each record of a segment ends (bytes), and the time of it (ns)."""
     return [(end, record["time"]) for end, record in zip(ends(found.path), found.records(), strict=True)]
 
@@ -97,7 +97,7 @@ def cut(folder: Path, to: Path, length: int) -> Path:
     return to
 
 
-def state_at(found: Contents, records: int) -> dict[str, Any]:
+def state_at(found: SegmentContents, records: int) -> dict[str, Any]:
     """The tables after that many records."""
     tables: dict[str, Any] = {}
     for change in islice(found.records(), records):
@@ -148,11 +148,11 @@ class DurableRun(Run):
     folder: Path
 
     def begin(self) -> None:
-        self.keepers: dict[str, tuple[StateDirectory, Recorder]] = {}
+        self.keepers: dict[str, tuple[StateDirectory, DurableRecorder]] = {}
         self.kills = 0
         for node in self.nodes:
             directory = StateDirectory(self.folder / node.name)
-            recorder = Recorder(node, Journal(directory, {"robot": node.name}))
+            recorder = DurableRecorder(node, Journal(directory, {"robot": node.name}))
             recorder.begin()
             self.keepers[node.name] = directory, recorder
         super().begin()
@@ -177,7 +177,7 @@ class DurableRun(Run):
         found = directory.read()
         assert found is not None
         tables = restored(new, found)
-        again = Recorder(new, Journal.resume(directory, found))
+        again = DurableRecorder(new, Journal.resume(directory, found))
         self.keepers[robot] = directory, again
         self.nodes[place] = new
         again.go_on(tables, 0.0)

@@ -20,7 +20,7 @@ from fame.robot.events import combine_observers
 from fame.scenario import Result, Scenario
 from fame.scenario.films import read_film
 from sim2d.config import world_config
-from sim2d.record import Record
+from sim2d.record import WorldRecord
 
 EXAMPLE = Path("examples/agriculture.yaml")
 RESILIENT = Path("examples/agriculture_resilient.yaml")
@@ -36,7 +36,7 @@ class Run:
 
     result: Result
     events: list[Event]
-    record: Record
+    record: WorldRecord
     labels: Sequence[tuple[float, str, str]]
 
     @property

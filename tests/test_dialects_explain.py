@@ -11,7 +11,7 @@ from bpmn_text import document, extensions, process, properties
 
 from fame.bpmn import read_text
 from fame.bpmn.library import Library
-from fame.check.explain import Kind, Reading, explain
+from fame.check.explain import Reading, ReadingKind, explain
 from fame.cli import main
 from fame.scripting.analysis import identifiers_of
 
@@ -23,7 +23,7 @@ OBJECT = '<dataObject id="o"/><dataObjectReference id="d" dataObjectRef="o">{}</
 OUTPUT = '<dataOutputAssociation id="a"><targetRef>d</targetRef></dataOutputAssociation>'
 
 
-def readings(content: str, kind: Kind, root: str = ROOTS, attributes: str = "") -> list[tuple[str, str]]:
+def readings(content: str, kind: ReadingKind, root: str = ROOTS, attributes: str = "") -> list[tuple[str, str]]:
     """(element, text) of the readings of one kind."""
     found = explain(read_text(process(content, root, attributes), file="m.bpmn"))
     return [(one.element, one.text) for one in found if one.kind == kind]

@@ -14,7 +14,7 @@ from fame.bpmn.pools import Pool
 from fame.check.explore import Exploration, Request, explore_from
 from fame.engine import snapshot
 from fame.engine.encoding import Data
-from fame.engine.migration import Plan, migrate
+from fame.engine.migration import MigrationPlan, migrate
 from fame.errors import MissionError
 from fame.robot.node import RobotNode
 from fame.robot.stored_values import dump
@@ -99,7 +99,7 @@ def test_a_migration_that_would_deadlock_is_found_before_anything_moves() -> Non
     results = []
     for new in (same, twice):
         assert not explore(new, delivery="run").failed
-        plan = Plan(to={_id(old, "A_catch_done"): _id(new, "A_catch_done")})
+        plan = MigrationPlan(to={_id(old, "A_catch_done"): _id(new, "A_catch_done")})
         states = {}
         for robot, node in nodes.items():
             program = Simulation(new, cast[robot].process.id, robot=robot).node.engine.program

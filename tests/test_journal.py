@@ -20,7 +20,7 @@ from durable_runs import ends as ends_of
 
 from fame.errors import ConfigError
 from fame.robot import journal as module
-from fame.robot.journal import Journal, Record, StateDirectory, read_segment
+from fame.robot.journal import Journal, JournalRecord, StateDirectory, read_segment
 from fame.robot.state_tables import fold
 from fame.worker import Done, Worker, outcome
 
@@ -44,7 +44,7 @@ def written(directory: StateDirectory, records: int = 5, synced: int = 0) -> Pat
     return directory.segments()[-1]
 
 
-def changes(path: Path) -> list[Record]:
+def changes(path: Path) -> list[JournalRecord]:
     """The changes in a segment."""
     return list(read_segment(path).records())[1:]
 

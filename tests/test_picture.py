@@ -14,7 +14,7 @@ from PIL import Image, ImageColor, ImageSequence
 from fame.errors import ConfigError, UnavailableError
 from sim2d import style
 from sim2d.animation import animate, picture
-from sim2d.record import Recorder
+from sim2d.record import WorldRecorder
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def record():
         rex={"watchdog": 0},
         robots={"DINGO": {"type": "car", "at": [1, 3]}},
     )
-    recorder = Recorder(g.world)
+    recorder = WorldRecorder(g.world)
     g.run(0)
     g.drive(0.5, 0.3)
     g.say("/REX/led", "std_msgs/msg/ColorRGBA", {"r": 1.0})
@@ -62,7 +62,7 @@ def test_a_picture_shows_ground_obstacles_targets_ways_and_leds(record, tmp_path
 
 def test_a_picture_of_a_world_that_has_just_begun_shows_the_world(tmp_path):
     g = ground(walls=False)
-    recorder = Recorder(g.world)
+    recorder = WorldRecorder(g.world)
     g.run(0.2)
     picture(recorder.record, tmp_path / "world.png")
     with Image.open(tmp_path / "world.png") as image:
@@ -146,7 +146,7 @@ def frames(recorder, path):
 
 def test_an_arm_that_cuts_moves_and_its_part_comes_about(tmp_path):
     g = arm("mh5", 0.025)
-    recorder = Recorder(g.world)
+    recorder = WorldRecorder(g.world)
     g.say("/Arm/cut", "std_msgs/msg/Empty", {})
     g.run(12.5)
     looks = recorder.record.tracks[0].appearances
@@ -176,7 +176,7 @@ def test_an_arm_that_is_held_in_its_work_shows_a_red_light():
 
 def test_an_arm_carries_the_lid_in_jaws_that_close(tmp_path):
     g = arm("ur5e", 0.002)
-    recorder, robot = Recorder(g.world), g.world.robots["Arm"]
+    recorder, robot = WorldRecorder(g.world), g.world.robots["Arm"]
 
     def go(x, y, z, until):
         g.say("/Arm/goal_pose", "geometry_msgs/msg/PoseStamped", {"pose": {"position": {"x": x, "y": y, "z": z}}})
@@ -228,7 +228,7 @@ def test_an_empty_battery_is_seen_and_told(kind, tmp_path):
     shares = []
     for charge in (1.0, 0.1, 0.0):
         g = ground(rex={"type": kind, "battery": {"charge": charge}})
-        recorder = Recorder(g.world)
+        recorder = WorldRecorder(g.world)
         g.run(1)
         animate(recorder.record, tmp_path / "film.gif", speed=1)
         picture(recorder.record, tmp_path / "world.png")
@@ -256,7 +256,7 @@ def farm():
         robots={"Drone": {"type": "drone", "at": [10, 8]}},
         weeds=[{"name": "thistle", "at": [1.1, 2], "radius": 0.3}, {"name": "dock", "at": [12, 3], "radius": 0.3}],
     )
-    recorder = Recorder(g.world)
+    recorder = WorldRecorder(g.world)
     g.run(1.5)
     g.say("/Drone/takeoff", "std_msgs/msg/Empty", {})
     g.say("/REX/blade_force", "geometry_msgs/msg/Wrench", {"torque": {"z": 1.0}})
@@ -305,7 +305,7 @@ def faint_on_ground(colour):
 def test_a_hundred_robots_can_still_be_drawn(tmp_path):
     robots = {f"Tractor_{n}": {"type": "tractor", "at": [2 + n % 10, 2 + n // 10]} for n in range(100)}
     g = ground(size=[20, 15], robots=robots)
-    recorder = Recorder(g.world)
+    recorder = WorldRecorder(g.world)
     g.run(0.2)
     picture(recorder.record, tmp_path / "many.png")
     animate(recorder.record, tmp_path / "many.gif")
@@ -323,7 +323,7 @@ def test_a_film_needs_a_known_ending_and_something_recorded(record, tmp_path):
     with pytest.raises(ConfigError, match=r"expected a file .gif or .mp4, got '.avi'"):
         animate(record, tmp_path / "world.avi")
     with pytest.raises(ConfigError, match="got nothing recorded"):
-        animate(Recorder(ground().world).record, tmp_path / "world.gif")
+        animate(WorldRecorder(ground().world).record, tmp_path / "world.gif")
 
 
 def test_an_mp4_is_made_by_ffmpeg_or_the_error_says_how_to_get_it(record, tmp_path, monkeypatch):
@@ -340,7 +340,7 @@ def test_an_mp4_is_made_by_ffmpeg_or_the_error_says_how_to_get_it(record, tmp_pa
 def test_names_are_drawn_as_they_are_written(tmp_path):
     weeds, targets = [{"name": "農 $\\frac$", "at": [2, 2]}], [{"name": "$\\bad$", "at": [3, 3], "radius": 0.1}]
     g = ground(weeds=weeds, targets=targets, chargers=[{"name": "$^^$", "at": [4, 1]}])
-    recorder = Recorder(g.world)
+    recorder = WorldRecorder(g.world)
     g.run(0.1)
     picture(recorder.record, tmp_path / "x.png", title="$\\alpha 農")
     animate(recorder.record, tmp_path / "x.gif", title="$\\alpha 農")

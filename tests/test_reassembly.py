@@ -18,7 +18,7 @@ from fame.monitor.pipeline.threshold import Threshold
 from fame.monitor.pipeline.train import losses
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.scenario import Fault, Result, Scenario
-from robots.arm.machine import Machine, State
+from robots.arm.machine import ControlledArm, JointState
 from robots.arm.reassembly import recorded
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "reassembly.yaml"
@@ -64,9 +64,9 @@ def mission(*faults: Fault, seed: int = 1) -> Result:
 @pytest.mark.parametrize(("seed", "fault"), [(4, None), (9, None), (5, Fault("Arm", 6.5, "blocked_shoulder"))])
 def test_live_is_recorded_sample_by_sample(seed: int, fault: Fault | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """The mission with its monitor, and the run computed without them: joint states, and the losses of the monitor."""
-    states: list[State] = []
+    states: list[JointState] = []
     found: list[Samples] = []
-    monkeypatch.setattr(Machine, "step", kept(Machine.step, states))
+    monkeypatch.setattr(ControlledArm, "step", kept(ControlledArm.step, states))
     monkeypatch.setattr(Threshold, "execute", kept(Threshold.execute, found, stacked))
     result = mission(*filter(None, [fault]), seed=seed)
     monkeypatch.undo()

@@ -14,8 +14,8 @@ from grounds import Ground
 from robots.arm.bench import LID, MOTOR, Bench
 from robots.arm.dynamics import GRAVITY, HOME, UR5E, friction, inertia_matrices, inverse_dynamics
 from robots.arm.kinematics import forward, sampled, straight
-from robots.arm.machine import TYPICAL, Machine, Variation
-from robots.arm.reassembly import PROGRAM, RATE, SCENARIOS, Run, generators, recorded
+from robots.arm.machine import TYPICAL, ControlledArm, RunVariation
+from robots.arm.reassembly import PROGRAM, RATE, SCENARIOS, RecordedRun, generators, recorded
 
 one_run = cache(recorded)
 """A run by its seed and what else matters, computed once for all tests."""
@@ -155,7 +155,7 @@ def test_a_lid_that_is_held_stays_and_the_gripper_goes_on_empty():
 
 def run_through(scenario: str) -> tuple[Bench, list[bool]]:
     """The bench after the program, and what each command to the gripper found."""
-    machine = Machine(UR5E, HOME, 1 / RATE, generators(7))
+    machine = ControlledArm(UR5E, HOME, 1 / RATE, generators(7))
     held = []
     if scenario == "blocked_lid":
         machine.hold_lid()
@@ -180,10 +180,10 @@ def test_a_run_repeats_with_its_seed(scenario: Any):
 # ---- variation ------------------------------------------------------------------------------------------------------
 
 
-NONE = replace(Variation(**dict.fromkeys((field.name for field in fields(Variation)), 0)), correlation=0.02)
+NONE = replace(RunVariation(**dict.fromkeys((field.name for field in fields(RunVariation)), 0)), correlation=0.02)
 
 
-def varied(seed: int, run: Callable[..., Run] = one_run, **values: Any) -> np.ndarray:
+def varied(seed: int, run: Callable[..., RecordedRun] = one_run, **values: Any) -> np.ndarray:
     """Efforts of a run with one source of variation alone."""
     return run(seed, variation=replace(NONE, **values)).efforts[:2500]
 

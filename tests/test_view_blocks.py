@@ -17,7 +17,7 @@ from fame.view import LiveRun, RunControl
 from fame.view.blocks import COLUMNS, Block, Packer
 from fame.view.catalogue import Catalogue
 from fame.view.replay import Replay
-from fame.view.state import CANCELLED, COMPLETED, FAILED, WHATS, ScopeInfo, State, TokenKey
+from fame.view.state import CANCELLED, COMPLETED, FAILED, WHATS, RunState, ScopeInfo, TokenKey
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 MODELS = Path(__file__).parent.parent / "models"
@@ -36,9 +36,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record("agriculture", tmp_path_factory.mktemp("view"), duration=60)
 
 
-def replayed(block: Block) -> State:
+def replayed(block: Block) -> RunState:
     """The state at the end of a block, from the block alone."""
-    state, key = State(), block.key
+    state, key = RunState(), block.key
     for *place, number, since in key["tokens"]:
         state.tokens[TokenKey(*place)] = [number, since]
     for robot, element, *counts in key["counts"]:
@@ -103,7 +103,7 @@ def packer_of(model: str) -> Packer:
 
 
 def test_an_error_end_event_counts_as_a_failure_only() -> None:
-    state, where = State(), TokenKey(0, 1, 2, 3)
+    state, where = RunState(), TokenKey(0, 1, 2, 3)
     for what in ("enter", "leave", "fail"):
         state.event(5, where, WHATS.index(what))
     assert state.counts[0, 3] == [0, 1, 0]
@@ -111,7 +111,7 @@ def test_an_error_end_event_counts_as_a_failure_only() -> None:
 
 
 def test_the_end_of_an_instance_cancels_what_it_still_did() -> None:
-    state = State()
+    state = RunState()
     for element in (3, 4):
         state.event(5, TokenKey(0, 1, 2, element), WHATS.index("enter"))
     state.event(5, TokenKey(0, 7, 8, 4), WHATS.index("enter"))

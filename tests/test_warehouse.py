@@ -11,7 +11,7 @@ from grounds import ground
 from fame.errors import ConfigError
 from fame.robot import Event
 from fame.scenario import Result, Scenario
-from sim2d.record import Recorder, Things
+from sim2d.record import Things, WorldRecorder
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "warehouse.yaml"
 STATIONS = [{"name": "a", "at": [1.3, 2]}, {"name": "b", "at": [5, 2]}]
@@ -167,7 +167,7 @@ def test_the_same_seed_gives_the_same_events(run: tuple[Result, list[Event]]) ->
 
 def test_a_recording_has_doors_parcels_and_what_robots_carry() -> None:
     hall = Hall()
-    recorder = Recorder(hall.world)
+    recorder = WorldRecorder(hall.world)
     hall.run(0.5)
     hall.ask("/door/open")
     hall.answer("load")

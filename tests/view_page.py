@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from fame.view import Server, Source
+from fame.view import PageSource, Server
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -16,7 +16,7 @@ READY = "!!(window.fame && fame.mission.kind && fame.mission.reading >= 1 && fam
 
 
 @contextmanager
-def opened(browser: Browser, source: Source, *, blocked: bool = False, **options: Any) -> Iterator[Page]:
+def opened(browser: Browser, source: PageSource, *, blocked: bool = False, **options: Any) -> Iterator[Page]:
     """A page with everything loaded. Fails if the page had an error or loaded something from elsewhere.
 
     `blocked`: that its policy has blocked a script of a drawing is no error.

@@ -25,8 +25,8 @@ from fame.middleware.actions import ActionClient
 from fame.middleware.interface import SIGNAL, Client, Middleware, Node, QoS, resolve
 from fame.scripting import script_topics
 
-Direction = Literal["publishes", "subscribes to", "calls the service", "calls the action"]
-_DOES: Mapping[str, Direction] = {
+Relation = Literal["publishes", "subscribes to", "calls the service", "calls the action"]
+_DOES: Mapping[str, Relation] = {
     "publish": "publishes", "subscribe": "subscribes to", "call": "calls the service", "act": "calls the action",
 }  # fmt: skip
 NODE = "fame_check"
@@ -42,7 +42,7 @@ class ContractEndpoint:
     """
 
     robot: str
-    direction: Direction
+    direction: Relation
     name: str
     type: str
     qos: QoS | None = None
@@ -88,7 +88,7 @@ def contract_of(definitions: Definitions, library: Library) -> list[ContractEndp
 def _of_pool(
     pool: Pool, closure: Sequence[tuple[Definitions, Process]], shared: dict[str, str], file: str
 ) -> Iterator[ContractEndpoint]:
-    def made(direction: Direction, name: str, type: str, profile: QoS | None = None) -> ContractEndpoint:
+    def made(direction: Relation, name: str, type: str, profile: QoS | None = None) -> ContractEndpoint:
         return ContractEndpoint(pool.name, direction, name, type, profile, pool.multi_instance, file)
 
     public = {name: type for name, type in shared.items() if name.startswith("/")}

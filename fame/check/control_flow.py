@@ -17,10 +17,10 @@ from itertools import islice
 
 from fame.bpmn.model import Activity, Body, Expression, FlowNode, Gateway, SequenceFlow, SubProcess
 from fame.check.expressions import cover_all
-from fame.check.graph import Graph, ends_all, graph_of, link_of, may_stop, passes_at_once, passes_in_time
+from fame.check.graph import FlowGraph, ends_all, graph_of, link_of, may_stop, passes_at_once, passes_in_time
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 
-Passes = Callable[[FlowNode], bool]
+_Passes = Callable[[FlowNode], bool]
 """Whether a token certainly passes a node."""
 
 # ---- reachable elements ----------------------------------------------------------------------------------------------
@@ -38,7 +38,7 @@ def check_flow(scope: CheckScope) -> Iterator[Finding]:
                     yield from _ways_out(process, graph, node)
 
 
-def _unreached(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
+def _unreached(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
     """The first node of each unreachable part."""
     reached: set[str] = set()
     graph.reach((node.id for node in graph.beginnings()), reached)
@@ -51,7 +51,7 @@ def _unreached(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
             yield process.finding("warning", f"is never reached{rest}: no flow leads here from a start", node)
 
 
-def _loose_ends(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
+def _loose_ends(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
     """Paths without an end event, in a scope that has end events (standard 10.5.3)."""
     if not any(node.place == "end" for node in graph.body.nodes):
         return
@@ -67,7 +67,7 @@ def _loose_ends(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
 # ---- gateways --------------------------------------------------------------------------------------------------------
 
 
-def _conditions(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterator[Finding]:
+def _conditions(process: CheckedProcess, graph: FlowGraph, node: FlowNode) -> Iterator[Finding]:
     """Conditions that are never evaluated or always true."""
     blind = node.tag in ("parallelGateway", "eventBasedGateway")
     for flow in graph.leaving(node):
@@ -89,7 +89,7 @@ def _is_quoted(condition: Expression) -> bool:
     return condition.language == "python" and quoted and text[0] not in text[1:-1]
 
 
-def _ways_out(process: CheckedProcess, graph: Graph, gateway: Gateway) -> Iterator[Finding]:
+def _ways_out(process: CheckedProcess, graph: FlowGraph, gateway: Gateway) -> Iterator[Finding]:
     flows = graph.leaving(gateway)
     if not flows and gateway.kind != "event":  # which the compiler refuses
         yield process.finding("warning", "has no outgoing flow: the token ends here", gateway)
@@ -129,7 +129,7 @@ def check_start_and_end_events(scope: CheckScope) -> Iterator[Finding]:
                 yield from _no_start(process, graph)
 
 
-def _wrong_way(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
+def _wrong_way(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
     for flow in graph.body.flows:
         source, target = graph.nodes[flow.source], graph.nodes[flow.target]
         if source.place == "end":
@@ -140,7 +140,7 @@ def _wrong_way(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
             yield process.finding("warning", text, flow)
 
 
-def _no_start(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
+def _no_start(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
     beginnings = graph.beginnings()
     if any(node.place == "end" for node in graph.body.nodes) and beginnings and not graph.starts():
         text = "has no start event before it, although there are end events: add a start event"
@@ -164,7 +164,7 @@ def check_joins(scope: CheckScope) -> Iterator[Finding]:
                     yield from _incomplete_join(process, graph, node)
 
 
-def _mismatch(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterator[Finding]:
+def _mismatch(process: CheckedProcess, graph: FlowGraph, node: FlowNode) -> Iterator[Finding]:
     """Flows that are split by one kind of gateway and joined by another."""
     joins = node.tag == "parallelGateway"
     merges = isinstance(node, Activity) or node.tag == "exclusiveGateway"
@@ -181,7 +181,7 @@ def _mismatch(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterator
             yield process.finding("warning", f"{text}: use a parallel gateway to join the flows", node)
 
 
-def _origin(graph: Graph, node: FlowNode, flow: str) -> str:
+def _origin(graph: FlowGraph, node: FlowNode, flow: str) -> str:
     """The node where a sequence of elements begins; the node itself if the sequence is a loop."""
     origin = graph.nodes[graph.flows[flow].source]
     seen = {node.id}
@@ -191,7 +191,7 @@ def _origin(graph: Graph, node: FlowNode, flow: str) -> str:
     return origin.id
 
 
-def _incomplete_join(process: CheckedProcess, graph: Graph, join: FlowNode) -> Iterator[Finding]:
+def _incomplete_join(process: CheckedProcess, graph: FlowGraph, join: FlowNode) -> Iterator[Finding]:
     """A parallel join of a fork whose branches a token may leave."""
     if join.tag != "parallelGateway":
         return
@@ -206,7 +206,7 @@ def _incomplete_join(process: CheckedProcess, graph: Graph, join: FlowNode) -> I
             return
 
 
-def _branches(graph: Graph, fork: FlowNode, join: FlowNode) -> list[set[str]]:
+def _branches(graph: FlowGraph, fork: FlowNode, join: FlowNode) -> list[set[str]]:
     """The nodes of each branch from the fork to the join; empty unless all branches meet there and only there."""
     branches = [graph.reach([target], {fork.id, join.id}) for target in graph.following[fork.id]]
     sources = [graph.flows[flow].source for flow in join.incoming]
@@ -216,7 +216,7 @@ def _branches(graph: Graph, fork: FlowNode, join: FlowNode) -> list[set[str]]:
     return branches if whole and entering.count(0) == direct and max(entering) == 1 else []
 
 
-def _leaving(graph: Graph, join: FlowNode, branches: list[set[str]]) -> Iterator[FlowNode]:
+def _leaving(graph: FlowGraph, join: FlowNode, branches: list[set[str]]) -> Iterator[FlowNode]:
     """Nodes where a token may take a path that never leads to the join and does not affect the other branches."""
     choices = [graph.nodes[id] for branch in branches for id in branch if _chooses(graph, graph.nodes[id])]
     for node in sorted(choices, key=lambda one: (one.line, one.id)):
@@ -226,18 +226,18 @@ def _leaving(graph: Graph, join: FlowNode, branches: list[set[str]]) -> Iterator
             yield node
 
 
-def _meets(graph: Graph, way: str, join: FlowNode) -> bool:
+def _meets(graph: FlowGraph, way: str, join: FlowNode) -> bool:
     """Whether a path leads from a node to the join."""
     near = graph.reach([way], {join.id})  # most ways do within a few steps: what is behind the join is not looked at
     return any(join.id in graph.following[id] for id in near)
 
 
-def _is_quiet(graph: Graph, ids: set[str]) -> bool:
+def _is_quiet(graph: FlowGraph, ids: set[str]) -> bool:
     """Whether none of the nodes affects the other branches."""
     return not any(_acts(graph.nodes[id]) for id in ids)
 
 
-def _chooses(graph: Graph, node: FlowNode) -> bool:
+def _chooses(graph: FlowGraph, node: FlowNode) -> bool:
     """Whether a token takes one of several paths."""
     if isinstance(node, Gateway):
         return node.kind != "parallel"
@@ -279,7 +279,7 @@ def _may_be_ended(process: CheckedProcess) -> bool:
     )
 
 
-def _endless_loops(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
+def _endless_loops(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
     for circle in graph.circles():
         inside = {node.id for node in circle}
         closed = all(inside.issuperset(graph.following[node.id]) and not may_stop(graph, node) for node in circle)
@@ -318,7 +318,7 @@ def check_recursion(scope: CheckScope) -> Iterator[Finding]:
                 yield process.finding("error" if process in at_once else "warning", text, call)
 
 
-def _endless(circle: set[CheckedProcess], passes: Passes) -> set[CheckedProcess]:
+def _endless(circle: set[CheckedProcess], passes: _Passes) -> set[CheckedProcess]:
     endless = set(circle)
     while True:
         ending = {
@@ -334,7 +334,7 @@ def _calls(process: CheckedProcess, endless: set[CheckedProcess]) -> set[str]:
     return {call.id for call, callee in process.calls if callee in endless and call.loop is None}
 
 
-def _meets_always(body: Body, calls: set[str], passes: Passes) -> bool:
+def _meets_always(body: Body, calls: set[str], passes: _Passes) -> bool:
     """Whether every path through the body leads to one of the calls."""
     graph = graph_of(body)
     if any(node.triggered_by_event for node in body.nodes):
@@ -360,7 +360,7 @@ def _meets_always(body: Body, calls: set[str], passes: Passes) -> bool:
     return bool(body.nodes) and all(node.id in meeting for node in graph.beginnings())
 
 
-def _forks(graph: Graph, node: FlowNode) -> bool:
+def _forks(graph: FlowGraph, node: FlowNode) -> bool:
     """Whether a token takes all outgoing flows."""
     if isinstance(node, Gateway):
         return node.kind == "parallel"

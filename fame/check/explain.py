@@ -40,8 +40,8 @@ from fame.engine.data import variable_name
 from fame.middleware import messages
 from fame.scripting.analysis import identifiers_of
 
-Kind = Literal["form", "topic", "data", "parameter", "call", "script", "quirk", "semantics"]
-KINDS: tuple[Kind, ...] = ("form", "topic", "data", "parameter", "call", "script", "quirk", "semantics")
+ReadingKind = Literal["form", "topic", "data", "parameter", "call", "script", "quirk", "semantics"]
+KINDS: tuple[ReadingKind, ...] = ("form", "topic", "data", "parameter", "call", "script", "quirk", "semantics")
 
 _LANGUAGES = {"javascript": "JavaScript", "juel": "Camunda 7, ${...}", "feel": "FEEL", "template": "text with ${...}"}
 
@@ -50,7 +50,7 @@ _LANGUAGES = {"javascript": "JavaScript", "juel": "Camunda 7, ${...}", "feel": "
 class Reading:
     """One detail of how the file was read. `line` is 1-based, 0 unknown; `element` is an id, empty for the file."""
 
-    kind: Kind
+    kind: ReadingKind
     text: str
     file: str = ""
     line: int = 0
@@ -84,7 +84,7 @@ def explain(definitions: Definitions, *, library: Library | None = None) -> list
     return sorted(dict.fromkeys(found), key=lambda one: (order[one.file], one.line, KINDS.index(one.kind)))
 
 
-def _at(process: CheckedProcess, kind: Kind, text: str, element: Element, line: int = 0) -> Reading:
+def _at(process: CheckedProcess, kind: ReadingKind, text: str, element: Element, line: int = 0) -> Reading:
     return Reading(kind, text, process.file, line or element.line, element.id)
 
 

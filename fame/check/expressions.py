@@ -132,7 +132,7 @@ _HOLDS = {
 }  # fmt: skip
 """Operator -> the orders of its operands (left less, equal, greater) in which it holds."""
 
-Value = bool | float
+_Value = bool | float
 
 
 def cover_all(conditions: Sequence[Expression]) -> bool:
@@ -206,9 +206,9 @@ class _Parts:
         else:
             self.pairs.add(_pair(left, right))
 
-    def values(self) -> Mapping[str, Sequence[Value]]:
+    def values(self) -> Mapping[str, Sequence[_Value]]:
         """The values of each part that make a difference."""
-        found: dict[str, Sequence[Value]] = dict.fromkeys(sorted(self.truths), (False, True))
+        found: dict[str, Sequence[_Value]] = dict.fromkeys(sorted(self.truths), (False, True))
         found |= dict.fromkeys(sorted(self.pairs), (-1.0, 0.0, 1.0))
         return found | {f"number {name}": _around(sorted(constants)) for name, constants in self.numbers.items()}
 
@@ -254,7 +254,7 @@ def _pair(left: ast.expr, right: ast.expr) -> str:
     return f"{ast.dump(left)} ? {ast.dump(right)}"
 
 
-def _is_true(tree: ast.expr, case: Mapping[str, Value]) -> bool:
+def _is_true(tree: ast.expr, case: Mapping[str, _Value]) -> bool:
     """The value of a condition in one case."""
     if isinstance(tree, ast.BoolOp):
         found = [_is_true(value, case) for value in tree.values]
@@ -266,7 +266,7 @@ def _is_true(tree: ast.expr, case: Mapping[str, Value]) -> bool:
     return bool(tree.value) if isinstance(tree, ast.Constant) else bool(case[ast.dump(tree)])
 
 
-def _holds(left: ast.expr, operator: ast.cmpop, right: ast.expr, case: Mapping[str, Value]) -> bool:
+def _holds(left: ast.expr, operator: ast.cmpop, right: ast.expr, case: Mapping[str, _Value]) -> bool:
     constant = _number(right)
     if isinstance(right, ast.Constant) and isinstance(right.value, bool):
         order = 0 if _is_true(left, case) == right.value else 1

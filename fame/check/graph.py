@@ -11,7 +11,7 @@ from fame.engine.scope_compiler import begins, instantiates
 
 
 @dataclass(frozen=True, slots=True)
-class Graph:
+class FlowGraph:
     """A body, its nodes and flows by id; `following`: node -> where its tokens may get to in one step; `preceding`: the
     other way round.
 
@@ -86,7 +86,7 @@ class Graph:
                 yield [self.nodes[one] for one in sorted(circle, key=place.__getitem__)]
 
 
-def graph_of(body: Body) -> Graph:
+def graph_of(body: Body) -> FlowGraph:
     """The graph of one scope."""
     following: dict[str, list[str]] = {node.id: [] for node in body.nodes}
     ending = {node.id for node in body.nodes if node.place == "end"}
@@ -109,7 +109,7 @@ def graph_of(body: Body) -> Graph:
         for target in targets:
             preceding[target].append(source)
     nodes, flows = {node.id: node for node in body.nodes}, {flow.id: flow for flow in body.flows}
-    return Graph(body, nodes, flows, following, preceding)
+    return FlowGraph(body, nodes, flows, following, preceding)
 
 
 def link_of(node: FlowNode) -> str:
@@ -120,7 +120,7 @@ def link_of(node: FlowNode) -> str:
 # ---- what a token does at a node -------------------------------------------------------------------------------------
 
 
-def may_stop(graph: Graph, node: FlowNode) -> bool:
+def may_stop(graph: FlowGraph, node: FlowNode) -> bool:
     """Whether a token may find no outgoing flow because all have conditions."""
     flows = graph.leaving(node)
     return bool(flows) and not node.default and all(flow.condition is not None for flow in flows)

@@ -18,7 +18,7 @@ from functools import partial
 
 from fame.bpmn.model import Body, FlowNode, TimerDefinition
 from fame.check.endpoints import TopicEndpoint, Topics, by_topic, level_of, public_topics
-from fame.check.graph import Graph, graph_of, passes_at_once
+from fame.check.graph import FlowGraph, graph_of, passes_at_once
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.errors import MessageError
 from fame.iso8601 import parse_duration
@@ -42,7 +42,7 @@ Passes = Callable[[FlowNode], bool]
 
 
 @dataclass(frozen=True, slots=True)
-class Wait:
+class TopicWait:
     """Where tokens of the process `root` wait for topics that nothing throws. `escape`: another path leads on."""
 
     root: CheckedProcess
@@ -53,15 +53,15 @@ class Wait:
 
 
 @dataclass(slots=True)
-class Progress:
+class Reach:
     """The reached elements, the thrown topics, and where tokens wait."""
 
     reached: set[tuple[CheckedProcess, str]] = field(default_factory=set)
     thrown: set[str] = field(default_factory=set)
-    waits: list[Wait] = field(default_factory=list)
+    waits: list[TopicWait] = field(default_factory=list)
 
 
-def progress(roots: Iterable[CheckedProcess], topics: Topics, passes: Passes = lambda node: True) -> Progress:
+def progress(roots: Iterable[CheckedProcess], topics: Topics, passes: Passes = lambda node: True) -> Reach:
     """Find how far the tokens of processes that start by themselves can get.
 
     `topics` are those that are thrown by these processes alone; any other may come at any time.
@@ -74,7 +74,7 @@ def progress(roots: Iterable[CheckedProcess], topics: Topics, passes: Passes = l
                 throws[end.process, end.node.id].add(name)
     thrown: set[str] = set()
     while True:
-        found = Progress(thrown=set(thrown))
+        found = Reach(thrown=set(thrown))
         for root in roots:
             _Walk(root, topics.keys(), throws, passes, frozenset(thrown), found).walk()
         if found.thrown == thrown:
@@ -82,7 +82,7 @@ def progress(roots: Iterable[CheckedProcess], topics: Topics, passes: Passes = l
         thrown = found.thrown
 
 
-_Place = tuple[CheckedProcess, Graph, FlowNode]
+_Place = tuple[CheckedProcess, FlowGraph, FlowNode]
 
 
 @dataclass(slots=True)
@@ -98,7 +98,7 @@ class _Walk:
     throws: Mapping[tuple[CheckedProcess, str], set[str]]
     passes: Passes
     thrown: frozenset[str]
-    found: Progress
+    found: Reach
     pending: list[tuple[_Place, bool]] = field(default_factory=list)
     seen: set[tuple[CheckedProcess, int, str]] = field(default_factory=set)
     inside: dict[tuple[CheckedProcess, int], list[_Place]] = field(default_factory=dict)
@@ -124,7 +124,7 @@ class _Walk:
             graph = graph_of(body)
             self._go(process, graph, [*graph.beginnings(), *(node for node in body.nodes if node.triggered_by_event)])
 
-    def _go(self, process: CheckedProcess, graph: Graph, nodes: Iterable[FlowNode]) -> None:
+    def _go(self, process: CheckedProcess, graph: FlowGraph, nodes: Iterable[FlowNode]) -> None:
         self.pending += [((process, graph, node), False) for node in nodes]
 
     def _pass(self, place: _Place) -> None:
@@ -151,7 +151,7 @@ class _Walk:
                 escape = bool(boundary) or any(one.tag == "eventBasedGateway" for one in choice)
                 inside = node.place == "start" and graph.body is not self.root.bpmn.body
                 escape |= inside or node.place == "boundary"
-                self.found.waits.append(Wait(self.root, process, node, waited, escape))
+                self.found.waits.append(TopicWait(self.root, process, node, waited, escape))
             return
         inner = _inside(process, node)
         if inner is not None:
@@ -205,12 +205,12 @@ def _deadlocks(roots: Sequence[CheckedProcess], thrown: Topics, level: Level) ->
                 yield wait.process.finding(level, f"waits for {name}, {_cause(wait, causes[0])}", wait.node)
 
 
-def _before(end: TopicEndpoint, found: Progress) -> Iterator[Wait]:
+def _before(end: TopicEndpoint, found: Reach) -> Iterator[TopicWait]:
     """Where the throwing process waits before it throws."""
     return (wait for wait in found.waits if end.process in wait.root.closure())
 
 
-def _cause(wait: Wait, cause: Wait) -> str:
+def _cause(wait: TopicWait, cause: TopicWait) -> str:
     if cause.root is wait.root:
         return f"which only {_label(wait.root)} itself throws, later: it waits forever"
     other = ", ".join(sorted(cause.topics))
@@ -314,7 +314,7 @@ def _has_twins(scope: CheckScope, process: CheckedProcess) -> bool:
     return process not in scope.roots or any(pool.multi_instance for pool in pools)
 
 
-def _next_wait(graph: Graph, node: FlowNode) -> FlowNode | None:
+def _next_wait(graph: FlowGraph, node: FlowNode) -> FlowNode | None:
     """Return the next catching event or receive task after nodes that do not wait; or None."""
     seen: set[str] = set()
     while node.id not in seen and len(graph.following[node.id]) == 1:

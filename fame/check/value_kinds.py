@@ -62,7 +62,7 @@ def is_message(value: Any) -> bool:
     return hasattr(value, "__msgtype__")
 
 
-Samples = Mapping[str, Sequence[Sample]]
+_Samples = Mapping[str, Sequence[Sample]]
 """The samples of each variable; one without a kind stands for an unknown value."""
 
 
@@ -254,7 +254,7 @@ def _computes(text: ExpressionUse, name: str) -> bool:
 # ---- payloads --------------------------------------------------------------------------------------------------------
 
 
-def _misfits(end: TopicEndpoint, known: Samples, types: Mapping[str, str]) -> Iterator[Finding]:
+def _misfits(end: TopicEndpoint, known: _Samples, types: Mapping[str, str]) -> Iterator[Finding]:
     """A payload that does not fit its type with any possible values of its variables."""
     type, expression = types.get(end.name), end.payload
     if type is None or expression is None or expression.language != "payload" or expression.text.lstrip()[:1] == "=":

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fame.log import Recording
     from fame.middleware.interface import Middleware
     from fame.scenario import Scenario
-    from fame.view import LiveRun, ModelWatch, Replay, Source
+    from fame.view import LiveRun, ModelWatch, PageSource, Replay
 
 SECOND = 1_000_000_000
 
@@ -146,7 +146,7 @@ def viewed(arguments: Namespace, scenario: Scenario) -> Iterator[LiveRun | None]
 
 
 @contextmanager
-def _serving(source: Source, arguments: Namespace) -> Iterator[None]:
+def _serving(source: PageSource, arguments: Namespace) -> Iterator[None]:
     """Serve the page of a source. Print its address, and open it in the browser unless told not to."""
     from fame.view import Server
 

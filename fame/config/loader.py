@@ -17,9 +17,9 @@ from fame.errors import ConfigError
 if TYPE_CHECKING:
     import yaml
 
-Kind = Literal["scenario", "world", "node", "learning", "project"]
+FileKind = Literal["scenario", "world", "node", "learning", "project"]
 """The kinds of configuration files."""
-_KINDS: dict[Kind, tuple[set[str], str, str]] = {
+_KINDS: dict[FileKind, tuple[set[str], str, str]] = {
     "scenario": ({"model"}, "a scenario", "fame run"),
     "world": ({"robots", "size", "bounds"}, "a world", "fame world"),
     "node": ({"Inputs", "Outputs"}, "the configuration of a node", "fame monitor process, record or train"),
@@ -29,7 +29,7 @@ _KINDS: dict[Kind, tuple[set[str], str, str]] = {
 """Kind -> the keys that only such a file has, its name, and its commands."""
 
 
-def read_document(path: str | PathLike[str], kind: Kind | None = None) -> ConfigValue:
+def read_document(path: str | PathLike[str], kind: FileKind | None = None) -> ConfigValue:
     """The content of a YAML file. Raises ConfigError, also if its keys are those of another kind of file."""
     file = str(path)
     try:
@@ -97,7 +97,7 @@ def _note_lines(
         _note_lines(value, inner, lines, columns, seen, file)
 
 
-def meant_for(content: object, kind: Kind) -> str:
+def meant_for(content: object, kind: FileKind) -> str:
     """A hint at the right command if a file has keys of another kind than `kind` and none of that kind; else empty.
 
     >>> meant_for({"Files": {}}, "node")

@@ -23,7 +23,7 @@ from fame.text import DEPTH, is_deep
 
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue
-    from fame.engine.migration import Plan, Token
+    from fame.engine.migration import MigratedToken, MigrationPlan
     from fame.robot import RobotNode
 
 _LARGEST = 500_000
@@ -62,16 +62,16 @@ def _variable(value: ConfigValue) -> Any:
     }
 
 
-def plan_of(data: Mapping[str, Any]) -> Plan:
+def plan_of(data: Mapping[str, Any]) -> MigrationPlan:
     """Return the plan that `read_plan` gave, perhaps from an envelope. Parts that are not valid are ignored."""
-    from fame.engine.migration import Plan
+    from fame.engine.migration import MigrationPlan
 
     elements, variables = (
         found if isinstance(found := data.get(name), Mapping) else {} for name in ("elements", "variables")
     )
     variables = {name: what for name, what in variables.items() if isinstance(what, Mapping)}
     named = {id: what for id, what in elements.items() if isinstance(what, str)}
-    return Plan(
+    return MigrationPlan(
         to={id: str(what["to"]) for id, what in elements.items() if isinstance(what, Mapping) and "to" in what},
         restart=frozenset(id for id, what in named.items() if what == "restart"),
         abandon=frozenset(id for id, what in named.items() if what == "abandon"),
@@ -95,8 +95,8 @@ class Foreseen:
     """
 
     hash: str = ""
-    tokens: Sequence[Token] = ()
-    gone: Sequence[Token] = ()
+    tokens: Sequence[MigratedToken] = ()
+    gone: Sequence[MigratedToken] = ()
     state: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -115,10 +115,10 @@ class Foreseen:
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Foreseen:
         """What a report has; what it does not have is empty."""
-        from fame.engine.migration import Token
+        from fame.engine.migration import MigratedToken
 
         tokens, gone = (
-            [Token(**{**token, "others": tuple(token.get("others", ()))}) for token in data.get(name, ())]
+            [MigratedToken(**{**token, "others": tuple(token.get("others", ()))}) for token in data.get(name, ())]
             for name in ("tokens", "gone")
         )
         return cls(str(data.get("hash", "")), tokens, gone, data.get("state", {}))
@@ -182,7 +182,7 @@ def write_plan(path: Path, foreseen: Mapping[str, Foreseen]) -> None:
         raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
 
 
-def _plan_line(robot: str, token: Token, taken: set[str], state: str) -> str:
+def _plan_line(robot: str, token: MigratedToken, taken: set[str], state: str) -> str:
     """The line of an element: what is decided, or a comment with what is possible.
 
     An element that is gone goes to the only new one of its kind, unless another element has `taken` it.
@@ -198,7 +198,7 @@ def _plan_line(robot: str, token: Token, taken: set[str], state: str) -> str:
     return f"  # {json.dumps(token.element)}: {{to: {targets}}}  # or restart, abandon; {comment}"
 
 
-def _decided(token: Token) -> str:
+def _decided(token: MigratedToken) -> str:
     if token.target not in ("", token.element):
         return f"{{to: {json.dumps(token.target)}}}"
     return token.fate

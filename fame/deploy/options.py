@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from fame.clock import Scheduler
     from fame.deploy.migration import Foreseen
     from fame.deploy.signing import Identity
-    from fame.robot import Service
+    from fame.robot import ServiceFunction
     from fame.robot.journal import StateDirectory
     from fame.robot.live import FeedLog
 
@@ -40,7 +40,7 @@ class EngineOptions(RobotOptions):
     """
 
     library: Library | None = None
-    services: Mapping[str, Service] | None = None
+    services: Mapping[str, ServiceFunction] | None = None
     trusted: Sequence[Any] = ()
     identity: Identity | None = None
     unsigned_tasks: bool = False

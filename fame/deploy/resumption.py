@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
     from fame.deploy.loading import LoadedCandidate
     from fame.robot import RobotNode
-    from fame.robot.durable import Recorder
-    from fame.robot.journal import Contents, StateDirectory
+    from fame.robot.durable import DurableRecorder
+    from fame.robot.journal import SegmentContents, StateDirectory
 
 _ENVELOPE, _PROMISE = "deployment-", "promise"
 
@@ -39,7 +39,7 @@ class StoredMission:
     """What was running: the deployment and the journal."""
 
     envelope: Envelope
-    contents: Contents
+    contents: SegmentContents
 
 
 class StateKeeper:
@@ -57,7 +57,7 @@ class StateKeeper:
         wall_time: Callable[[], float] = time.time,
     ) -> None:
         self.directory: StateDirectory = directory
-        self.recorder: Recorder | None = None
+        self.recorder: DurableRecorder | None = None
         self._kept: list[Envelope] = []  # whose promises are on the disk, oldest first
         self._robot, self._scheduler, self._on_trouble, self._wall_time = robot, scheduler, on_trouble, wall_time
         self._touch()
@@ -157,7 +157,7 @@ class StateKeeper:
 
     def begin(self, envelope: Envelope, process: RobotNode, start: Callable[[], object]) -> None:
         """Record a process, and `start` it when its beginning is on the disk."""
-        from fame.robot.durable import Recorder
+        from fame.robot.durable import DurableRecorder
         from fame.robot.journal import Journal
 
         self.stop()
@@ -173,7 +173,7 @@ class StateKeeper:
             "envelope_hash": key,
         }
         journal = Journal(self.directory, header, partial(process.scheduler.worker, "fame journal"))
-        self.recorder = Recorder(process, journal, on_trouble=self._on_trouble)
+        self.recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble)
         clean = partial(self._remove_all_but, name, envelope.order)
         self.recorder.begin_with(lambda: self.directory.write_file(name, data), clean, start)
 
@@ -189,7 +189,7 @@ class StateKeeper:
 
         Raises ConfigError for the state of another program.
         """
-        from fame.robot.durable import Recorder
+        from fame.robot.durable import DurableRecorder
         from fame.robot.journal import Journal
         from fame.robot.restoring import restored
 
@@ -199,7 +199,7 @@ class StateKeeper:
             journal = Journal.resume(self.directory, stored.contents, worker)
         except OSError as error:
             raise ConfigError(f"cannot be written: {error.strerror}", file=str(stored.contents.path)) from None
-        self.recorder = recorder = Recorder(process, journal, on_trouble=self._on_trouble)
+        self.recorder = recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble)
 
         def go_on() -> None:
             recorder.go_on(tables, self.away(stored, process), self._set_back(stored, process))

@@ -23,11 +23,24 @@ from fame.engine.data import UNDEFINED, Variables, plain
 from fame.engine.host import BpmnError, Cancelled, Host
 from fame.engine.interpreter import MOVES, Engine
 from fame.engine.program import Program
-from fame.engine.scope_compiler import Library
+from fame.engine.scope_compiler import FindProcess
 from fame.engine.snapshot import restore, snapshot
 from fame.engine.state import DEPTH, Instance
 
 __all__ = [
-    "DEPTH", "MOVES", "UNDEFINED", "BpmnError", "Cancelled", "Engine", "Host", "Instance", "Library", "Program",
-    "Variables", "compile_program", "plain", "restore", "snapshot",
+    "DEPTH",
+    "MOVES",
+    "UNDEFINED",
+    "BpmnError",
+    "Cancelled",
+    "Engine",
+    "FindProcess",
+    "Host",
+    "Instance",
+    "Program",
+    "Variables",
+    "compile_program",
+    "plain",
+    "restore",
+    "snapshot",
 ]  # fmt: skip

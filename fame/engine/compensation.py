@@ -16,7 +16,7 @@ from fame.bpmn import model
 from fame.engine import faults, handlers, scopes, steps
 from fame.engine.engine_state import EngineState
 from fame.engine.host import BpmnError
-from fame.engine.program import Handler, LoopInstance, Node, Step
+from fame.engine.program import Handler, LoopInstance, Node, StepFunction
 from fame.engine.scope_compiler import ScopeCompiler, boundary_of
 from fame.engine.state import Record, Scope
 
@@ -182,7 +182,11 @@ ROLL_BACK.next = CANCELLED
 
 
 def thrown(
-    context: ScopeCompiler, event: model.Event, definition: model.CompensateDefinition, ends: Step, part: str = ""
+    context: ScopeCompiler,
+    event: model.Event,
+    definition: model.CompensateDefinition,
+    ends: StepFunction,
+    part: str = "",
 ) -> Node:
     """Make a compensation throw event."""
     undoing = context.node(event, compensate, part if definition.wait else "/beside", Compensate(definition.activity))

@@ -8,7 +8,7 @@ from fame.bpmn import model
 from fame.engine import adhoc, event_gateways, events, gateways, loops, starts, steps, subprocesses, tasks
 from fame.engine.host import Host
 from fame.engine.program import Node, Program
-from fame.engine.scope_compiler import Compiler, Library, ScopeCompiler
+from fame.engine.scope_compiler import Compiler, FindProcess, ScopeCompiler
 
 _EVENTS = {
     "start": events.start,
@@ -20,7 +20,7 @@ _EVENTS = {
 
 
 def compile_program(
-    process: model.Process, *, host: Host, library: Library, file: str = "", hash: str = "", observed: bool = False
+    process: model.Process, *, host: Host, library: FindProcess, file: str = "", hash: str = "", observed: bool = False
 ) -> Program:
     """Compile a process and all that it calls.
 
@@ -59,7 +59,7 @@ def _activity(context: ScopeCompiler, element: model.Activity) -> None:
     io = element.io
     if io is not None:
         activity = (
-            node if isinstance(node.spec, subprocesses.Activity) else subprocesses.wrapped(context, element, node)
+            node if isinstance(node.spec, subprocesses.ScopeActivity) else subprocesses.wrapped(context, element, node)
         )
         subprocesses.map_variables(context, element, activity, io)
         node = activity

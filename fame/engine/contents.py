@@ -14,7 +14,7 @@ from typing import Any
 
 from fame.engine.encoding import is_data
 
-Encode = Callable[[Any], Hashable]
+_Encode = Callable[[Any], Hashable]
 Decode = Callable[[Any], Any]
 Changes = tuple[tuple[str, Hashable | None], ...]
 """Names of variables with their new codes; None for those that are in the content no more."""
@@ -86,7 +86,7 @@ class Contents:
     constant  whether `decode` always gives the same immutable value
     """
 
-    encode: Encode
+    encode: _Encode
     decode: Decode
     variable: Callable[[str, Any], Hashable]
     kept: Callable[[str], bool]
@@ -94,7 +94,7 @@ class Contents:
 
     def __init__(
         self,
-        encode: Encode,
+        encode: _Encode,
         decode: Decode,
         variable: Callable[[str, Any], Hashable],
         kept: Callable[[str], bool],

@@ -25,13 +25,13 @@ from fame.engine.program import Compiled
 BUILTINS = "__builtins__"
 
 
-class Undefined(Enum):
+class UndefinedType(Enum):
     """The type of `UNDEFINED`."""
 
     UNDEFINED = "UNDEFINED"
 
 
-UNDEFINED = Undefined.UNDEFINED
+UNDEFINED = UndefinedType.UNDEFINED
 """The value of a property or payload if a name in it is not set: nothing is assigned, the field is left out."""
 
 
@@ -117,7 +117,7 @@ def plain(variables: Mapping[str, Any]) -> dict[str, Any]:
 
 
 Take = Callable[[dict[str, Any], Any], None]
-Match = Callable[[Sequence[str], str, Any], dict[str, tuple[str, ...]]]
+Correlate = Callable[[Sequence[str], str, Any], dict[str, tuple[str, ...]]]
 
 
 def is_variable(name: str) -> bool:
@@ -214,7 +214,7 @@ def _both(first: Take, second: Take) -> Take:
     return take
 
 
-def _matched(names: tuple[str, ...], topic: str, match: Match) -> Take:
+def _matched(names: tuple[str, ...], topic: str, match: Correlate) -> Take:
     getters: dict[type, list[tuple[str, Callable[[Any], Any]]]] = {}
 
     def take(variables: dict[str, Any], message: Any) -> None:

@@ -13,7 +13,7 @@ from fame.engine import compensation, data, event_gateways, faults, handlers, st
 from fame.engine.data import UNDEFINED
 from fame.engine.engine_state import EngineState
 from fame.engine.host import BpmnError
-from fame.engine.program import Compiled, FaultCatch, Node, Step
+from fame.engine.program import Compiled, FaultCatch, Node, StepFunction
 from fame.engine.scope_compiler import ScopeCompiler, links_of
 from fame.engine.state import Scope, Wait
 
@@ -189,7 +189,7 @@ def _check_cancels(context: ScopeCompiler, event: model.Event, nodes: list[Node]
 
 def throwing(context: ScopeCompiler, event: model.Event) -> None:
     """Make an intermediate throw event or an end event."""
-    ends: Step = steps.end if event.place == "end" else steps.pass_on
+    ends: StepFunction = steps.end if event.place == "end" else steps.pass_on
     if len(event.definitions) < 2:
         node = _thrown(context, event, event.definitions[0], ends) if event.definitions else None
         node = node or context.node(event, ends)
@@ -211,7 +211,7 @@ def throwing(context: ScopeCompiler, event: model.Event) -> None:
 
 
 def _thrown(
-    context: ScopeCompiler, event: model.Event, definition: model.EventDefinition, ends: Step, part: str = ""
+    context: ScopeCompiler, event: model.Event, definition: model.EventDefinition, ends: StepFunction, part: str = ""
 ) -> Node:
     """Make the node that throws one event definition. Raises ModelError."""
     match definition:

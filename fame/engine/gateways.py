@@ -12,7 +12,7 @@ from fame.bpmn import model
 from fame.engine import faults, scopes, steps
 from fame.engine.data import Variables
 from fame.engine.engine_state import EngineState
-from fame.engine.program import Handler, Node, Step
+from fame.engine.program import Handler, Node, StepFunction
 from fame.engine.scope_compiler import ScopeCompiler, jumping_to
 from fame.engine.state import Scope, Wait
 from fame.engine.steps import Branch
@@ -22,7 +22,7 @@ NAMES = ("activationCount", "waitingForStart")
 
 
 @dataclass(slots=True)
-class Port:
+class JoinPort:
     """Spec of one incoming flow of a join. `number`: its index; `need`: the number of incoming flows."""
 
     join: Node
@@ -41,7 +41,7 @@ def arrive(engine: EngineState, scope: Scope, port: Node) -> Node | None:
     joins = scope.joins
     if joins is None:
         joins = scope.joins = {}
-    spec: Port = port.spec
+    spec: JoinPort = port.spec
     join, need = spec.join, spec.need
     counts = joins.get(join)
     if counts is None:
@@ -69,7 +69,7 @@ def arrive_inclusive(engine: EngineState, scope: Scope, port: Node) -> None:
     """Take a token at one incoming flow of an inclusive join, which is decided when no other token can move."""
     if scope.joins is None:
         scope.joins = {}
-    spec: Port = port.spec
+    spec: JoinPort = port.spec
     scope.joins.setdefault(spec.join, [0] * spec.need)[spec.number] += 1
     engine.inclusive[scope] = None
 
@@ -114,7 +114,7 @@ def _may_pass(engine: EngineState, scope: Scope, join: Node) -> bool:
 
 def _reach(join: Node, node: Node) -> int:
     """Return the incoming flows of a join that a token at a node can reach, as a bit mask."""
-    if isinstance(node.spec, Port) and node.spec.join is join:
+    if isinstance(node.spec, JoinPort) and node.spec.join is join:
         return 1 << node.spec.number
     spec: Branch = join.spec
     return spec.masks.get(node.id, 0)
@@ -175,7 +175,7 @@ def arrive_complex(engine: EngineState, scope: Scope, port: Node) -> Node | None
     """
     if scope.joins is None:
         scope.joins = {}
-    spec: Port = port.spec
+    spec: JoinPort = port.spec
     counts = scope.joins.setdefault(spec.join, [0] * (2 * spec.need))
     counts[spec.number] += 1
     if any(counts[spec.need :]):
@@ -246,7 +246,7 @@ def part(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 # ---- compiling -----------------------------------------------------------------------------------
 
-_ARRIVALS: dict[str, Step] = {
+_ARRIVALS: dict[str, StepFunction] = {
     "parallel": arrive,
     "inclusive": arrive_inclusive,
     "complex": arrive_complex,
@@ -266,7 +266,7 @@ def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
                 context.refuse("a complex gateway that joins needs an activation condition", gateway)
             spec.activation = context.expression(gateway.activation, gateway)
         for number, flow in enumerate(gateway.incoming):
-            port = Port(node, number, spec.need)
+            port = JoinPort(node, number, spec.need)
             context.ports[flow] = context.node(gateway, _ARRIVALS[gateway.kind], f"/{number}", port)
             context.ports[flow].part_of = node
     if gateway.kind in ("inclusive", "complex"):

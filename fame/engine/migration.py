@@ -1,8 +1,8 @@
 """Transfer the state of an engine to another program: a changed model continues where the old one was.
 
-Tokens at an element with the same id and kind in both programs are transferred; a `Plan` maps an element to another
-one, restarts it, or drops its tokens. Boundary events, event sub-processes and queues are closed if the new program
-does not have them; `arm_new` arms the new ones. An event never becomes one of another kind.
+Tokens at an element with the same id and kind in both programs are transferred; a `MigrationPlan` maps an element to
+another one, restarts it, or drops its tokens. Boundary events, event sub-processes and queues are closed if the new
+program does not have them; `arm_new` arms the new ones. An event never becomes one of another kind.
 
 `migrate` is a function of plain data: the snapshot of a state, to that of another. Nothing moves.
 """
@@ -28,7 +28,7 @@ Fate = Literal["keep", "restart", "abandon", "blocked"]
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class MigrationPlan:
     """How to transfer elements and variables that differ.
 
     to       the new id of an element; `restart`: elements to start again; `abandon`: elements whose tokens end
@@ -44,7 +44,7 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True)
-class Token:
+class MigratedToken:
     """A token and its fate.
 
     target   the element in the new program; `reason`: why it is blocked
@@ -67,7 +67,7 @@ class Token:
         return f"{place}: {self.fate}{to}"
 
 
-def migrate(data: Data, old: Program, new: Program, plan: Plan) -> tuple[Data, list[Token]]:
+def migrate(data: Data, old: Program, new: Program, plan: MigrationPlan) -> tuple[Data, list[MigratedToken]]:
     """Return the state in the new program, and the fate of each token.
 
     Raises MissionError, with all reasons, if a token cannot be transferred.
@@ -79,17 +79,17 @@ def migrate(data: Data, old: Program, new: Program, plan: Plan) -> tuple[Data, l
     return migration.result(), migration.tokens
 
 
-def preview(data: Data, old: Program, new: Program, plan: Plan) -> list[Token]:
+def preview(data: Data, old: Program, new: Program, plan: MigrationPlan) -> list[MigratedToken]:
     """Return the fate of each token, without migrating."""
     return _Migration(data, old, new, plan).tokens
 
 
-def gone(old: Program, new: Program, plan: Plan) -> list[Token]:
+def gone(old: Program, new: Program, plan: MigrationPlan) -> list[MigratedToken]:
     """Return a blocked token for each element of the old program where one could wait and that has no counterpart."""
     before, now = kinds(old), kinds(new)
     fresh = [id for id in now if id not in before]
     return [
-        Token(node.id, "blocked", "", f"the new model has no {before[node.id]} {node.id}", node.name,
+        MigratedToken(node.id, "blocked", "", f"the new model has no {before[node.id]} {node.id}", node.name,
               tuple(sorted(id for id in fresh if now[id] == before[node.id])))
         for process in old.sources
         for node in process.body.walk()
@@ -123,7 +123,7 @@ def kind_of(element: model.FlowNode) -> str:
 
 
 class _Migration:
-    def __init__(self, data: Data, old: Program, new: Program, plan: Plan) -> None:
+    def __init__(self, data: Data, old: Program, new: Program, plan: MigrationPlan) -> None:
         self._data, self._old, self._new, self._plan = data, old, new, plan
         self._old_kinds, self._new_kinds = kinds(old), kinds(new)
         self._names = {node.id: node.name for process in old.sources for node in process.body.walk()}
@@ -132,7 +132,7 @@ class _Migration:
         self._scopes = {item["key"]: item for item in data["scopes"]}
         self._gone: set[int] = set()
         self._begin: list[Data] = []
-        self.tokens: list[Token] = []
+        self.tokens: list[MigratedToken] = []
         for scope in data["scopes"]:  # outer ones first
             if scope["key"] not in self._gone:
                 self._decide_scope(scope)
@@ -234,7 +234,7 @@ class _Migration:
         self._add(element, "blocked", self._target(element), self._why_not(element), tuple(sorted(others)))
 
     def _add(self, element: str, fate: Fate, target: str = "", reason: str = "", others: tuple[str, ...] = ()) -> None:
-        self.tokens.append(Token(element, fate, target, reason, self._names.get(element, ""), others))
+        self.tokens.append(MigratedToken(element, fate, target, reason, self._names.get(element, ""), others))
 
     def _check_continuations(self) -> None:
         for item in self._data["continuations"]:

@@ -14,7 +14,7 @@ from functools import cached_property
 from hashlib import sha256
 from typing import Any
 
-Step = Callable[[Any, Any, Any], "Node | None"]
+StepFunction = Callable[[Any, Any, Any], "Node | None"]
 """A function of (`EngineState`, `Scope`, `Node`): gives the node that the token moves to at once, or None if the token
 waits or is gone."""
 
@@ -55,7 +55,7 @@ class Node:
 
     id: str
     key: str
-    step: Step
+    step: StepFunction
     spec: Any
     line: int
     file: str
@@ -64,10 +64,12 @@ class Node:
     index: int
     slot: int
 
-    def __init__(self, id: str, key: str, step: Step, *, line: int = 0, file: str = "", spec: Any = None) -> None:
+    def __init__(
+        self, id: str, key: str, step: StepFunction, *, line: int = 0, file: str = "", spec: Any = None
+    ) -> None:
         self.id, self.key, self.step, self.spec = id, key, step, spec
         self.line, self.file = line, file
-        self.plain_step: Step | None = None
+        self.plain_step: StepFunction | None = None
         self.entered = self.left = NO_MARK
         self.index = self.slot = UNCOUNTED
         self.next: Node | None = None

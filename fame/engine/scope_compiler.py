@@ -18,11 +18,11 @@ from fame.bpmn import model
 from fame.engine import steps
 from fame.engine.data import unfilled
 from fame.engine.host import Host
-from fame.engine.program import Body, Boundary, Compiled, FaultCatch, Node, Program, Step
+from fame.engine.program import Body, Boundary, Compiled, FaultCatch, Node, Program, StepFunction
 from fame.engine.steps import Assignments, Branch
 from fame.errors import ModelError
 
-Library = Callable[[str, str, model.CallActivity], tuple[model.Process, str]]
+FindProcess = Callable[[str, str, model.CallActivity], tuple[model.Process, str]]
 """Finds a called process: (name, calling file, the call) -> the process and its file. Raises ModelError."""
 
 NESTED = 120
@@ -41,12 +41,12 @@ class Compiler:
 
     program: Program
     host: Host
-    library: Library
+    library: FindProcess
     make: Callable[[ScopeCompiler, model.FlowNode], None]
     original: bool
 
     def __init__(
-        self, program: Program, host: Host, library: Library, make: Callable[[ScopeCompiler, model.FlowNode], None]
+        self, program: Program, host: Host, library: FindProcess, make: Callable[[ScopeCompiler, model.FlowNode], None]
     ) -> None:
         self.program, self.host, self.library, self.make = program, host, library, make
         self.observed: bool = program.observed
@@ -117,7 +117,7 @@ class ScopeCompiler:
 
     # ---- nodes ---------------------------------------------------------------------------------------
 
-    def node(self, element: model.Element, step: Step, part: str = "", spec: Any = None) -> Node:
+    def node(self, element: model.Element, step: StepFunction, part: str = "", spec: Any = None) -> Node:
         """Make a node of an element; `part` distinguishes it from the element's other nodes."""
         node = Node(element.id, f"{element.id}{part}", step, line=element.line, file=self.file, spec=spec)
         self.compiler.program.nodes.append(node)

@@ -11,7 +11,7 @@ from typing import Any
 from fame.engine import state, waiting
 from fame.engine.engine_state import EngineState
 from fame.engine.program import Body, Node
-from fame.engine.state import DEAD, Continuation, Instance, Scope, Status, Wait
+from fame.engine.state import DEAD, Continuation, Instance, InstanceStatus, Scope, Wait
 
 Cancelling = tuple[int, ...]
 """Keys of cancelled scripts that have not ended."""
@@ -96,7 +96,7 @@ def finish(engine: EngineState, scope: Scope) -> None:
         following = ended(engine, parent, scope)
 
 
-def conclude(engine: EngineState, instance: Instance, status: Status) -> None:
+def conclude(engine: EngineState, instance: Instance, status: InstanceStatus) -> None:
     """Set the status of an instance that has ended."""
     instance.status = status
     engine.instances.pop(instance.key, None)

@@ -31,8 +31,8 @@ from fame.engine.state_fields import (
     SCOPE,
     WAIT,
     Reader,
+    StateWriter,
     VariableTable,
-    Writer,
     reading,
     writing,
 )
@@ -65,7 +65,7 @@ def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | 
     boxes = dict.fromkeys(box for scope in scopes for box in (scope.mail or {}).values())
     boxes |= dict.fromkeys(wait.box for wait in waits if wait.box is not None)
     dicts = dicts or _Dicts()
-    to = Writer(dicts, engine.program.body_keys, dump)
+    to = StateWriter(dicts, engine.program.body_keys, dump)
     found = {"instances": engine.instances.values(), "scopes": scopes, "waits": waits, "boxes": boxes}
     tables = {name: [write(item, to) for item in found[name]] for name, write in _write.items()}
     return {**without_instances(engine, dump), **tables, "variables": dicts.written(dump)}
@@ -74,7 +74,7 @@ def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | 
 def without_instances(engine: Engine, dump: Convert = no_data) -> Data:
     """Return the part of a snapshot that is there without running instances too."""
     program = engine.program
-    to = Writer(_Dicts(), {}, dump)
+    to = StateWriter(_Dicts(), {}, dump)
     return {"program": program.hash, "observed": program.observed, **_write_engine(engine, to)}
 
 

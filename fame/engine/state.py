@@ -169,7 +169,7 @@ class Mailbox:
         self.messages: deque[tuple[int, Any]] = deque(maxlen=self.catch.queue)
 
 
-Status = Literal["running", "completed", "failed", "cancelled"]
+InstanceStatus = Literal["running", "completed", "failed", "cancelled"]
 Listener = Wait | Mailbox
 
 Arrived = list[tuple[Node, Any]]
@@ -192,7 +192,7 @@ class Instance:
 
     def __init__(self, key: int, program: Program, variables: dict[str, Any]) -> None:
         self.key, self.program, self.root_variables = key, program, variables
-        self.status: Status = "running"
+        self.status: InstanceStatus = "running"
         self.error: MissionError | None = None
         self.counts: list[int] = [0] * len(program.elements)
         self.scopes = 0

@@ -31,7 +31,7 @@ class VariableTable(Protocol):
 
 
 @dataclass(slots=True)
-class Writer:
+class StateWriter:
     """What fields need to become data: numbers of dicts of variables, keys of bodies, data of other values."""
 
     dicts: VariableTable
@@ -60,7 +60,7 @@ class Kind:
     ordered  whether the order of a list is part of the state: of `Scope.children`, that of those at one node
     """
 
-    write: Callable[[Any, Writer], Any]
+    write: Callable[[Any, StateWriter], Any]
     read: Callable[[Any, Reader], Any]
     empty: Callable[[], Any] | None = None
     single: bool = False
@@ -71,7 +71,7 @@ def many(kind: Kind, container: Callable[[Iterable[Any]], Any]) -> Kind:
     """Several values of a kind."""
     write, read = kind.write, kind.read
 
-    def write_all(items: Any, to: Writer) -> Any:
+    def write_all(items: Any, to: StateWriter) -> Any:
         return [item.key for item in items] if kind.single else [write(item, to) for item in items]
 
     return Kind(write_all, lambda data, of: container([read(item, of) for item in data]), list)
@@ -94,7 +94,7 @@ def parts(*kinds: Kind) -> Kind:
     )
 
 
-def _write_error(error: MissionError, to: Writer) -> Data:
+def _write_error(error: MissionError, to: StateWriter) -> Data:
     return {name: getattr(error, name) for name in ("text", "element", "file", "line", "code")}
 
 
@@ -102,11 +102,11 @@ def _read_error(data: Data, of: Reader) -> MissionError:
     return MissionError(data["text"], **{name: value for name, value in data.items() if name != "text"})
 
 
-def _write_held(held: tuple[list[Any], list[Any]], to: Writer) -> Any:
+def _write_held(held: tuple[list[Any], list[Any]], to: StateWriter) -> Any:
     return [[item.key for item in items if item.alive] for items in held]
 
 
-def _write_continuations(found: Mapping[int, Continuation], to: Writer) -> Any:
+def _write_continuations(found: Mapping[int, Continuation], to: StateWriter) -> Any:
     return [{"node": item.node.key, "scope": item.scope.key} for item in dict.fromkeys(found.values())]
 
 
@@ -177,14 +177,14 @@ _record: Kind = parts(*RECORD.values())
 _parts: Callable[[Record], tuple[Any, ...]] = attrgetter(*RECORD)
 
 
-def writing(table: Table) -> Callable[[Any, Writer], Data]:
+def writing(table: Table) -> Callable[[Any, StateWriter], Data]:
     """Return the function that gives the data of an object with these fields."""
     values, names = attrgetter(*table), [STORED.get(field, field) for field in table]
     kinds = [(name, kind) for name, kind in zip(names, table.values(), strict=True) if kind is not VALUE]
     references = [name for name, kind in kinds if kind.single]
     others = [(name, kind.write, kind.empty) for name, kind in kinds if not kind.single]
 
-    def write(item: Any, to: Writer) -> Data:
+    def write(item: Any, to: StateWriter) -> Data:
         data = dict(zip(names, values(item)))  # noqa: B905  # fast: called for each token after each stimulus
         for name in references:
             if data[name] is not None:

@@ -91,7 +91,7 @@ def settle(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 # ---- splitting -----------------------------------------------------------------------------------
 
-Way = tuple[Compiled | None, Node]
+ConditionalFlow = tuple[Compiled | None, Node]
 """A sequence flow: its condition (None: always) and its target."""
 
 
@@ -107,13 +107,13 @@ class Branch:
     resets      of a complex gateway: flows whose conditions are evaluated again at its reset
     """
 
-    ways: tuple[Way, ...] = ()
+    ways: tuple[ConditionalFlow, ...] = ()
     targets: tuple[Node, ...] = ()
     default: Node | None = None
     need: int = 0
     masks: dict[str, int] = field(default_factory=dict)
     activation: Compiled | None = None
-    resets: tuple[Way, ...] = ()
+    resets: tuple[ConditionalFlow, ...] = ()
 
 
 def exclusive(engine: EngineState, scope: Scope, node: Node) -> Node | None:

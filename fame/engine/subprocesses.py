@@ -16,7 +16,7 @@ from fame.engine.state import DEPTH, Record, Scope, Wait
 
 
 @dataclass(slots=True)
-class Activity:
+class ScopeActivity:
     """Spec of an activity that opens a scope.
 
     own              whether it has variables of its own; `shares`: chained to the outer ones
@@ -55,7 +55,7 @@ def enter(engine: EngineState, scope: Scope, node: Node) -> None:
     engine.ready.append((node.body.opening, inner))
 
 
-def _own_variables(engine: EngineState, spec: Activity, outer: dict[str, Any]) -> dict[str, Any]:
+def _own_variables(engine: EngineState, spec: ScopeActivity, outer: dict[str, Any]) -> dict[str, Any]:
     """Return the variables of an activity with a mapping: chained to the outer ones, or (of a call) separate."""
     inner = {name: source(outer) for name, source in spec.inputs}
     inner = {name: value for name, value in inner.items() if value is not UNDEFINED}
@@ -70,7 +70,7 @@ def leave(engine: EngineState, scope: Scope, inner: Scope) -> None:
     """Complete an activity whose scope has ended: pass on its results, and continue the token."""
     node = inner.node
     assert node is not None
-    spec: Activity = node.spec
+    spec: ScopeActivity = node.spec
     results: Sequence[tuple[str, Any]] = ()
     if spec.own:
         try:
@@ -127,7 +127,7 @@ def end_handler(engine: EngineState, scope: Scope, handler: Scope) -> Scope | No
 
 def opening(context: ScopeCompiler, element: model.Activity, part: str = "") -> Node:
     """Make a node that opens a scope, without its body."""
-    node = context.node(element, enter, part, Activity())
+    node = context.node(element, enter, part, ScopeActivity())
     node.ended = leave
     return node
 
@@ -195,7 +195,7 @@ def wrapped(context: ScopeCompiler, element: model.Activity, task: Node) -> Node
 
 def map_variables(context: ScopeCompiler, element: model.Activity, node: Node, io: model.IoMapping) -> None:
     """Set the mapping of an activity. The variables of a call are separate; those of a task are chained."""
-    spec: Activity = node.spec
+    spec: ScopeActivity = node.spec
     spec.own, spec.shares = True, not isinstance(element, model.CallActivity)
     spec.all_in, spec.all_out = io.all_in, io.all_out
     spec.inputs = context.assignments(((item.target, item.source) for item in io.inputs), element)

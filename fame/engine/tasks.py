@@ -8,7 +8,7 @@ from typing import Any
 from fame.bpmn import model
 from fame.engine import events, faults, scopes, steps, triggers, waiting
 from fame.engine.engine_state import EngineState
-from fame.engine.program import USER, Compiled, Node, Start, Step, Trigger, nothing
+from fame.engine.program import USER, Compiled, Node, Start, StepFunction, Trigger, nothing
 from fame.engine.scope_compiler import ScopeCompiler
 from fame.engine.state import Scope, Wait
 from fame.errors import ModelError
@@ -149,7 +149,7 @@ _SCRIPT_CATCH = triggers.catching(trigger=SCRIPT)
 """Shared by all scripts: it does not depend on the task."""
 
 
-def _running(context: ScopeCompiler, task: model.Task, step: Step, spec: Script) -> Node:
+def _running(context: ScopeCompiler, task: model.Task, step: StepFunction, spec: Script) -> Node:
     """Make a node at which a token waits while its script or service does."""
     node = context.node(task, step, spec=spec)
     node.catch = _SCRIPT_CATCH

@@ -15,8 +15,8 @@ from fame.clock import EPOCH, date_text
 from fame.errors import ConfigError, ModelError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
-from fame.log.ocel import Level, write_ocel
-from fame.log.recording import Message, ModelRun, Recording
+from fame.log.ocel import OcelLevel, write_ocel
+from fame.log.recording import ModelRun, RecordedMessage, Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.team_state import KeyWriter, TeamState, shift_times
 from fame.log.writing import RECORDING, logging_to, new_file
@@ -48,7 +48,7 @@ def convert(
     target: str | Path,
     on_progress: OnProgress = lambda done: None,
     *,
-    level: Level | None = None,
+    level: OcelLevel | None = None,
 ) -> list[str]:
     """Convert a recording to the format given by the suffix of the target. Returns the warnings of the recording.
 
@@ -195,7 +195,7 @@ class _Merging:
                     self._write(file, time, message)
                 writer.last = time
 
-    def _source(self, number: int) -> Iterator[tuple[int, int, Message]]:
+    def _source(self, number: int) -> Iterator[tuple[int, int, RecordedMessage]]:
         for message in self._recordings[number].messages():
             yield message.time + self._shifts[number], number, message
 
@@ -209,7 +209,7 @@ class _Merging:
                 return False
         return True
 
-    def _take_key(self, writer: KeyWriter, time: int, number: int, message: Message) -> None:
+    def _take_key(self, writer: KeyWriter, time: int, number: int, message: RecordedMessage) -> None:
         """Add the state of robots that this recording contains from now on, also after a gap."""
         data = shift_times(KEY, message.json(), self._shifts[number])
         state, known = TeamState.from_key(time, data), writer.state.robots
@@ -228,7 +228,7 @@ class _Merging:
                     self._note_run(robot, ModelRun(time - 1, state.robots[robot].process, models))
             writer.key(time, {robot: lost.get(robot, 0) for robot in fresh})
 
-    def _write(self, file: RecordingFile, time: int, message: Message) -> None:
+    def _write(self, file: RecordingFile, time: int, message: RecordedMessage) -> None:
         channel = self._channels.get((message.topic, message.node))
         if channel is None:
             type = next(one.topics[message.topic].type for one in self._recordings if message.topic in one.topics)
@@ -238,6 +238,6 @@ class _Merging:
         file.write(channel, time, message.data)
 
 
-def _subject(message: Message) -> str:
+def _subject(message: RecordedMessage) -> str:
     """The robot or topic that a message is about: each comes from one recording at a time."""
     return str(message.json()["robot"]) if message.topic in (EVENTS, VARIABLES, WAITING) else message.topic

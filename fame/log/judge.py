@@ -17,7 +17,7 @@ from fame.errors import ConfigError
 from fame.log.channels import EVENTS, KEY, VARIABLES, WORLD
 from fame.log.conversion import models_of
 from fame.log.reading import rows_of
-from fame.log.recording import Message, Recording, scene_values
+from fame.log.recording import RecordedMessage, Recording, scene_values
 from fame.middleware.interface import ENGINE
 from fame.properties import Judge, Judgement, Monitor, Property, compile
 from fame.properties.conditions import Pose, Source
@@ -125,7 +125,7 @@ class _Replay:
                 self._take_message(message)
         return self._judge.finish(self._end, complete=self._complete)
 
-    def _take_events(self, message: Message) -> None:
+    def _take_events(self, message: RecordedMessage) -> None:
         data = message.json()
         robot = str(data["robot"])
         self._seen.add(robot)
@@ -135,7 +135,7 @@ class _Replay:
                 self._judge.event(message.time, robot, element, what, detail)
         self._read(message.time, robot)
 
-    def _take_variables(self, message: Message) -> None:
+    def _take_variables(self, message: RecordedMessage) -> None:
         data = message.json()
         instances = self._scopes.setdefault(str(data["robot"]), {})
         for change in data["changes"]:
@@ -158,13 +158,13 @@ class _Replay:
             if source.name in variables:
                 self._judge.sample(time, source, variables[source.name])
 
-    def _take_world(self, message: Message) -> None:
+    def _take_world(self, message: RecordedMessage) -> None:
         for robot, look in scene_values(message.json()) if self._poses else ():
             if robot in self._poses:
                 place = Pose(look["x"], look["y"], look.get("altitude", 0.0))
                 self._judge.sample(message.time, Source("pose", robot), place)
 
-    def _take_message(self, message: Message) -> None:
+    def _take_message(self, message: RecordedMessage) -> None:
         sender, _, name = message.node.strip("/").rpartition("/")
         if message.topic in self._judge.topics:
             content = self._recording.decode(message)

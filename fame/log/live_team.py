@@ -22,7 +22,7 @@ from fame.closing import Closing
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.team_state import KeyWriter, Put, TeamState, shift_times
-from fame.middleware.interface import LATCHED, MAX_MESSAGE_SIZE, Message, Middleware, Node
+from fame.middleware.interface import LATCHED, MAX_MESSAGE_SIZE, AnyMessage, Middleware, Node
 from fame.robot.robot_state import RobotState
 from fame.text import read_json
 
@@ -130,14 +130,14 @@ class LiveTeam(Closing):
                 ]
         self.gone = self._sources.keys() - there.keys()
 
-    def _on_model_message(self, robot: str, message: Message) -> None:
+    def _on_model_message(self, robot: str, message: AnyMessage) -> None:
         with suppress(ValueError, TypeError):
             model = read_json(message.data, MAX_MESSAGE_SIZE)
             if isinstance(model, dict) and self.models.get(robot) != model:
                 self.models[robot] = model
                 self._on_model(robot, model)
 
-    def _on_batch(self, robot: str, message: Message) -> None:
+    def _on_batch(self, robot: str, message: AnyMessage) -> None:
         with suppress(*_STRANGE):
             self.feed(robot, read_json(message.data, MAX_MESSAGE_SIZE))
 

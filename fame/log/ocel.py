@@ -32,10 +32,10 @@ from fame.errors import ConfigError
 from fame.iso8601 import parse_datetime
 from fame.log.channels import EVENTS, WAITING
 from fame.log.elements import ElementInfo, element_info
-from fame.log.recording import Message, Recording
+from fame.log.recording import RecordedMessage, Recording
 from fame.middleware.interface import ENGINE
 
-Level = Literal["mission", "all"]
+OcelLevel = Literal["mission", "all"]
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "abort", "fail": "fail"}
 _SENT, _RECEIVED, _GOAL_SENT, _GOAL_ENDED = "signal sent", "signal received", "goal sent", "goal ended"
@@ -54,7 +54,7 @@ _EVENT_TYPES: Mapping[str, Mapping[str, str]] = {
 }
 
 
-def write_ocel(recording: Recording, models: Sequence[Definitions], level: Level, stream: BinaryIO) -> None:
+def write_ocel(recording: Recording, models: Sequence[Definitions], level: OcelLevel, stream: BinaryIO) -> None:
     """Write a recording with its models to `stream`. Raises ConfigError at level mission without the missions."""
     elements = element_info(models)
     drawn = _Drawn(recording, models) if level == "mission" else None
@@ -89,7 +89,7 @@ class _Drawn:
         names = {topic.qualified for node in nodes for topic, _ in node.topics()}
         self._topics = {name.replace("~", f"/{robot}", 1) for name in names for robot in self._robots}
 
-    def has_signal(self, message: Message) -> bool:
+    def has_signal(self, message: RecordedMessage) -> bool:
         own = message.topic.split("/")[1] in self._robots
         return message.topic in self._topics and (not own or message.node.endswith(f"/{ENGINE}"))
 
@@ -163,7 +163,7 @@ class _Catching:
     signals: list[tuple[int, str, str]] = field(default_factory=list)  # time, topic, object
 
 
-def _add_events(log: _Log, message: Message, elements: Mapping[str, ElementInfo], drawn: _Drawn | None) -> None:
+def _add_events(log: _Log, message: RecordedMessage, elements: Mapping[str, ElementInfo], drawn: _Drawn | None) -> None:
     data = message.json()
     robot = data["robot"]
     for group in data["events"]:
@@ -188,7 +188,7 @@ def _add_events(log: _Log, message: Message, elements: Mapping[str, ElementInfo]
                 log.event(name if name not in _EVENT_TYPES else element, message.time, attributes, related)
 
 
-def _add_signal(log: _Log, message: Message, type: str, caught: _Catching) -> None:
+def _add_signal(log: _Log, message: RecordedMessage, type: str, caught: _Catching) -> None:
     number = sum(id.startswith(f"signal:{message.topic}#") for _, _, id in caught.signals)
     id = f"signal:{message.topic}#{message.time}" + (f"-{number}" if number else "")
     log.object(id, "signal", message.time, {"topic": message.topic, "type": type})
@@ -199,7 +199,7 @@ def _add_signal(log: _Log, message: Message, type: str, caught: _Catching) -> No
     caught.signals.append((message.time, message.topic, id))
 
 
-def _add_waiting(log: _Log, message: Message, caught: _Catching) -> None:
+def _add_waiting(log: _Log, message: RecordedMessage, caught: _Catching) -> None:
     """Tokens that are gone have caught what was sent at this instant on their topics; goals are sent and end."""
     data = message.json()
     robot = data["robot"]

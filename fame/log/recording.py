@@ -33,7 +33,7 @@ _OTHER_FORM = (ValueError, LookupError, TypeError, AttributeError, ArithmeticErr
 """Errors raised by content of another form."""
 
 
-class Message(NamedTuple):
+class RecordedMessage(NamedTuple):
     """A message of a recording: ns, topic, content (JSON or CDR); of a ROS 2 message the node that published it."""
 
     time: int
@@ -47,7 +47,7 @@ class Message(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class RecordedTopic:
     """A topic of a recording: name of its schema, encoding of its messages, and how many there are."""
 
     name: str
@@ -78,7 +78,7 @@ class Recording(Closing):
 
     metadata: Mapping[str, str]
     attachments: Mapping[str, bytes]
-    topics: Mapping[str, Topic]
+    topics: Mapping[str, RecordedTopic]
     robots: Sequence[str]
     start: int
     end: int
@@ -106,7 +106,7 @@ class Recording(Closing):
         self.metadata, self.attachments = index.metadata, index.attachments
         self._check_format()
         self.topics = {
-            channel.topic: Topic(
+            channel.topic: RecordedTopic(
                 channel.topic,
                 index.schemas[channel.schema_id].name if channel.schema_id else "",
                 channel.message_encoding,
@@ -125,7 +125,7 @@ class Recording(Closing):
         self.robots = sorted(last.robots)
 
     def _keep_chunks(self) -> None:
-        self._load: Callable[[ChunkPlace], list[Message]] = lru_cache(_KEPT_CHUNKS)(self._read_chunk)
+        self._load: Callable[[ChunkPlace], list[RecordedMessage]] = lru_cache(_KEPT_CHUNKS)(self._read_chunk)
 
     def reopen(self) -> Recording:
         """The same recording for another thread, without reading its index again. To be closed as well.
@@ -192,7 +192,7 @@ class Recording(Closing):
 
     def messages(
         self, topics: Collection[str] | None = None, start: int | None = None, end: int | None = None
-    ) -> Iterator[Message]:
+    ) -> Iterator[RecordedMessage]:
         """Messages in the order of time, from `start` to `end` (ns, both inclusive). `topics`: all by default."""
         first, last = self.start if start is None else start, self.end if end is None else end
         wanted = None if topics is None else frozenset(topics)
@@ -207,7 +207,7 @@ class Recording(Closing):
                 if wanted is None or message.topic in wanted:
                     yield message
 
-    def decode(self, message: Message) -> dict[str, Any]:
+    def decode(self, message: RecordedMessage) -> dict[str, Any]:
         """The content of a message as plain data. Raises MessageError if it does not fit the type of its topic."""
         topic = self.topics[message.topic]
         if topic.encoding == "json":
@@ -259,10 +259,10 @@ class Recording(Closing):
             with self._as_written():
                 yield from ((message.time, *each) for each in list(scene_values(message.json())))
 
-    def last(self, topic: str, time: int) -> Message | None:
+    def last(self, topic: str, time: int) -> RecordedMessage | None:
         """The last message of a topic until `time` (ns)."""
         numbers = {number for number, channel in self._channels.items() if channel.topic == topic}
-        best: Message | None = None
+        best: RecordedMessage | None = None
         chunks = [chunk for chunk in self._chunks if chunk.start <= time and chunk.channels & numbers]
         for chunk in sorted(chunks, key=attrgetter("end"), reverse=True):
             if best is not None and chunk.end < best.time:
@@ -290,7 +290,7 @@ class Recording(Closing):
         if group:
             yield group
 
-    def _read_chunk(self, chunk: ChunkPlace) -> list[Message]:
+    def _read_chunk(self, chunk: ChunkPlace) -> list[RecordedMessage]:
         """The messages of a chunk, by time."""
         ends = {number: (one.topic, one.metadata.get("node", "")) for number, one in self._channels.items()}
         found = []
@@ -298,7 +298,7 @@ class Recording(Closing):
             if channel not in ends:
                 raise ConfigError(f"is damaged: a message of the unknown channel {channel}", file=self.file)
             topic, node = ends[channel]
-            found.append(Message(time, topic, data, node))
+            found.append(RecordedMessage(time, topic, data, node))
         found.sort(key=attrgetter("time"))
         return found
 
@@ -307,7 +307,7 @@ class Recording(Closing):
         self._stream.close()
 
 
-def _events(message: Message) -> list[Event]:
+def _events(message: RecordedMessage) -> list[Event]:
     """The events of a message. Raises what data of another form raise."""
     data, found = message.json(), []
     for group in data["events"]:

@@ -16,7 +16,7 @@ from fame.log.live_team import DELAY, STRING, LiveTeam, now_since
 from fame.log.recorder import LogTopics
 from fame.log.recording import ModelRun
 from fame.log.recording_file import Sink
-from fame.middleware.interface import ENGINE, LATCHED, MAX_MESSAGE_SIZE, Message, Middleware, QoS, TopicInfo
+from fame.middleware.interface import ENGINE, LATCHED, MAX_MESSAGE_SIZE, AnyMessage, Middleware, QoS, TopicInfo
 from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE, nanoseconds
 from fame.text import read_json
 
@@ -135,10 +135,10 @@ class TeamRecorder(Closing):
 
     # ---- messages ----------------------------------------------------------------------------------------------------
 
-    def _on_clock(self, message: Message) -> None:
+    def _on_clock(self, message: AnyMessage) -> None:
         self._clock = nanoseconds(message.clock)
 
-    def _on_scene(self, topic: str, message: Message) -> None:
+    def _on_scene(self, topic: str, message: AnyMessage) -> None:
         with suppress(ValueError, TypeError, KeyError, IndexError):  # from a stranger
             scene = read_json(message.data, MAX_MESSAGE_SIZE)
             stamp = scene["entities"][0]["timestamp"]
@@ -169,12 +169,12 @@ class TeamRecorder(Closing):
             return engines > 0 or first in self.team.robots
         return engines > 0 and not (first in self.team.robots and strangers)
 
-    def _on_message(self, info: TopicInfo, message: Message) -> None:
+    def _on_message(self, info: TopicInfo, message: AnyMessage) -> None:
         if self.team.epoch is None and self._clock is None:
             return  # the time is not known yet
         self.team.enter(self.now, lambda due: self._write(info, due, message))
 
-    def _write(self, info: TopicInfo, time: int, message: Message) -> None:
+    def _write(self, info: TopicInfo, time: int, message: AnyMessage) -> None:
         file, channel = self._begin(), self._topics[info.name]
         if channel is None:
             node = info.publishers[0] if len(set(info.publishers)) == 1 else ""

@@ -13,22 +13,22 @@ from uuid import uuid4
 
 from fame.errors import MessageError
 from fame.middleware import messages
-from fame.middleware.interface import LATCHED, Client, DeferredResponse, Message, Node, QoS, resolve
+from fame.middleware.interface import LATCHED, AnyMessage, Client, DeferredResponse, Node, QoS, resolve
 
-Outcome = Literal["succeeded", "canceled", "aborted", "rejected"]
-End = Outcome | Literal["unknown", "gone"]
+GoalOutcome = Literal["succeeded", "canceled", "aborted", "rejected"]
+GoalEnd = GoalOutcome | Literal["unknown", "gone"]
 """How following a goal ends: its outcome; its server does not know it; or its server has left, or another has come, and
 the goal may still run (`ActionClient.attach` finds out)."""
-OnEnd = Callable[[End, Message], object]
+OnEnd = Callable[[GoalEnd, AnyMessage], object]
 
 CANCEL = "action_msgs/srv/CancelGoal"
 FEEDBACK = QoS(depth=10)
 STATUS = "action_msgs/msg/GoalStatusArray"
-OUTCOMES: dict[int, Outcome] = {4: "succeeded", 5: "canceled", 6: "aborted"}
+OUTCOMES: dict[int, GoalOutcome] = {4: "succeeded", 5: "canceled", 6: "aborted"}
 """The status of a goal that has ended (action_msgs/msg/GoalStatus)."""
 UNKNOWN = 0
 """The status of a goal that the server does not know."""
-_STATUSES: dict[Outcome, int] = {outcome: status for status, outcome in OUTCOMES.items()}
+_STATUSES: dict[GoalOutcome, int] = {outcome: status for status, outcome in OUTCOMES.items()}
 _EXECUTING = 2
 _UNKNOWN_GOAL = 2
 """The return code of action_msgs/srv/CancelGoal for goals that do not exist."""
@@ -70,7 +70,7 @@ class ActionClient:
         self,
         goal: Any,
         on_end: OnEnd,
-        feedback: Callable[[Message], object] = lambda message: None,
+        feedback: Callable[[AnyMessage], object] = lambda message: None,
         *,
         id: bytes | None = None,
     ) -> Goal:
@@ -86,7 +86,7 @@ class ActionClient:
         self.goals[sent.id] = sent
         return sent
 
-    def attach(self, id: bytes, on_end: OnEnd, feedback: Callable[[Message], object]) -> Goal:
+    def attach(self, id: bytes, on_end: OnEnd, feedback: Callable[[AnyMessage], object]) -> Goal:
         """Follow a goal that was sent before, perhaps by a process that has ended. Callbacks as of `send`.
 
         Raises MessageError if no node offers the action.
@@ -102,7 +102,7 @@ class ActionClient:
         for end in (self._send_goal, self.get_result, self.cancel_goal, self._feedback):
             end.close()
 
-    def _on_feedback(self, message: Message) -> None:
+    def _on_feedback(self, message: AnyMessage) -> None:
         goal = self.goals.get(bytes(message.goal_id.uuid))
         if goal is not None:
             goal.feedback(message.feedback)
@@ -111,14 +111,14 @@ class ActionClient:
 class Goal:
     """A goal that was sent."""
 
-    feedback: Callable[[Message], object]
+    feedback: Callable[[AnyMessage], object]
     id: bytes
 
     def __init__(
         self,
         client: ActionClient,
         on_end: OnEnd,
-        feedback: Callable[[Message], object],
+        feedback: Callable[[AnyMessage], object],
         id: bytes | None = None,
         *,
         accepted: bool = False,
@@ -138,7 +138,7 @@ class Goal:
             if self._accepted:
                 self._request_cancel()
 
-    def on_accepted(self, response: Message) -> None:
+    def on_accepted(self, response: AnyMessage) -> None:
         """The server has accepted or rejected the goal."""
         if not response.accepted:
             self._end("rejected", None)
@@ -160,7 +160,7 @@ class Goal:
         if self._client.goals.get(self.id) is self and self._client.available:
             self.request_result()
 
-    def on_result(self, response: Message) -> None:
+    def on_result(self, response: AnyMessage) -> None:
         """The goal has ended, or is unknown."""
         if response.status == UNKNOWN:
             if self._client.goals.get(self.id) is self:
@@ -177,7 +177,7 @@ class Goal:
             self._accepted = True
             self._on_end("gone", None)
 
-    def _end(self, outcome: End, result: Message) -> None:
+    def _end(self, outcome: GoalEnd, result: AnyMessage) -> None:
         if self._client.goals.get(self.id) is self:
             del self._client.goals[self.id]
             self._on_end(outcome, result)
@@ -203,7 +203,7 @@ class ActionServer:
         type: str,
         on_goal: Callable[[ServerGoal], object],
         on_cancel: Callable[[ServerGoal], object],
-        accept: Callable[[Message], bool] = lambda goal: True,
+        accept: Callable[[AnyMessage], bool] = lambda goal: True,
     ) -> None:
         self.name, self.type = resolve(name, node.namespace), messages.action(type)
         self._on_goal, self._on_cancel, self._accept = on_goal, on_cancel, accept
@@ -228,7 +228,7 @@ class ActionServer:
         fields = {"goal_id": {"uuid": goal.id}, "feedback": feedback}
         self._feedback.publish(messages.create(f"{self.type}_FeedbackMessage", fields))
 
-    def end(self, goal: ServerGoal, outcome: Outcome, result: Mapping[str, Any]) -> None:
+    def end(self, goal: ServerGoal, outcome: GoalOutcome, result: Mapping[str, Any]) -> None:
         """End a goal with its result. Does nothing if it has ended already."""
         if self.goals.pop(goal.id, None) is None:
             return
@@ -237,7 +237,7 @@ class ActionServer:
         while len(self._results) > _KEPT + len(self.goals):
             del self._results[next(iter(self._results))]
 
-    def _send_goal(self, request: Message) -> Mapping[str, Any]:
+    def _send_goal(self, request: AnyMessage) -> Mapping[str, Any]:
         id = bytes(request.goal_id.uuid)
         if id in self._results or not self._accept(request.goal):
             return {"accepted": False}
@@ -247,11 +247,11 @@ class ActionServer:
         self._on_goal(goal)
         return {"accepted": True}
 
-    def _get_result(self, request: Message) -> DeferredResponse | Mapping[str, Any]:
+    def _get_result(self, request: AnyMessage) -> DeferredResponse | Mapping[str, Any]:
         id = bytes(request.goal_id.uuid)
         return self._results.get(id, {"status": UNKNOWN})
 
-    def _cancel_goal(self, request: Message) -> Mapping[str, Any]:
+    def _cancel_goal(self, request: AnyMessage) -> Mapping[str, Any]:
         id = bytes(request.goal_info.goal_id.uuid)
         wanted = [goal for goal in self.goals.values() if goal.id == id or not any(id)]
         for goal in wanted:
@@ -272,15 +272,15 @@ class ServerGoal:
     """A goal that a server has accepted; `message` is of type ``pkg/action/Name_Goal``."""
 
     id: bytes
-    message: Message
+    message: AnyMessage
 
-    def __init__(self, server: ActionServer, id: bytes, message: Message) -> None:
+    def __init__(self, server: ActionServer, id: bytes, message: AnyMessage) -> None:
         self.id, self.message, self._server = id, message, server
 
     def feedback(self, fields: Mapping[str, Any]) -> None:
         """Send feedback to the client."""
         self._server.publish_feedback(self, fields)
 
-    def end(self, outcome: Outcome, result: Mapping[str, Any]) -> None:
+    def end(self, outcome: GoalOutcome, result: Mapping[str, Any]) -> None:
         """End the goal with its result. Does nothing if it has ended already."""
         self._server.end(self, outcome, result)

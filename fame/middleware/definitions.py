@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from fame.errors import MessageError
 
-Shape = Literal["single", "array", "sequence"]
+FieldShape = Literal["single", "array", "sequence"]
 EMPTY_FIELD = "structure_needs_at_least_one_member"
 """The one field that ROS gives an empty message. It is on the wire, and nowhere else."""
 
@@ -31,7 +31,7 @@ class Field:
     name: str
     attribute: str
     base: str
-    shape: Shape
+    shape: FieldShape
     size: int = 0
     bound: int = 0
 
@@ -132,7 +132,7 @@ def _field(name: str, description: Any) -> Field:
     if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
         (_, content), size = content
     base, bound = (content, 0) if isinstance(content, str) else content
-    shapes: dict[Any, Shape] = {Nodetype.ARRAY: "array", Nodetype.SEQUENCE: "sequence"}
+    shapes: dict[Any, FieldShape] = {Nodetype.ARRAY: "array", Nodetype.SEQUENCE: "sequence"}
     attribute = f"{name}_" if keyword.iskeyword(name) else name
     return Field(name, attribute, "uint8" if base == "char" else base, shapes.get(kind, "single"), size, bound)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
-Message = Any
+AnyMessage = Any
 """An object with one attribute per field: a dataclass made by `fame.middleware.messages`."""
 
 
@@ -63,7 +63,7 @@ class Publisher(Protocol):
     topic: str
     type: str
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: AnyMessage) -> None:
         """Send it to all subscriptions but those of the same node. The message must not be changed afterwards.
 
         Raises MessageError if it is not a message of the topic's type, and if the publisher is closed.
@@ -122,7 +122,9 @@ class PendingRequests:
     """For backends: the requests of a client that wait for a response, each with the servers that were there then."""
 
     def __init__(self) -> None:
-        self._waiting: dict[Hashable, tuple[Callable[[Message], object], OnLost | None, bool, frozenset[Hashable]]] = {}
+        self._waiting: dict[
+            Hashable, tuple[Callable[[AnyMessage], object], _OnLost | None, bool, frozenset[Hashable]]
+        ] = {}
 
     def __len__(self) -> int:
         return len(self._waiting)
@@ -131,14 +133,14 @@ class PendingRequests:
         self,
         key: Hashable,
         servers: Iterable[Hashable],
-        callback: Callable[[Message], object],
-        lost: OnLost | None,
+        callback: Callable[[AnyMessage], object],
+        lost: _OnLost | None,
         or_new: bool,
     ) -> None:
         """Note a request, as of `Client.call`."""
         self._waiting[key] = callback, lost, or_new, frozenset(servers)
 
-    def respond(self, key: Hashable, response: Message) -> None:
+    def respond(self, key: Hashable, response: AnyMessage) -> None:
         """Pass on a response, unless its request was dropped."""
         if key in self._waiting:
             self._waiting.pop(key)[0](response)
@@ -168,7 +170,7 @@ class PendingRequests:
         self._waiting.clear()
 
 
-OnLost = Callable[[], object]
+_OnLost = Callable[[], object]
 
 
 class Service(Protocol):
@@ -197,7 +199,7 @@ class Client(Protocol):
     def call(
         self,
         request: Any,
-        callback: Callable[[Message], object],
+        callback: Callable[[AnyMessage], object],
         lost: Callable[[], object] | None = None,
         *,
         or_new: bool = False,
@@ -228,11 +230,11 @@ class Node(Protocol):
         """Raises MessageError if the type is unknown or the topic is in use with another one."""
 
     def subscription(
-        self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS = SIGNAL
+        self, topic: str, type: str, callback: Callable[[AnyMessage], object], qos: QoS = SIGNAL
     ) -> Subscription:
         """Call `callback` with every message. Errors as `publisher`."""
 
-    def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> Service:
+    def service(self, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> Service:
         """Offer a service. `handler` returns the response (a message, a mapping, None for a message of defaults), or a
         `DeferredResponse`.
 

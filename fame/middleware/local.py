@@ -38,8 +38,8 @@ from fame.middleware.insistent import InsistentRequests
 from fame.middleware.interface import (
     MAX_MESSAGE_SIZE,
     SIGNAL,
+    AnyMessage,
     EndpointWarning,
-    Message,
     PendingRequests,
     QoS,
     TopicInfo,
@@ -70,10 +70,10 @@ class LocalMiddleware:
         self.scheduler, self.network = scheduler, network
         self.warnings: list[EndpointWarning] = []
         self.nodes: list[LocalNode] = []
-        self.topics: dict[str, Topic] = {}
+        self.topics: dict[str, LocalTopic] = {}
         self.known_graph: list[TopicInfo] | None = None  # until an endpoint is made or closed
         self.services: dict[str, LocalService] = {}
-        self.taps: list[Callable[[LocalPublisher], Callable[[Message], object] | None]] = []
+        self.taps: list[Callable[[LocalPublisher], Callable[[AnyMessage], object] | None]] = []
         self._on_warning = on_warning
 
     def node(self, name: str, namespace: str = "", part: str = "") -> LocalNode:
@@ -101,19 +101,19 @@ class LocalMiddleware:
         for node in list(self.nodes):
             node.close()
 
-    def topic(self, name: str, type: str) -> Topic:
+    def topic(self, name: str, type: str) -> LocalTopic:
         """The topic of that full name. Raises MessageError if the type is unknown or not that of the topic."""
         type = messages.message_type(type).__msgtype__
         topic = self.topics.get(name)
         if topic is None:
             check_name(name)
-            topic = self.topics[name] = Topic(name, type)
+            topic = self.topics[name] = LocalTopic(name, type)
         if topic.type != type:
             info = topic.info()
             raise type_conflict(name, topic.type, (*info.publishers, *info.subscribers), type)
         return topic
 
-    def tap(self, tap: Callable[[LocalPublisher], Callable[[Message], object] | None]) -> None:
+    def tap(self, tap: Callable[[LocalPublisher], Callable[[AnyMessage], object] | None]) -> None:
         """Observe topics without an endpoint: the function that `tap` returns for a publisher gets its messages.
 
         `tap` is called with every publisher that exists or is made later.
@@ -139,7 +139,7 @@ class LocalMiddleware:
 
 
 @dataclass(slots=True)
-class Topic:
+class LocalTopic:
     """A topic and its endpoints, in the order in which they were made."""
 
     name: str
@@ -179,7 +179,7 @@ class LocalNode:
         return publisher
 
     def subscription(
-        self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS = SIGNAL
+        self, topic: str, type: str, callback: Callable[[AnyMessage], object], qos: QoS = SIGNAL
     ) -> LocalSubscription:
         shared = self.middleware.topic(resolve(topic, self.namespace), type)
         subscription = LocalSubscription(self, shared, callback, qos)
@@ -191,7 +191,7 @@ class LocalNode:
         self.endpoints.append(subscription)
         return subscription
 
-    def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> LocalService:
+    def service(self, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> LocalService:
         service = LocalService(self, resolve(name, self.namespace), type, handler)
         self.endpoints.append(service)
         return service
@@ -208,7 +208,7 @@ class LocalNode:
         if self in self.middleware.nodes:
             self.middleware.nodes.remove(self)
 
-    def remove(self, end: LocalPublisher | LocalSubscription, topic: Topic) -> None:
+    def remove(self, end: LocalPublisher | LocalSubscription, topic: LocalTopic) -> None:
         """Remove a closed endpoint. A topic without endpoints is removed, and with it its type."""
         self.endpoints.remove(end)
         self.middleware.known_graph = None
@@ -236,16 +236,16 @@ class LocalPublisher:
     topic: str
     type: str
 
-    def __init__(self, node: LocalNode, shared: Topic, qos: QoS) -> None:
+    def __init__(self, node: LocalNode, shared: LocalTopic, qos: QoS) -> None:
         self.node, self.topic, self.type, self.qos = node, shared.name, shared.type, qos
         self.matched: list[LocalSubscription | NetworkedSubscription | _Tap] = []
         self._shared = shared
-        self._class: type[Message] | None = messages.message_type(shared.type)
-        self._kept: deque[tuple[int, Message]] | None = None
+        self._class: type[AnyMessage] | None = messages.message_type(shared.type)
+        self._kept: deque[tuple[int, AnyMessage]] | None = None
         if qos.durability == "transient_local":
             self._kept = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: AnyMessage) -> None:
         """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""
         if message.__class__ is not self._class:
             raise publish_error(self.topic, self.type, message, closed=self._class is None)
@@ -257,7 +257,7 @@ class LocalPublisher:
     def subscriber_count(self) -> int:
         return sum(not isinstance(end, _Tap) for end in self.matched)
 
-    def add_tap(self, tap: Callable[[LocalPublisher], Callable[[Message], object] | None]) -> None:
+    def add_tap(self, tap: Callable[[LocalPublisher], Callable[[AnyMessage], object] | None]) -> None:
         """Pass every message from now on, at once, to the function that `tap` returns, if any."""
         on_message = tap(self)
         if on_message is not None:
@@ -282,7 +282,7 @@ class LocalPublisher:
 class _Tap:
     """An observer of a publisher: receives messages as they are published."""
 
-    enqueue: Callable[[Message], object]
+    enqueue: Callable[[AnyMessage], object]
 
 
 def _behind(end: object, subscription: LocalSubscription) -> object:
@@ -299,14 +299,14 @@ class LocalSubscription:
     type: str
     lost: int
 
-    def __init__(self, node: LocalNode, shared: Topic, callback: Callable[[Message], object], qos: QoS) -> None:
+    def __init__(self, node: LocalNode, shared: LocalTopic, callback: Callable[[AnyMessage], object], qos: QoS) -> None:
         self.node, self.topic, self.type, self.qos = node, shared.name, shared.type, qos
         self._shared, self._callback = shared, callback
         self.max_size: int = MAX_MESSAGE_SIZE
         self.on_dropped: Callable[[EndpointWarning], object] = (
             node.middleware.warn
         )  # never: nothing is written and read here
-        self._queue: deque[Message] = deque()
+        self._queue: deque[AnyMessage] = deque()
         self._depth = -1 if qos.history == "keep_all" else qos.depth
         self.lost = 0  # messages, since it was made
         self._pushed_out = 0  # entries of the scheduler, always the next ones, whose message was pushed out
@@ -314,7 +314,7 @@ class LocalSubscription:
         self._soon = node.middleware.scheduler.soon
         self._deliver = self._deliver_next  # bound once
 
-    def enqueue(self, message: Message) -> None:
+    def enqueue(self, message: AnyMessage) -> None:
         """Queue a message, with an entry of the scheduler that delivers it."""
         queue = self._queue
         if len(queue) == self._depth:
@@ -353,7 +353,7 @@ class LocalService:
     request_type: str
     response_type: str
 
-    def __init__(self, node: LocalNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+    def __init__(self, node: LocalNode, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> None:
         self.node, self.name, self.type, self._handler = node, name, type, handler
         self.request_type, self.response_type = messages.service(type)
         offered = node.middleware.services.setdefault(name, self)
@@ -361,7 +361,7 @@ class LocalService:
             raise service_conflict(name, offered.node.full_name, type)
         node.middleware.on_servers_changed(name)
 
-    def handle(self, request: Message, send: Callable[[Message], object]) -> None:
+    def handle(self, request: AnyMessage, send: Callable[[AnyMessage], object]) -> None:
         """Call the handler; `send` gets the response. Raises MessageError if it does not fit the type."""
         response_type = self.response_type
         deliver_response(self._handler(request), lambda response: send(messages.create(response_type, response)))
@@ -409,7 +409,7 @@ class LocalClient:
     def call(
         self,
         request: Any,
-        callback: Callable[[Message], object],
+        callback: Callable[[AnyMessage], object],
         lost: Callable[[], object] | None = None,
         *,
         or_new: bool = False,
@@ -453,7 +453,7 @@ class LocalClient:
         if self in self.node.endpoints:
             self.node.endpoints.remove(self)
 
-    def _send(self, service: LocalService, request: Message, key: int) -> None:
+    def _send(self, service: LocalService, request: AnyMessage, key: int) -> None:
         if self.node.middleware.services.get(self.name) is service:
             respond = partial(self.pending.respond, key)
             service.handle(request, lambda response: self._way(service.node, self.node, partial(respond, response)))

@@ -20,7 +20,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 from fame.clock import SECOND, Kind, Scheduler
-from fame.middleware.interface import Message, QoS
+from fame.middleware.interface import AnyMessage, QoS
 
 if TYPE_CHECKING:
     from fame.middleware.local import LocalPublisher, LocalSubscription
@@ -210,11 +210,11 @@ class NetworkedSubscription:
     def __init__(self, subscription: LocalSubscription, channel: Channel) -> None:
         self.subscription, self._channel = subscription, channel
 
-    def enqueue(self, message: Message) -> None:
+    def enqueue(self, message: AnyMessage) -> None:
         """Send a message to it."""
         self._channel.send(partial(self._deliver, message))
 
-    def _deliver(self, message: Message) -> None:
+    def _deliver(self, message: AnyMessage) -> None:
         if self.subscription.is_open:
             self.subscription.enqueue(message)
 

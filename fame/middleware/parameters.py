@@ -14,7 +14,7 @@ from fame.errors import ConfigError, MessageError
 from fame.middleware import messages
 from fame.middleware.interface import Node
 
-Type = Literal["bool", "int", "float", "str", "file", "floats", "strs"]
+ParameterType = Literal["bool", "int", "float", "str", "file", "floats", "strs"]
 
 FIELDS = {
     "bool": (1, "bool_value"),
@@ -52,7 +52,7 @@ class NodeParameter:
     more    further fields of its rcl_interfaces/msg/ParameterDescriptor
     """
 
-    type: Type
+    type: ParameterType
     get: Callable[[], Any]
     set: Callable[[Any], object] | None = None
     description: str = ""

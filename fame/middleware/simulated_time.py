@@ -17,7 +17,7 @@ from functools import partial
 
 from fame.clock import SECOND, Action, Entry, Kind, Scheduler
 from fame.middleware import messages
-from fame.middleware.interface import EndpointWarning, Message, Node, QoS
+from fame.middleware.interface import AnyMessage, EndpointWarning, Node, QoS
 from fame.middleware.wire_base import WireMiddleware, WireNode
 
 CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
@@ -122,7 +122,7 @@ class ClockFollower(Scheduler):
         done = node.publisher(STEP_DONE, STEP_DONE_TYPE)
         last, begun = -1, False
 
-        def step(message: Message) -> None:
+        def step(message: AnyMessage) -> None:
             nonlocal last, begun
             time = nanoseconds(message.clock)
             if last < 0:
@@ -162,12 +162,12 @@ class ClockFollower(Scheduler):
             self.on_jump(EndpointWarning("", text, "clock"))
 
 
-def nanoseconds(time: Message) -> int:
+def nanoseconds(time: AnyMessage) -> int:
     """The nanoseconds of a builtin_interfaces/msg/Time."""
     return int(time.sec) * SECOND + int(time.nanosec)
 
 
-def clock_message(time: int) -> Message:
+def clock_message(time: int) -> AnyMessage:
     """The message of the clock at `time` (ns)."""
     second, nanosecond = divmod(time, SECOND)
     return messages.create(CLOCK_TYPE, {"clock": {"sec": second, "nanosec": nanosecond}})

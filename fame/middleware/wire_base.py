@@ -8,7 +8,7 @@ Parts. An engine appears as one node, with one set of parameter services, though
 clock open and close their endpoints independently. So nodes of one process with the same name and a `part` are
 announced as one node. Nodes without a part are separate, also those of the same name.
 
-Threads: `Warnings` may be called from any thread. All else happens in the thread of the scheduler.
+Threads: `WarningsOnce` may be called from any thread. All else happens in the thread of the scheduler.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Any, ClassVar, NamedTuple
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, MessageError
 from fame.middleware.errors import check_name
-from fame.middleware.interface import SIGNAL, EndpointWarning, Message, QoS, TopicInfo, resolve
+from fame.middleware.interface import SIGNAL, AnyMessage, EndpointWarning, QoS, TopicInfo, resolve
 from fame.middleware.parameters import KINDS, NodeParameter, ParameterTable
 from fame.middleware.wire_endpoints import (
     Callback,
@@ -56,7 +56,7 @@ _PARAMETERS = "parameters"
 """The part of a node that offers them."""
 
 
-class Warnings:
+class WarningsOnce:
     """Called with each warning. Keeps it once, and passes it to `on_warning` in the scheduler."""
 
     def __init__(self, scheduler: Scheduler, on_warning: OnWarning | None) -> None:
@@ -87,7 +87,7 @@ class WireMiddleware(ABC):
         self.closed: bool = False
         self.nodes: list[Any] = []
         self.holds: Callable[[WireNode], bool] = lambda node: False
-        self.warn: Warnings = Warnings(scheduler, on_warning)
+        self.warn: WarningsOnce = WarningsOnce(scheduler, on_warning)
         self.warnings: list[EndpointWarning] = self.warn.kept
 
     @abstractmethod
@@ -239,7 +239,7 @@ class WireNode:
             self.subscriptions, self.endpoint_classes.subscription(self, self._full(topic), type, callback, qos)
         )
 
-    def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> Any:
+    def service(self, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> Any:
         return self._add(self.services, self.endpoint_classes.service(self, self._full(name), type, handler))
 
     def client(self, name: str, type: str) -> Any:

@@ -30,8 +30,8 @@ from fame.middleware.errors import (
 from fame.middleware.insistent import InsistentRequests
 from fame.middleware.interface import (
     MAX_MESSAGE_SIZE,
+    AnyMessage,
     EndpointWarning,
-    Message,
     PendingRequests,
     QoS,
     deliver_response,
@@ -41,11 +41,11 @@ from fame.middleware.qos import counts_losses
 if TYPE_CHECKING:
     from fame.middleware.wire_base import WireNode
 
-Callback = Callable[[Message], object]
+Callback = Callable[[AnyMessage], object]
 OnWarning = Callable[[EndpointWarning], object]
 
 
-class Endpoint(ABC):
+class WireEndpoint(ABC):
     """An endpoint of a topic or service."""
 
     def __init__(self, node: WireNode) -> None:
@@ -66,12 +66,12 @@ class Endpoint(ABC):
         """Release the backend's objects for it."""
 
 
-class TopicEndpoint(Endpoint):
+class WireTopicEndpoint(WireEndpoint):
     """An endpoint of a topic. Raises MessageError if this process uses the topic with another type."""
 
     topic: str
     qos: QoS
-    message_class: type[Message]
+    message_class: type[AnyMessage]
 
     def __init__(self, node: WireNode, topic: str, type: str, qos: QoS) -> None:
         super().__init__(node)
@@ -95,11 +95,11 @@ class TopicEndpoint(Endpoint):
         """The number of messages that it has lost, as text; empty if it knows of none."""
 
 
-class WirePublisher(TopicEndpoint):
+class WirePublisher(WireTopicEndpoint):
     """A publisher."""
 
     @abstractmethod
-    def publish(self, message: Message) -> None:
+    def publish(self, message: AnyMessage) -> None:
         """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""
 
     @abstractmethod
@@ -111,14 +111,14 @@ class WirePublisher(TopicEndpoint):
             return ""
         return f"{self.topic}: {self.node.full_name} lost {self.lost} messages: a subscriber does not take them in time"
 
-    def pack(self, message: Message) -> bytes:
+    def pack(self, message: AnyMessage) -> bytes:
         """The message as CDR. Raises MessageError as `publish`."""
         if self.closed or message.__class__ is not self.message_class:
             raise publish_error(self.topic, self.type, message, closed=self.closed)
         return codec.serialize(message)
 
 
-class WireSubscription(TopicEndpoint):
+class WireSubscription(WireTopicEndpoint):
     """A subscription, and the queue of received messages: at most `qos.depth`, as CDR.
 
     The scheduler takes them from the queue, one per entry. There is at most one such entry at a time, so that a
@@ -194,7 +194,7 @@ class WireSubscription(TopicEndpoint):
             self.node.middleware.warn(warning)
 
 
-class ServiceEndpoint(Endpoint):
+class ServiceEndpoint(WireEndpoint):
     """A service or a client. Raises MessageError for an unknown type."""
 
     name: str
@@ -211,13 +211,13 @@ class ServiceEndpoint(Endpoint):
 class WireService(ServiceEndpoint):
     """A service. Raises MessageError if there is a service of that name already."""
 
-    def __init__(self, node: WireNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+    def __init__(self, node: WireNode, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> None:
         super().__init__(node, name, type)
         self._handler = handler
         for _, owner in node.middleware.offers(name):
             raise service_conflict(name, owner, type)
 
-    def handle(self, request: Message, send: Callable[[Message], object]) -> None:
+    def handle(self, request: AnyMessage, send: Callable[[AnyMessage], object]) -> None:
         """Call the handler; `send` gets the response, now or later."""
         response_type = self.response_type
         deliver_response(self._handler(request), lambda response: send(messages.create(response_type, response)))
@@ -247,7 +247,7 @@ class WireClient(ServiceEndpoint):
         """The servers of this name that are there now, each by an identity of its own."""
 
     @abstractmethod
-    def send(self, request: Message) -> Hashable:
+    def send(self, request: AnyMessage) -> Hashable:
         """Send a request. Returns the key of its response in `pending`, which comes in the scheduler."""
 
     def call(

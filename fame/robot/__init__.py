@@ -30,7 +30,7 @@ from fame.imports import attach
 
 if TYPE_CHECKING:
     from fame.robot.events import Event as Event
-    from fame.robot.mission import Mission as Mission, Service as Service, make_mission as make_mission
+    from fame.robot.mission import Mission as Mission, ServiceFunction as ServiceFunction, make_mission as make_mission
     from fame.robot.node import PendingStarts as PendingStarts, RobotNode as RobotNode
     from fame.robot.waiting_tokens import WaitingToken as WaitingToken
 else:
@@ -38,7 +38,7 @@ else:
         __name__,
         {
             "events": ["Event"],
-            "mission": ["Mission", "Service", "make_mission"],
+            "mission": ["Mission", "ServiceFunction", "make_mission"],
             "node": ["PendingStarts", "RobotNode"],
             "waiting_tokens": ["WaitingToken"],
         },

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fame.robot.events import Event
     from fame.robot.node import RobotNode
 
-Put = Callable[[int, str, Mapping[str, Any]], object]
+PutChange = Callable[[int, str, Mapping[str, Any]], object]
 """Takes a time (ns), the topic of a channel, and the content of a message."""
 
 _MANY = 1000
@@ -39,7 +39,7 @@ class ChangeTracker:
 
     active: bool = True
 
-    def __init__(self, node: RobotNode, put: Put) -> None:
+    def __init__(self, node: RobotNode, put: PutChange) -> None:
         self.robot: str = node.name
         self._node, self._waiting, self._put = node, node.waiting, put
         self._groups: list[tuple[int, int, Sequence[Mark]]] = []  # instance, scope, what happened there

@@ -1,7 +1,7 @@
 """Durable execution of one robot: record what its engine does, and go on from there after a crash.
 
-Theory of operation. A stimulus of the engine runs to completion, and then `Recorder.settled` appends one record with
-what it has changed: tokens, variables, timers, counters. Nothing is computed again when the engine is resumed: the
+Theory of operation. A stimulus of the engine runs to completion, and then `DurableRecorder.settled` appends one record
+with what it has changed: tokens, variables, timers, counters. Nothing is computed again when the engine is resumed: the
 state is read, so no script, condition or service that has ended runs twice.
 
 *Effects* are signals, messages, goals and service calls. An effect waits until the record of its stimulus is on the
@@ -28,7 +28,7 @@ from fame.engine.state import Wait
 from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import Publisher
-from fame.robot.journal import Journal, Record
+from fame.robot.journal import Journal, JournalRecord
 from fame.robot.node import RobotNode
 from fame.robot.restoring import epoch_of, go_on, set_timers, tables_of
 from fame.robot.state_tables import StateTables, Tables, instance_data
@@ -63,7 +63,7 @@ def _nothing() -> None:
     """The default context manager around writing a state: does nothing."""
 
 
-class Recorder:
+class DurableRecorder:
     """Records one robot's engine in a journal, and holds its effects until they are on the disk.
 
     on_trouble  called with the reason when the journal cannot be written, and with an empty text when it can again
@@ -149,7 +149,7 @@ class Recorder:
         self._recorded[batch] = _recorded(self._leaving[batch])
         return batch
 
-    def _record(self, *, whole: bool = False) -> Record:
+    def _record(self, *, whole: bool = False) -> JournalRecord:
         """The changes since the last record, or the whole state; empty if nothing has changed."""
         if self._requests:
             self._requests = {wait: made for wait, made in self._requests.items() if wait.alive}

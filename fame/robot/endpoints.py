@@ -23,7 +23,7 @@ from fame.clock import SECOND, Entry, Scheduler
 from fame.engine.host import BpmnError
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages, qos
-from fame.middleware.interface import SIGNAL, Message, Middleware, Node, Publisher, QoS, resolve
+from fame.middleware.interface import SIGNAL, AnyMessage, Middleware, Node, Publisher, QoS, resolve
 from fame.scripting import Inbox, script_topics
 
 _PATIENCE, _POLL = 5 * SECOND, SECOND // 100
@@ -141,7 +141,7 @@ class DirectMessages:
     def __init__(self, node: Node, middleware: Middleware, scheduler: Scheduler, publisher: MakePublisher) -> None:
         self._node, self._middleware, self._scheduler, self._publisher = node, middleware, scheduler, publisher
         self._topics: dict[str, tuple[str, QoS]] = {}
-        self._waiting: deque[tuple[int, Publisher, Message]] = deque()
+        self._waiting: deque[tuple[int, Publisher, AnyMessage]] = deque()
         self._poll: Entry | None = None
 
     def add(self, topic: str, type: str, profile: QoS) -> None:
@@ -158,7 +158,7 @@ class DirectMessages:
         """Send a message to a robot. Raises MessageError, and BpmnError ``unreachable`` if no such robot takes it."""
         self.enter(*self.prepare(topic, value, robot))
 
-    def prepare(self, topic: str, value: Any, robot: Any) -> tuple[Publisher, Message]:
+    def prepare(self, topic: str, value: Any, robot: Any) -> tuple[Publisher, AnyMessage]:
         """The publisher to a robot, and the message. Raises what `send` raises."""
         receivers = self._receivers(topic)
         if robot not in receivers:
@@ -168,7 +168,7 @@ class DirectMessages:
         publisher = self._publisher(direct_topic(topic, robot), type, profile)
         return publisher, messages.create(type, value)
 
-    def enter(self, publisher: Publisher, message: Message) -> None:
+    def enter(self, publisher: Publisher, message: AnyMessage) -> None:
         """Publish a message as soon as its publisher is connected, after those that are already waiting."""
         self._waiting.append((self._scheduler.now + _PATIENCE, publisher, message))
         self._flush()

@@ -31,7 +31,7 @@ from fame.robot.timers import Timers
 from fame.scripting import Inbox, Runner, compile_expression, compile_script, error_line
 
 
-class Recorder(Protocol):
+class Outbox(Protocol):
     """Takes the effects of an engine, and sends them later (`fame.robot.durable`)."""
 
     def signal(self, publisher: Publisher, message: Any) -> None:
@@ -71,7 +71,7 @@ class EngineHost:
         self.elements_done: int = 0  # of instances that have ended
         self._robot, self._mission, self._node, self._options = robot, mission, node, options
         self._middleware, self._scheduler, self._endpoints = middleware, scheduler, endpoints
-        self.recorder: Recorder | None = None
+        self.recorder: Outbox | None = None
         self.on_suspended: Callable[[Engine], object] = lambda engine: None
         self.observer: Observer | None = observer_of(options.observer) if options.observer is not None else None
         self.scripts: Scripts = Scripts(

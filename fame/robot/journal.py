@@ -44,11 +44,11 @@ _LONGEST = 1 << 28
 _NUMBERS = 64
 """The numbers of a line are in its first bytes."""
 
-Record = dict[str, Any]
+JournalRecord = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Contents:
+class SegmentContents:
     """The content of a segment: its header, and where its undamaged records are. They are read when they are needed.
 
     number  how many records there are: the state, and its changes
@@ -58,27 +58,27 @@ class Contents:
     """
 
     path: Path
-    header: Record
+    header: JournalRecord
     number: int
     first: int
     last: int
     end: int
     disk: Disk = SYSTEM
 
-    def records(self) -> Iterator[Record]:
+    def records(self) -> Iterator[JournalRecord]:
         """The state, then its changes, one at a time. Raises ConfigError if the file cannot be read any more."""
         with _opened(self.path, self.disk) as file:
             file.readline(_LONGEST)
             for _ in range(self.number):
                 yield self._next(file)
 
-    def last_record(self) -> Record:
+    def last_record(self) -> JournalRecord:
         """The last record. Raises ConfigError if the file cannot be read any more."""
         with _opened(self.path, self.disk) as file:
             file.seek(self.last)
             return self._next(file)
 
-    def _next(self, file: BinaryIO) -> Record:
+    def _next(self, file: BinaryIO) -> JournalRecord:
         found = _parsed(file.readline(_LONGEST), _seed(str(self.header["journal"])))
         if found is None:
             raise ConfigError("has changed while it was read", file=str(self.path))
@@ -88,7 +88,7 @@ class Contents:
 # ---- reading ---------------------------------------------------------------------------------------------------------
 
 
-def read_segment(path: Path, disk: Disk = SYSTEM) -> Contents:
+def read_segment(path: Path, disk: Disk = SYSTEM) -> SegmentContents:
     """Find the records of a segment up to its torn end, line by line: a segment may be larger than the memory.
 
     Raises ConfigError for one that is damaged, foreign or of another version.
@@ -106,7 +106,7 @@ def _opened(path: Path, disk: Disk) -> Iterator[BinaryIO]:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
 
 
-def _read(path: Path, file: BinaryIO, disk: Disk) -> Contents:
+def _read(path: Path, file: BinaryIO, disk: Disk) -> SegmentContents:
     header, seed = _header(path, file.readline(_LONGEST))
     number, first, last, end = 0, 0, 0, file.tell()
     for line in iter(lambda: file.readline(_LONGEST), b""):
@@ -118,10 +118,10 @@ def _read(path: Path, file: BinaryIO, disk: Disk) -> Contents:
         first = first or end
     if not number:
         raise ConfigError("is damaged: the state at its beginning is missing or wrong", file=str(path))
-    return Contents(path, header, number, first, last, end, disk)
+    return SegmentContents(path, header, number, first, last, end, disk)
 
 
-def _header(path: Path, line: bytes) -> tuple[Record, int]:
+def _header(path: Path, line: bytes) -> tuple[JournalRecord, int]:
     header = _parsed(line, 0)
     if header is None or "journal" not in header:
         raise ConfigError("is not a journal of a FAME engine, or its first line is damaged", file=str(path))
@@ -153,7 +153,7 @@ def _checked(line: bytes, seed: int) -> tuple[int, int] | None:
         return None
 
 
-def _parsed(line: bytes, seed: int) -> Record | None:
+def _parsed(line: bytes, seed: int) -> JournalRecord | None:
     """The content of a line; None for one that is incomplete or wrong."""
     if _checked(line, seed) is None:
         return None
@@ -237,7 +237,7 @@ class StateDirectory:
         found = [item for item in self.files(_PREFIX) if item.name.removeprefix(_PREFIX).isdigit()]
         return sorted(found, key=lambda item: int(item.name.removeprefix(_PREFIX)))
 
-    def read(self) -> Contents | None:
+    def read(self) -> SegmentContents | None:
         """Return the newest segment, or None. Raises ConfigError as `read_segment` does."""
         segments = self.segments()
         return read_segment(segments[-1], self.disk) if segments else None
@@ -298,7 +298,7 @@ class Journal:
         self, directory: StateDirectory, header: Mapping[str, Any], worker: Callable[[], Worker] = Worker
     ) -> None:
         self._directory, self._worker = directory, worker
-        self.header: Record = {**header, "format": FORMAT, "journal": uuid4().hex}
+        self.header: JournalRecord = {**header, "format": FORMAT, "journal": uuid4().hex}
         self._seed = _seed(self.header["journal"])
         self._file: File | None = None
         self._commits: _Commits | None = None
@@ -306,7 +306,9 @@ class Journal:
         self.failed: Callable[[OSError], object] = lambda error: None
 
     @classmethod
-    def resume(cls, directory: StateDirectory, found: Contents, worker: Callable[[], Worker] = Worker) -> Journal:
+    def resume(
+        cls, directory: StateDirectory, found: SegmentContents, worker: Callable[[], Worker] = Worker
+    ) -> Journal:
         """Continue after the undamaged lines of the newest segment. Raises OSError."""
         journal = cls(directory, found.header, worker)
         journal.header = found.header

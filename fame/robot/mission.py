@@ -19,7 +19,7 @@ RETRIES: tuple[Retry, ...] = ("safe", "never", "ask")
 """Policy of a task for a request whose fate is unknown: repeat it, fail with code ``lost``, or wait for a person."""
 MISSED: tuple[Missed, ...] = ("fire", "skip", "fail")
 
-Service = Callable[[dict[str, Any]], Any]
+ServiceFunction = Callable[[dict[str, Any]], Any]
 """The Python function of a service task: takes the variables; gives a result, or a coroutine of awaitable requests."""
 
 
@@ -38,7 +38,7 @@ class Mission:
     process: Process
     library: Library
     types: Mapping[str, TopicUse]
-    services: Mapping[str, Service]
+    services: Mapping[str, ServiceFunction]
 
     def processes(self) -> list[tuple[Definitions, Process]]:
         """The process and all that it calls, directly or not, each with its file."""
@@ -69,7 +69,7 @@ def make_mission(
     *,
     library: Library | None = None,
     shared: Mapping[str, TopicUse] | None = None,
-    services: Mapping[str, Service] | None = None,
+    services: Mapping[str, ServiceFunction] | None = None,
 ) -> Mission:
     """The mission of one process. `shared` are the topics of the whole collaboration.
 

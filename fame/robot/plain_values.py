@@ -39,7 +39,7 @@ SIZE = 4000
 _DEPTH = 8
 _FIRST = 4
 
-Encode = Callable[[Any, int], Any]
+_Encode = Callable[[Any, int], Any]
 """Gives the data of a value; how many levels of lists and mappings it may have."""
 
 
@@ -102,7 +102,7 @@ def _encode(value: Any, depth: int) -> Any:
     return encoder(value, depth)
 
 
-def _encoder(kind: type) -> Encode:
+def _encoder(kind: type) -> _Encode:
     """The function that encodes values of a class."""
     if issubclass(kind, Message):
         return _message
@@ -224,7 +224,7 @@ def _cut(text: str, first: Any = None) -> dict[str, Any]:
     return {"$cut": text} if first is None else {"$cut": text, "first": first}
 
 
-_ENCODERS: dict[type, Encode] = {
+_ENCODERS: dict[type, _Encode] = {
     float: _float,
     str: _text,
     int: _itself,

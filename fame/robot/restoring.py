@@ -13,7 +13,7 @@ from typing import Any
 
 from fame.engine.state import Wait
 from fame.errors import ConfigError, MissionError
-from fame.robot.journal import Contents, write_segment
+from fame.robot.journal import SegmentContents, write_segment
 from fame.robot.node import INCIDENT, RobotNode
 from fame.robot.state_tables import StateTables, Tables, fold, instance_data, instance_of, restore_engine
 from fame.robot.stored_values import Loader
@@ -71,7 +71,7 @@ def go_on(node: RobotNode) -> None:
 # ---- journals --------------------------------------------------------------------------------------------------------
 
 
-def restored(node: RobotNode, contents: Contents) -> Tables:
+def restored(node: RobotNode, contents: SegmentContents) -> Tables:
     """Restore the engine of a robot's node from a journal; nothing moves until `Recorder.go_on`.
 
     Raises ConfigError for the journal of another program or robot.
@@ -93,7 +93,7 @@ def restored(node: RobotNode, contents: Contents) -> Tables:
     return tables
 
 
-def last_time(contents: Contents) -> int:
+def last_time(contents: SegmentContents) -> int:
     """The date of the last record (ns since 1970)."""
     return int(contents.last_record()["time"])
 
@@ -116,7 +116,7 @@ def save(node: RobotNode, path: Path, header: Mapping[str, Any]) -> None:
     write_segment(path, header, {"time": epoch_of(node) + node.scheduler.now, **state})
 
 
-def load(node: RobotNode, contents: Contents) -> None:
+def load(node: RobotNode, contents: SegmentContents) -> None:
     """Restore a loaded robot from a file, and continue it. Raises ConfigError for the state of another program."""
     tables = restored(node, contents)
     set_timers(node, tables)

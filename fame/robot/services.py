@@ -24,7 +24,7 @@ from fame.errors import ConfigError
 from fame.middleware.interface import Middleware
 from fame.scripting.requests import Until
 
-Value = TypeVar("Value", str, float, int)
+_Value = TypeVar("_Value", str, float, int)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ def compile_service(start: StartService, context: ServiceContext) -> Compiled:
     return run
 
 
-def variable(variables: Mapping[str, Any], name: str, default: Value | None = None, *, type: type[Value]) -> Value:
+def variable(variables: Mapping[str, Any], name: str, default: _Value | None = None, *, type: type[_Value]) -> _Value:
     """Give a variable that a service reads, `default` if it is not set.
 
     Raises ConfigError if it is missing or not of this type.

@@ -38,7 +38,7 @@ from fame.robot.stored_values import dump, message_json
 
 Table = dict[str, Any]
 Tables = dict[str, Table]
-Change = dict[str, Any]
+_Change = dict[str, Any]
 
 _KEYED = ("instances", "scopes", "waits", "boxes")
 _MAPPED = ("listeners", "waiting_starts", "gathered", "starts")
@@ -47,7 +47,7 @@ _ABSENT = object()
 _EMPTY: Table = {}
 
 
-def fold(tables: Tables, change: Change) -> Tables:
+def fold(tables: Tables, change: _Change) -> Tables:
     """Apply a change. Returns the same tables."""
     for name, entries in change.get("set", {}).items():
         tables.setdefault(name, {}).update(entries)
@@ -70,7 +70,7 @@ class StateTables:
         self._last: Tables = {}
         self._counts: dict[int, list[int]] = {}
 
-    def changes(self, more: Mapping[str, Table], *, whole: bool = False) -> Change:
+    def changes(self, more: Mapping[str, Table], *, whole: bool = False) -> _Change:
         """The changes since the last call, or the whole state.
 
         `more` are tables of the caller: those that are missing have not changed.
@@ -78,7 +78,7 @@ class StateTables:
         if whole:
             self._last, self._counts = {}, {}
             self._variables.forget()
-        change: Change = {}
+        change: _Change = {}
         if self._engine.instances or self._counts or whole:
             data = self._running(change)
         else:  # as for most of the time: nothing runs, and nothing did
@@ -87,7 +87,7 @@ class StateTables:
         self._note_tables(change, {"engine": data, **more})
         return change
 
-    def _running(self, change: Change) -> Table:
+    def _running(self, change: _Change) -> Table:
         """Note what has changed in instances. Returns what the engine has once."""
         self._variables.begin()
         data = snapshot(self._engine, dump=self._dump, dicts=self._variables)
@@ -101,7 +101,7 @@ class StateTables:
         self._variables.note(change)
         return data
 
-    def _note_tables(self, change: Change, tables: Mapping[str, Table]) -> None:
+    def _note_tables(self, change: _Change, tables: Mapping[str, Table]) -> None:
         """Note how tables differ from the last ones."""
         last = self._last
         for name, table in tables.items():
@@ -115,7 +115,7 @@ class StateTables:
                 _note(change, name, changed, [key for key in old if key not in table])
                 last[name] = dict(table)
 
-    def drop(self, table: str, key: str) -> Change:
+    def drop(self, table: str, key: str) -> _Change:
         """The change that removes an entry."""
         self._last[table].pop(key, None)
         return {"gone": {table: [key]}}
@@ -142,7 +142,7 @@ class StateTables:
         return changed, [f"{key} {slot}" for key, old in known.items() for slot, count in enumerate(old) if count]
 
 
-def _note(change: Change, name: str, changed: Table, gone: list[str]) -> None:
+def _note(change: _Change, name: str, changed: Table, gone: list[str]) -> None:
     if changed:
         change.setdefault("set", {})[name] = changed
     if gone:
@@ -184,7 +184,7 @@ class _VariableTable:
         """Do nothing: see `note`."""
         return []
 
-    def note(self, change: Change) -> None:
+    def note(self, change: _Change) -> None:
         """Add what has changed since the last snapshot."""
         values: Table = {}
         gone: list[str] = []

@@ -11,7 +11,7 @@ from typing import Any
 from fame.engine import restore, snapshot
 from fame.engine.data import Variables
 from fame.engine.encoding import Convert, Data, encode
-from fame.engine.migration import Plan, Token, arm_new, gone, migrate, preview
+from fame.engine.migration import MigratedToken, MigrationPlan, arm_new, gone, migrate, preview
 from fame.errors import MissionError
 from fame.robot.node import RobotNode
 from fame.robot.restoring import epoch_of, go_on, set_timers, tables_of
@@ -63,12 +63,12 @@ class _AllVariables:
         ]
 
 
-def gone_elements(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:
+def gone_elements(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[MigratedToken]:
     """Elements of the old process at which a token could wait, and that have no counterpart in the new one."""
     return gone(old.engine.program, new.engine.program, plan)
 
 
-def what_becomes(new: RobotNode, old: RobotNode, plan: Plan) -> tuple[list[Token], Data | None]:
+def what_becomes(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> tuple[list[MigratedToken], Data | None]:
     """The fate of each token of the old process, and the resulting state in the new one.
 
     The state is a snapshot as JSON (`fame.engine.snapshot`) in which long values and those of other kinds are
@@ -101,7 +101,7 @@ def _short(value: Any) -> Any:
     return value if len(text) <= _LONG and not is_deep(text, _DEEP) else {"$object": None}
 
 
-def take_over(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:
+def take_over(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[MigratedToken]:
     """Give a loaded process the state of the old one, which is held. Nothing moves until `go_on_after`.
 
     Raises MissionError if a token cannot go over; then nothing has changed.

@@ -25,7 +25,7 @@ from fame.scenario.variation import FAULTS, Variation, points
 from fame.text import suggestion
 
 ROWS, ABOUT = "runs.jsonl", "campaign.json"
-Row = dict[str, Any]
+_Row = dict[str, Any]
 _ATTEMPTS = 3
 """Number of attempts of a run whose process dies."""
 _BATCH = 8
@@ -62,7 +62,7 @@ class Job:
         return shlex.join(words)
 
 
-def run_job(job: Job) -> Row:
+def run_job(job: Job) -> _Row:
     """Execute a run and return its row. An impossible world is a status, not an error."""
     from fame.middleware.messages import register_files
     from fame.scenario.run import Run
@@ -70,7 +70,7 @@ def run_job(job: Job) -> Row:
 
     for folder in job.types:
         register_files(folder)
-    row: Row = {"run": job.number, "seed": job.seed, "command": job.command(), "changes": dict(job.changes)}
+    row: _Row = {"run": job.number, "seed": job.seed, "command": job.command(), "changes": dict(job.changes)}
     try:
         changes = {path: value for path, value in job.changes.items() if path != FAULTS}
         scenario = Scenario.load(
@@ -244,7 +244,7 @@ class Campaign:
         if name is not None and name not in known:
             raise ConfigError(f"unknown property {name!r}; {suggestion(name, known)}", file=self.scenario)
 
-    def rows(self, done: Sequence[int] = ()) -> Iterator[Row]:
+    def rows(self, done: Sequence[int] = ()) -> Iterator[_Row]:
         """Execute the remaining runs, and yield their rows as they end."""
         pending = [job for job in self.jobs() if job.number not in done]
         if self.backend == "loky":
@@ -263,7 +263,7 @@ def _varied_variables(paths: Iterable[str]) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _local(pending: Sequence[Job], workers: int) -> Iterator[Row]:
+def _local(pending: Sequence[Job], workers: int) -> Iterator[_Row]:
     """Runs in processes of this machine. A process that dies takes its runs with it: they are tried again."""
     require("joblib")
     from joblib import Parallel, cpu_count, delayed
@@ -291,7 +291,7 @@ def _local(pending: Sequence[Job], workers: int) -> Iterator[Row]:
                         yield _died(job)
 
 
-def _on_cluster(pending: Sequence[Job], backend: str, address: str) -> Iterator[Row]:
+def _on_cluster(pending: Sequence[Job], backend: str, address: str) -> Iterator[_Row]:
     """Runs on a cluster by a backend of joblib. Its scheduler tries runs again whose worker dies."""
     require("joblib")
     from joblib import Parallel, delayed, parallel_config
@@ -315,7 +315,7 @@ def _on_cluster(pending: Sequence[Job], backend: str, address: str) -> Iterator[
             yield from Parallel()(delayed(run_job)(job) for job in pending[start : start + 32 * _BATCH])
 
 
-def _died(job: Job) -> Row:
+def _died(job: Job) -> _Row:
     return {
         "run": job.number,
         "seed": job.seed,
@@ -360,12 +360,12 @@ class Folder:
             **about, variation=Variation(distributions, variation["design"], dict(variation["measures"] or {}))
         )
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[_Row]:
         """The rows of the completed runs; an incomplete line is ignored."""
         path = self.path / ROWS
         if not path.exists():
             return []
-        found: dict[int, Row] = {}
+        found: dict[int, _Row] = {}
         for line in path.read_text(encoding="utf-8").splitlines():
             try:
                 row = json.loads(line)
@@ -374,7 +374,7 @@ class Folder:
             found[row["run"]] = row
         return list(found.values())
 
-    def add(self, row: Row) -> None:
+    def add(self, row: _Row) -> None:
         """Write a row."""
         with (self.path / ROWS).open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
@@ -386,8 +386,8 @@ def run_campaign(
     *,
     width: float | None = None,
     property: str | None = None,
-    progress: Callable[[list[Row]], object] = lambda rows: None,
-) -> list[Row]:
+    progress: Callable[[list[_Row]], object] = lambda rows: None,
+) -> list[_Row]:
     """Do what is left of a campaign, until the interval of the success rate (or that of the probability that `property`
     is violated) is narrower than `width`, if given.
 
@@ -418,6 +418,6 @@ def run_campaign(
     return rows
 
 
-def _broken(row: Row, folder: Folder) -> str:
+def _broken(row: _Row, folder: Folder) -> str:
     go_on = f"fame campaign --resume {shlex.quote(str(folder.path))}"
     return f"a script fails in the first run: {row['cause']}; see {row['command']}; to continue nevertheless: {go_on}"

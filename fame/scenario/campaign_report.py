@@ -25,17 +25,17 @@ from fame.scenario.variation import is_number
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Row = Mapping[str, Any]
+CampaignRow = Mapping[str, Any]
 COUNTED = ("completed", "failed", "timeout")
 """The statuses of runs that took place: impossible worlds and crashed processes are counted apart."""
 
 
-def counted(rows: Iterable[Row]) -> list[Row]:
+def counted(rows: Iterable[CampaignRow]) -> list[CampaignRow]:
     """The runs without those of impossible worlds."""
     return [row for row in rows if row["status"] in COUNTED]
 
 
-def interval(rows: Sequence[Row], *, property: str | None = None) -> tuple[float, float]:
+def interval(rows: Sequence[CampaignRow], *, property: str | None = None) -> tuple[float, float]:
     """The interval of the probability of completion, or of that `property` is violated."""
     if property is not None:
         return wilson(*counts(rows, property))
@@ -48,7 +48,7 @@ def wilson(count: int, total: int) -> tuple[float, float]:
     return intervals.interval(count, total, method="wilson")
 
 
-def summary(rows: Sequence[Row]) -> dict[str, Any]:
+def summary(rows: Sequence[CampaignRow]) -> dict[str, Any]:
     """The result of a campaign as data."""
     runs = counted(rows)
     done = [row for row in runs if row["status"] == "completed"]
@@ -86,9 +86,9 @@ def _spread(values: Sequence[Any]) -> dict[str, float]:
 _QUANTILES = {"min": 0.0, "p5": 0.05, "median": 0.5, "p95": 0.95, "max": 1.0}
 
 
-def causes(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def causes(rows: Sequence[CampaignRow]) -> list[dict[str, Any]]:
     """Failed runs grouped by cause, the most frequent first; each with its shortest run."""
-    groups: defaultdict[tuple[str, str], list[Row]] = defaultdict(list)
+    groups: defaultdict[tuple[str, str], list[CampaignRow]] = defaultdict(list)
     for row in rows:
         if row["status"] != "completed":
             groups[row["status"], row["cause"]].append(row)
@@ -111,7 +111,7 @@ def causes(rows: Sequence[Row]) -> list[dict[str, Any]]:
 # ---- which parameter matters -----------------------------------------------------------------------------------------
 
 
-def importance(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def importance(rows: Sequence[CampaignRow]) -> list[dict[str, Any]]:
     """The correlation of each varied value with success, and with the duration of completed runs, strongest first.
 
     ``strength`` is from 0 (none) to 1: Spearman's rank correlation for numbers, the correlation ratio for choices.
@@ -163,7 +163,7 @@ def _correlation_ratio(values: Sequence[str], outcomes: Sequence[float]) -> floa
 # ---- text, tables, page ----------------------------------------------------------------------------------------------
 
 
-def text_report(rows: Sequence[Row]) -> Iterator[str]:
+def text_report(rows: Sequence[CampaignRow]) -> Iterator[str]:
     """The result as lines of text."""
     found = summary(rows)
     statuses = ", ".join(f"{count} {status}" for status, count in found["statuses"].items())
@@ -182,7 +182,7 @@ def text_report(rows: Sequence[Row]) -> Iterator[str]:
         yield f"{one['path']}: strength {one['success']:.2f} on success, {one['duration']:.2f} on duration"
 
 
-def write_reports(rows: Sequence[Row], folder: Path, scenario: str, *, parquet: bool = False) -> list[Path]:
+def write_reports(rows: Sequence[CampaignRow], folder: Path, scenario: str, *, parquet: bool = False) -> list[Path]:
     """Write ``runs.csv`` (or ``runs.parquet``), ``summary.json``, ``index.html`` and its plots. Returns their paths."""
     rows = sorted(rows, key=lambda row: row["run"])
     flat = [_flat(row) for row in rows]
@@ -214,7 +214,7 @@ def write_reports(rows: Sequence[Row], folder: Path, scenario: str, *, parquet: 
     return [table, *(folder / name for name in files)]
 
 
-def _flat(row: Row) -> dict[str, Any]:
+def _flat(row: CampaignRow) -> dict[str, Any]:
     """A row without nesting: a column for each varied value."""
     changes = {
         path: value if is_number(value) or isinstance(value, str) else json.dumps(value)
@@ -227,7 +227,7 @@ def _flat(row: Row) -> dict[str, Any]:
     }
 
 
-def html_report(rows: Sequence[Row], scenario: str) -> str:
+def html_report(rows: Sequence[CampaignRow], scenario: str) -> str:
     """One page: the result, the distribution of durations, failures with the commands that repeat them, parameters."""
     found = summary(rows)
     plots = _plots(found, rows)
@@ -274,7 +274,7 @@ def _table(heads: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
     return f"<table><tr>{cells}</tr>{rows}</table>"
 
 
-def _plots(found: Mapping[str, Any], rows: Sequence[Row]) -> dict[str, str]:
+def _plots(found: Mapping[str, Any], rows: Sequence[CampaignRow]) -> dict[str, str]:
     """The plots of a campaign by name, as SVG; those for which there are values."""
     require("matplotlib")
     from matplotlib.figure import Figure

@@ -13,8 +13,8 @@ from fame.log.recording import Recording
 from fame.scenario.film_captions import Captions
 
 if TYPE_CHECKING:
-    from sim2d.animation import Label
-    from sim2d.record import Record
+    from sim2d.animation import Caption
+    from sim2d.record import WorldRecord
 
 FILMS, PICTURE = (".gif", ".mp4"), ".png"
 
@@ -32,7 +32,7 @@ def check_film(path: Path, endings: Sequence[str] = (*FILMS, PICTURE)) -> None:
         ffmpeg()
 
 
-def read_film(source: str | Path) -> tuple[Record, Sequence[Label]]:
+def read_film(source: str | Path) -> tuple[WorldRecord, Sequence[Caption]]:
     """What a recording shows of its simulated world, and the captions of its robots.
 
     Raises ConfigError for a recording without such a world, and for one that cannot be read.

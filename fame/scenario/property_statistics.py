@@ -8,7 +8,7 @@ from typing import Any
 
 from fame.properties.judge import Judgement
 
-Row = Mapping[str, Any]
+CampaignRow = Mapping[str, Any]
 VERDICT, SLACK = "property.", "slack."
 """Beginnings of the columns of a property."""
 NEAREST = 5
@@ -24,19 +24,19 @@ def columns(judgements: Iterable[Judgement]) -> dict[str, Any]:
     }
 
 
-def names(rows: Iterable[Row]) -> list[str]:
+def names(rows: Iterable[CampaignRow]) -> list[str]:
     """The properties that runs were judged by."""
     return list(dict.fromkeys(key.removeprefix(VERDICT) for row in rows for key in row if key.startswith(VERDICT)))
 
 
-def counts(rows: Iterable[Row], name: str) -> tuple[int, int]:
+def counts(rows: Iterable[CampaignRow], name: str) -> tuple[int, int]:
     """How many runs violate a property, of how many that violate it or in which it holds."""
     words = Counter(row.get(VERDICT + name) for row in rows)
     return words["violated"], words["violated"] + words["holds"]
 
 
 def statistics(
-    rows: Sequence[Row],
+    rows: Sequence[CampaignRow],
     interval: Callable[[int, int], tuple[float, float]],
     spread: Callable[[Sequence[Any]], dict[str, float]],
 ) -> dict[str, Any]:
@@ -64,13 +64,13 @@ def statistics(
     return found
 
 
-def slacks(rows: Iterable[Row], name: str) -> list[float]:
+def slacks(rows: Iterable[CampaignRow], name: str) -> list[float]:
     """The slacks of the runs in which a property holds."""
     held = (row[SLACK + name] for row in rows if row.get(VERDICT + name) == "holds")
     return [float(slack) for slack in held if slack is not None]
 
 
-def _shown(row: Row, name: str) -> dict[str, Any]:
+def _shown(row: CampaignRow, name: str) -> dict[str, Any]:
     return {"run": row["run"], "slack": row[SLACK + name], "command": row["command"]}
 
 

@@ -23,7 +23,7 @@ from fame.middleware.local import LocalMiddleware
 from fame.middleware.network import Network
 from fame.monitor.services import SERVICES
 from fame.randomness import ModuleRandom, robot_random
-from fame.robot import Event, RobotNode, Service, make_mission
+from fame.robot import Event, RobotNode, ServiceFunction, make_mission
 from fame.robot.events import Observer, OnEvent, combine_observers
 from fame.robot.options import RobotOptions
 from fame.scenario.film_captions import Captions
@@ -73,7 +73,7 @@ class Run:
         progress: Callable[[Progress], object] | None,
         strict: bool = False,
         on_interrupt: Callable[[], object] | None = None,
-        services: Callable[[str], Mapping[str, Service]] | None = None,
+        services: Callable[[str], Mapping[str, ServiceFunction]] | None = None,
         pace: Pace | None = None,
     ) -> None:
         self._pace = pace

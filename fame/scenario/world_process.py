@@ -19,7 +19,7 @@ from fame.fast_json import json_bytes
 from fame.log.channels import GROUND
 from fame.log.team_recorder import WORLD_GROUND, WORLD_SCENE
 from fame.middleware import messages
-from fame.middleware.interface import LATCHED, Message, Middleware, Node
+from fame.middleware.interface import LATCHED, AnyMessage, Middleware, Node
 from fame.middleware.simulated_time import (
     CLOCK,
     CLOCK_QOS,
@@ -209,7 +209,7 @@ class LockstepRounds:
         self._check.cancel()
         self._waiting.clear()
 
-    def _on_step_done(self, message: Message) -> None:
+    def _on_step_done(self, message: AnyMessage) -> None:
         self._seen.add(message.frame_id)
         if message.frame_id in self._all:
             self.team[message.frame_id] = None

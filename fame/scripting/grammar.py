@@ -34,7 +34,7 @@ _ESCAPE = re.compile(
 _ESCAPED = {"n": "\n", "t": "\t", "r": "\r", "b": "\b", "f": "\f"}
 
 
-Kind = Literal["number", "text", "name", "operator", "end"]
+TokenKind = Literal["number", "text", "name", "operator", "end"]
 
 
 class ExpressionError(ValueError):
@@ -49,7 +49,7 @@ class ExpressionError(ValueError):
 class Token:
     """One token: `value` is its number or text, its name, or its sign. An `end` stands after the last."""
 
-    kind: Kind
+    kind: TokenKind
     value: str | int | float
     place: int
 
@@ -97,8 +97,8 @@ def _unescape(match: re.Match[str]) -> str:
 
 
 Operation = Callable[[Any, Any], Any]
-Prefix = Callable[["Parser"], Evaluate]
-Infix = Callable[["Parser", Evaluate], Evaluate]
+Prefix = Callable[["ExpressionParser"], Evaluate]
+Infix = Callable[["ExpressionParser", Evaluate], Evaluate]
 
 _DEPTH = 100
 """Levels of nesting that are accepted."""
@@ -128,7 +128,7 @@ class Parsed(NamedTuple):
     constants: Sequence[Evaluate] = ()
 
 
-class Parser:
+class ExpressionParser:
     """A walk over the tokens of one expression.
 
     `names` collects the variables that it reads; `counts`: it has loops or calls, which count against the budget;
@@ -401,20 +401,20 @@ def infix(power: int, combine: Callable[[Evaluate, Evaluate], Evaluate]) -> tupl
     return power, lambda parser, left: combine(left, parser.expression(power))
 
 
-def parenthesized(parser: Parser) -> Evaluate:
+def parenthesized(parser: ExpressionParser) -> Evaluate:
     """After ``(``."""
     inner = parser.expression()
     parser.expect(")")
     return inner
 
 
-def listing(parser: Parser) -> Evaluate:
+def listing(parser: ExpressionParser) -> Evaluate:
     """After ``[``: a list."""
     items = parser.listed("]")
     return lambda variables: [item(variables) for item in items]
 
 
-def mapping(parser: Parser) -> Evaluate:
+def mapping(parser: ExpressionParser) -> Evaluate:
     """After ``{``: a mapping; its keys are names or texts."""
     entries = [(parser.key(), parser.expression()) for _ in parser.separated("}")]
     return lambda variables: {key: value(variables) for key, value in entries}

@@ -16,7 +16,7 @@ from typing import Any
 
 from fame.clock import EPOCH, SECOND, date_at
 from fame.engine.host import BpmnError
-from fame.middleware.interface import Message
+from fame.middleware.interface import AnyMessage
 from fame.scripting.budget import DEFAULT, Budget
 from fame.scripting.requests import Act, Call, Inbox, MessageQueue, Receive, Sleep, Until, check_topic
 
@@ -58,7 +58,7 @@ class Robot:
         return date_at(self._epoch, round(self._clock() * SECOND))
 
     def publish(
-        self, topic: str, type: str, message: Message | Mapping[str, Any] | None = None, /, **fields: Any
+        self, topic: str, type: str, message: AnyMessage | Mapping[str, Any] | None = None, /, **fields: Any
     ) -> None:
         """Send a message: ``robot.publish("cmd_vel", "geometry_msgs/msg/Twist", linear={"x": 0.5})``.
 
@@ -74,7 +74,7 @@ class Robot:
         check_topic("robot.subscribe", topic)
         return self._inbox.queue(topic, type, queue)
 
-    def latest(self, topic: str, type: str | None = None) -> Message | None:
+    def latest(self, topic: str, type: str | None = None) -> AnyMessage | None:
         """The latest message on a topic, None if there has been none."""
         check_topic("robot.latest", topic)
         return self._inbox.latest(topic, type)
@@ -85,7 +85,7 @@ class Robot:
         return Call(service, type, fields)
 
     def act(
-        self, action: str, type: str, /, on_feedback: Callable[[Message], object] | None = None, **fields: Any
+        self, action: str, type: str, /, on_feedback: Callable[[AnyMessage], object] | None = None, **fields: Any
     ) -> Act:
         """``result = await robot.act("navigate_to_pose", "nav2_msgs/action/NavigateToPose", pose={...})``."""
         check_topic("robot.act", action)

@@ -29,8 +29,8 @@ from fame.scripting.feel.functions import FUNCTIONS
 from fame.scripting.grammar import (
     Dialect,
     ExpressionError,
+    ExpressionParser,
     Infix,
-    Parser,
     constant,
     infix,
     listing,
@@ -155,17 +155,17 @@ def _either(left: Evaluate, right: Evaluate) -> Evaluate:
     return lambda variables: truth(left(variables)) or truth(right(variables))
 
 
-def _not(parser: Parser) -> Evaluate:
+def _not(parser: ExpressionParser) -> Evaluate:
     operand = parser.expression(UNARY)
     return lambda variables: not truth(operand(variables))
 
 
-def _minus(parser: Parser) -> Evaluate:
+def _minus(parser: ExpressionParser) -> Evaluate:
     operand = parser.expression(UNARY)
     return lambda variables: -(to_number(operand(variables)) or 0)
 
 
-def _empty(parser: Parser) -> Evaluate:
+def _empty(parser: ExpressionParser) -> Evaluate:
     operand = parser.expression(UNARY)
 
     def evaluate(variables: Mapping[str, Any]) -> bool:
@@ -177,14 +177,14 @@ def _empty(parser: Parser) -> Evaluate:
     return evaluate
 
 
-def _ternary(parser: Parser, condition: Evaluate) -> Evaluate:
+def _ternary(parser: ExpressionParser, condition: Evaluate) -> Evaluate:
     then = parser.expression()
     parser.expect(":")
     otherwise = parser.expression()
     return lambda variables: then(variables) if truth(condition(variables)) else otherwise(variables)
 
 
-def _path(parser: Parser, left: Evaluate) -> Evaluate:
+def _path(parser: ExpressionParser, left: Evaluate) -> Evaluate:
     place, name = parser.token.place, parser.name()
     if parser.take("("):
         if name not in _METHODS:
@@ -194,7 +194,7 @@ def _path(parser: Parser, left: Evaluate) -> Evaluate:
     return lambda variables: field(left(variables), name)
 
 
-def _index(parser: Parser, left: Evaluate) -> Evaluate:
+def _index(parser: ExpressionParser, left: Evaluate) -> Evaluate:
     key = parser.expression()
     parser.expect("]")
     return lambda variables: item_of(left(variables), key(variables))

@@ -8,7 +8,7 @@ from fame.bpmn.model import Expression
 from fame.errors import ModelError
 from fame.scripting.data import Undefined, judged
 from fame.scripting.feel import FEEL
-from fame.scripting.grammar import ExpressionError, Parsed, Parser
+from fame.scripting.grammar import ExpressionError, ExpressionParser, Parsed
 from fame.scripting.javascript import compile_javascript
 from fame.scripting.juel import JUEL
 from fame.scripting.python import Code, compile_python
@@ -66,10 +66,10 @@ def parse_expression(
                 return value(text, lambda path, error: None)
             case "value" | "feel":
                 text = text.lstrip().removeprefix("=")
-                parser = Parser(text, FEEL)
+                parser = ExpressionParser(text, FEEL)
             case _:
                 text = text.strip() if inside(text.strip()) is None else str(inside(text.strip()))
-                parser = Parser(text, JUEL)
+                parser = ExpressionParser(text, JUEL)
         found = parser.parsed()
         return found._replace(evaluate=judged(found.evaluate)) if expression.condition else found
     except ExpressionError as error:

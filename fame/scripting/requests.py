@@ -17,7 +17,7 @@ from fame.clock import SECOND
 from fame.engine.host import BpmnError
 from fame.errors import MessageError
 from fame.middleware.actions import ActionClient
-from fame.middleware.interface import Client, Message, Node, Subscription, resolve
+from fame.middleware.interface import AnyMessage, Client, Node, Subscription, resolve
 
 SERVICE_TIMEOUT = 5 * SECOND
 """Time that a script waits for an unavailable service or action (ns)."""
@@ -185,8 +185,8 @@ def check_topic(what: str, topic: Any) -> None:
         raise TypeError(f"{what}: {topic!r} is not the name of a topic")
 
 
-Subscribe = Callable[[str, str, Callable[[Message], object]], Subscription]
-Wake = Callable[[Message], object]
+Subscribe = Callable[[str, str, Callable[[AnyMessage], object]], Subscription]
+Wake = Callable[[AnyMessage], object]
 
 
 class TopicTypes(Protocol):
@@ -207,12 +207,12 @@ class TopicListener:
         self.topic: str = topic
         self.type: str = type
         self._changed = changed
-        self.latest: Message = None
+        self.latest: AnyMessage = None
         self.waiting: dict[Wake, None] = {}
         self.queues: list[weakref.ref[MessageQueue]] = []
         self.subscription: Subscription | None = None
 
-    def put(self, message: Message) -> None:
+    def put(self, message: AnyMessage) -> None:
         """Handle a message that has arrived."""
         self.latest = message
         waiting, self.waiting = self.waiting, {}
@@ -264,7 +264,7 @@ class Inbox:
         """The type of each topic that scripts have subscribed to, by full name."""
         return {topic: listener.type for topic, listener in self._listeners.items()}
 
-    def latest(self, topic: str, type: str | None = None) -> Message | None:
+    def latest(self, topic: str, type: str | None = None) -> AnyMessage | None:
         """The latest message since the subscription, None if there was none. Raises what `listen` raises."""
         return self.listen(topic, type).latest
 

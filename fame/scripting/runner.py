@@ -57,8 +57,8 @@ _SILENT = 3 * SECOND
 _APART = SECOND
 """Time after which a server that is there and not connected does not match (ns): before, it may be on the way."""
 
-Ended = Callable[[int, BaseException | None], object]
-Report = Callable[[int, str], object]
+_Ended = Callable[[int, BaseException | None], object]
+_Report = Callable[[int, str], object]
 
 
 class _Task:
@@ -133,10 +133,10 @@ class Runner:
         self,
         scheduler: Scheduler,
         node: Node,
-        ended: Ended,
+        ended: _Ended,
         *,
         stepped: Callable[[int], object] = lambda key: None,
-        report: Report = lambda key, text: None,
+        report: _Report = lambda key, text: None,
         types: TopicTypes = lambda topic: None,
         subscribe: Subscribe | None = None,
         grace: float = GRACE,

@@ -15,7 +15,7 @@ from typing import Any
 from fame.engine.data import UNDEFINED
 from fame.scripting.data import Evaluate, Undefined, to_text
 from fame.scripting.feel import FEEL
-from fame.scripting.grammar import ExpressionError, Parsed, Parser, constant
+from fame.scripting.grammar import ExpressionError, ExpressionParser, Parsed, constant
 from fame.scripting.juel import JUEL
 
 # ---- texts with ${...} -----------------------------------------------------------------------------------------------
@@ -59,7 +59,7 @@ class Substituted:
 
     def _parsed(self, start: int, end: int) -> Evaluate:
         try:
-            parser = Parser(self.text[start + 2 : end - 1], JUEL)
+            parser = ExpressionParser(self.text[start + 2 : end - 1], JUEL)
             evaluate = parser.whole()
         except ExpressionError as error:
             raise ExpressionError(f"{self.text[start:end]}: {error}", error.place + start + 2) from None
@@ -112,7 +112,7 @@ def payload(text: str, missing: Missing) -> Parsed:
 
 def feel_payload(text: str, missing: Missing) -> Parsed:
     """As `payload`, of one FEEL expression (without its ``=``): what is null in it is as a name that is not set."""
-    evaluate, names, constants = Parser(text, FEEL).parsed()
+    evaluate, names, constants = ExpressionParser(text, FEEL).parsed()
     return Parsed(lambda variables: _without_nulls(evaluate(variables), "", missing), names, constants)
 
 

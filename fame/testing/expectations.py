@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.testing.failure import ExpectationError, failure
-from fame.testing.trace import Step
+from fame.testing.trace import TraceStep
 
 if TYPE_CHECKING:
     from fame.properties.judge import Judgement
@@ -108,7 +108,7 @@ class Expectation:
         ids = self._mission.elements.find(self._robot, element)
         return ids, " or ".join(self._mission.elements.shown(self._robot, id) for id in sorted(ids))
 
-    def _steps(self, ids: frozenset[str], what: str) -> list[Step]:
+    def _steps(self, ids: frozenset[str], what: str) -> list[TraceStep]:
         return self._mission.trace.of(self._robot, ids, what)
 
     def _error(self, text: str) -> ExpectationError:
@@ -118,9 +118,9 @@ class Expectation:
 class Passage(Expectation):
     """An element that was passed or entered: expectations of when, and further ones of the robot."""
 
-    steps: list[Step]
+    steps: list[TraceStep]
 
-    def __init__(self, expectation: Expectation, shown: str, steps: list[Step]) -> None:
+    def __init__(self, expectation: Expectation, shown: str, steps: list[TraceStep]) -> None:
         super().__init__(expectation._mission, expectation._robot)
         self._shown, self.steps = shown, steps
 
@@ -147,7 +147,7 @@ class Passage(Expectation):
             raise self._error(text)
         return self
 
-    def _compare(self, element: str, word: str, holds: Callable[[Step, Step], bool]) -> Passage:
+    def _compare(self, element: str, word: str, holds: Callable[[TraceStep, TraceStep], bool]) -> Passage:
         __tracebackhide__ = True
         ids, shown = self._find(element)
         others = self._mission.trace.arrivals(self._robot, ids)
@@ -185,7 +185,7 @@ class PropertyExpectation:
 _NEVER = "it was never entered"
 
 
-def _moment(step: Step) -> str:
+def _moment(step: TraceStep) -> str:
     return f"{step.time / SECOND:g} s"
 
 

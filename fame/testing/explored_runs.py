@@ -33,7 +33,7 @@ _OUTCOMES = {"leave": "completed", "take": "completed", "fail": "failed", "cance
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
+class MethodCall:
     """A call of a method of `MissionByHand`. `comment`: the step, in the terms of the model."""
 
     method: str
@@ -53,18 +53,20 @@ class Call:
         return f"m.{self.method}({', '.join(given)})"
 
 
-def calls(steps: Iterable[Step], elements: Elements) -> Iterator[Call]:
+def calls(steps: Iterable[Step], elements: Elements) -> Iterator[MethodCall]:
     """The calls for the steps of a run, decisions before the steps that take them."""
     for step in steps:
         for element, ways in _decisions(step).items():
-            yield Call("decide", (step.robot, _name(elements, step.robot, element), *ways), comment="as in the run")
+            yield MethodCall(
+                "decide", (step.robot, _name(elements, step.robot, element), *ways), comment="as in the run"
+            )
         method = _METHODS.get(step.kind)
         if method == "fault":
-            yield Call(method, (step.robot, "engine"), comment=step.text)
+            yield MethodCall(method, (step.robot, "engine"), comment=step.text)
         elif method is not None:
             what = _name(elements, step.robot, step.element) if step.element else step.detail
             raises = step.detail if step.kind == "fail" else ""
-            yield Call(method, (step.robot, what), raises, step.text)
+            yield MethodCall(method, (step.robot, what), raises, step.text)
 
 
 def _decisions(step: Step) -> dict[str, list[bool | int]]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from fame.bpmn.draw.style import Outcome
 from fame.clock import SECOND
 from fame.errors import FameError
-from fame.testing.trace import Step
+from fame.testing.trace import TraceStep
 
 if TYPE_CHECKING:
     from fame.testing.mission import MissionUnderTest
@@ -77,7 +77,7 @@ def _token_lines(mission: MissionUnderTest, robot: str) -> Iterator[str]:
         yield f"{robot}  no token: {ended}"
 
 
-def event_line(mission: MissionUnderTest, step: Step) -> str:
+def event_line(mission: MissionUnderTest, step: TraceStep) -> str:
     """An event on one line."""
     detail = f" ({step.detail})" if step.what in ("fail", "end") and step.detail else ""
     shown = mission.elements.shown(step.robot, step.element)

@@ -13,10 +13,10 @@ from fame.clock import SECOND
 from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from fame.middleware.actions import CANCEL, FEEDBACK
-from fame.middleware.interface import SIGNAL, DeferredResponse, Message, Node, QoS
+from fame.middleware.interface import SIGNAL, AnyMessage, DeferredResponse, Node, QoS
 from fame.middleware.local import LocalClient, LocalNode
 from fame.testing.series import read_recorded, read_series
-from fame.testing.trace import Step
+from fame.testing.trace import TraceStep
 from fame.text import suggestion
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class FakeTopic:
         self._publisher = node.publisher(self.topic, type, self._qos)
         if self._bag is not None:
             self._series = read_recorded(Path(self._bag), self.topic, type)
-        made: list[tuple[float, Message]] = []
+        made: list[tuple[float, AnyMessage]] = []
         former: Any = self  # no value
         for time, value in self._series:
             if value is not former:  # ``values=[place] * 1000`` is one message
@@ -158,7 +158,7 @@ class FakeService:
         fail: bool = False,
     ) -> None:
         self.name = name
-        self.requests: list[Message] = []
+        self.requests: list[AnyMessage] = []
         self._mission, self._type, self._response, self._after, self._fail = mission, type, response, after, fail
         _, answer = messages.service(type)
         if not callable(response):
@@ -169,7 +169,7 @@ class FakeService:
         _expect_called_type(self._mission, self.name, self._type)
         node.service(self.name, self._type, self._handle)
 
-    def _handle(self, request: Message) -> Any:
+    def _handle(self, request: AnyMessage) -> Any:
         self.requests.append(request)
         later = DeferredResponse()
         if not self._fail:
@@ -204,7 +204,7 @@ class FakeAction:
         if fail not in (False, True, "aborted", "rejected"):
             raise ConfigError(f"fake_action({name!r}): fail: expected aborted or rejected, got {fail!r}")
         self.name = name
-        self.goals: list[Message] = []
+        self.goals: list[AnyMessage] = []
         self.cancelled: int = 0
         self._mission, self._type, self._after = mission, messages.action(type), after
         self._feedback, self._result, self._fail = feedback, result, fail
@@ -222,7 +222,7 @@ class FakeAction:
         node.service(f"{below}/get_result", f"{type}_GetResult", lambda request: self._later(request.goal_id))
         node.service(f"{below}/cancel_goal", CANCEL, self._on_cancel)
 
-    def _on_goal(self, request: Message) -> Any:
+    def _on_goal(self, request: AnyMessage) -> Any:
         self.goals.append(request.goal)
         if self._fail == "rejected":
             return None
@@ -246,13 +246,13 @@ class FakeAction:
             later = self._results.setdefault(id, DeferredResponse())
             later.respond({"status": status, "result": result} if result is not None else {"status": status})
 
-    def _on_cancel(self, request: Message) -> Any:
+    def _on_cancel(self, request: AnyMessage) -> Any:
         id = bytes(request.goal_info.goal_id.uuid)
         self.cancelled += 1
         self._end(id, _CANCELLED, None)
         return {"goals_canceling": [{"goal_id": {"uuid": id}}]}
 
-    def _later(self, goal_id: Message) -> DeferredResponse:
+    def _later(self, goal_id: AnyMessage) -> DeferredResponse:
         return self._results.setdefault(bytes(goal_id.uuid), DeferredResponse())
 
 
@@ -273,7 +273,7 @@ class _Person:
     ) -> None:
         self._mission, self._robot, self._tasks, self._after = mission, robot, tasks, after
 
-    def on_step(self, step: Step) -> None:
+    def on_step(self, step: TraceStep) -> None:
         """Plan to complete the task that a token has entered."""
         if step.what == "enter" and step.robot == self._robot and step.element in self._tasks:
             self._mission.run.scheduler.after(round(self._after * SECOND), partial(self._complete, step.element))

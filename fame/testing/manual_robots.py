@@ -22,7 +22,7 @@ from fame.engine.host import BpmnError, Host
 from fame.engine.state import Trail, Wait
 from fame.errors import FameError
 from fame.middleware import messages
-from fame.middleware.interface import Message, QoS, resolve
+from fame.middleware.interface import AnyMessage, QoS, resolve
 from fame.middleware.network import Channel, Network, NetworkConfig
 from fame.robot import RobotNode
 
@@ -67,7 +67,7 @@ class _HeldChannel(Channel):
 class _HeldEngine(Engine):
     """An engine that takes messages of which parts are unknown. `twins`: message on the wire -> what it stands for."""
 
-    twins: dict[int, tuple[Message, Any]]
+    twins: dict[int, tuple[AnyMessage, Any]]
 
     def deliver(self, topic: str, message: Any) -> None:
         super().deliver(topic, self.twins[id(message)][1] if id(message) in self.twins else message)
@@ -81,7 +81,7 @@ class StandInHost(ExplorationHost):
     """
 
     def __init__(self, node: RobotNode, abstract: Abstraction, values: Values, pool: Pool, robots: tuple[str, ...],
-                 twins: dict[int, tuple[Message, Any]]) -> None:  # fmt: skip
+                 twins: dict[int, tuple[AnyMessage, Any]]) -> None:  # fmt: skip
         self.node, self.twins = node, twins
         self.decided: defaultdict[str, deque[int]] = defaultdict(deque)
         self._choices: defaultdict[str, int] = defaultdict(int)
@@ -165,7 +165,7 @@ class StandInHost(ExplorationHost):
         plain = self.on_the_wire(self.types[topic].type, value, message)
         self.node.endpoints.direct.send(topic, plain, robot)
 
-    def on_the_wire(self, type: str, value: Any, stands_for: Any) -> Message:
+    def on_the_wire(self, type: str, value: Any, stands_for: Any) -> AnyMessage:
         """A message without unknown values, that stands for another one."""
         try:
             plain = messages.create(type, None if value is UNDEFINED or _has_unknown(value) else value)
@@ -223,7 +223,7 @@ def stand_ins(
     nodes: Mapping[str, RobotNode], cast: Mapping[str, Pool], abstract: Abstraction
 ) -> dict[str, StandInHost]:
     """The hosts of a team whose nodes have no process yet. Raises ModelError, MessageError."""
-    values, twins, robots = Values(), dict[int, tuple[Message, Any]](), tuple(cast)
+    values, twins, robots = Values(), dict[int, tuple[AnyMessage, Any]](), tuple(cast)
     hosts = {robot: StandInHost(node, abstract, values, cast[robot], robots, twins) for robot, node in nodes.items()}
     for robot, host in hosts.items():
         host.load(abstract, cast[robot])

@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 from fame.bpmn.library import Library
 from fame.bpmn.model import CallActivity, Definitions, Process
 from fame.errors import ConfigError
-from fame.robot import Service
+from fame.robot import ServiceFunction
 from fame.text import suggestion
 
 _BPMN = "http://www.omg.org/spec/BPMN/20100524/MODEL"
@@ -19,7 +19,7 @@ _CAMUNDA = "http://camunda.org/schema/1.0/bpmn"
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
+class StubCall:
     """A call of a stub: the robot, and the variables when it was called."""
 
     robot: str
@@ -35,9 +35,9 @@ class Stub:
     sets: Any
     raises: Any
     signals: Any
-    calls: list[Call] = field(default_factory=list)
+    calls: list[StubCall] = field(default_factory=list)
 
-    def service(self, robot: str) -> Service:
+    def service(self, robot: str) -> ServiceFunction:
         """What its service task does for a robot."""
 
         async def run(variables: dict[str, Any]) -> None:
@@ -45,7 +45,7 @@ class Stub:
             from fame.scripting import Sleep
 
             number = len(self.calls)
-            self.calls.append(Call(robot, plain(variables)))
+            self.calls.append(StubCall(robot, plain(variables)))
             given = (self.after, self.sets, self.raises, self.signals)
             after, sets, raises, signals = (_nth(value, number) for value in given)
             if after:
@@ -89,7 +89,7 @@ class StubLibrary(Library):
         self._stubs[name] = made, _definitions(name)
         return made
 
-    def services(self, robot: str) -> dict[str, Service]:
+    def services(self, robot: str) -> dict[str, ServiceFunction]:
         """The service of each stub, for one robot."""
         return {_operation(name): stub.service(robot) for name, (stub, _) in self._stubs.items()}
 

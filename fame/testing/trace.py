@@ -12,7 +12,7 @@ from fame.robot import Event
 from fame.robot.events import Observer
 
 
-class Step(NamedTuple):
+class TraceStep(NamedTuple):
     """What happened at an element: `what` as in `fame.engine`; `order` counts all steps; `time` in ns."""
 
     order: int
@@ -34,10 +34,10 @@ class Trace(Observer):
     def __init__(self, homes: Mapping[str, str]) -> None:
         self._homes = homes
         self._programs: dict[Program, dict[str, str]] = {}
-        self.steps: list[Step] = []
+        self.steps: list[TraceStep] = []
         self.covered: set[tuple[str, str]] = set()
-        self._at: defaultdict[tuple[str, str], list[Step]] = defaultdict(list)
-        self.listeners: list[Callable[[Step], object]] = []
+        self._at: defaultdict[tuple[str, str], list[TraceStep]] = defaultdict(list)
+        self.listeners: list[Callable[[TraceStep], object]] = []
 
     def __call__(self, event: Event) -> None:
         self._add(event.time, event.robot, event.element, event.what, event.detail)
@@ -66,17 +66,17 @@ class Trace(Observer):
         self._programs.clear()
         self.listeners.clear()
 
-    def of(self, robot: str, elements: frozenset[str], what: str) -> list[Step]:
+    def of(self, robot: str, elements: frozenset[str], what: str) -> list[TraceStep]:
         """The steps of one kind at some elements of a robot, in order."""
         steps = [step for element in elements for step in self._at[robot, element] if step.what == what]
         return sorted(steps, key=lambda step: step.order)
 
-    def arrivals(self, robot: str, elements: frozenset[str]) -> list[Step]:
+    def arrivals(self, robot: str, elements: frozenset[str]) -> list[TraceStep]:
         """When tokens came to some elements of a robot, or took a sequence flow, in order."""
         return self.of(robot, elements, "enter") or self.of(robot, elements, "take")
 
     def _add(self, time: int, robot: str, element: str, what: str, detail: object) -> None:
-        step = Step(len(self.steps), time, robot, element, what, detail)
+        step = TraceStep(len(self.steps), time, robot, element, what, detail)
         self.steps.append(step)
         self._at[robot, element].append(step)
         for listener in self.listeners:

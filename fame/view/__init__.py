@@ -1,6 +1,6 @@
 """The page that shows a mission, live and recorded: diagrams with tokens, the world, a timeline, variables.
 
-A `Source` gives a page what it shows; a `Server` serves the page on this machine. The page itself is in ``page/``:
+A `PageSource` gives a page what it shows; a `Server` serves the page on this machine. The page itself is in ``page/``:
 plain ES modules and CSS, without a build step.
 
     server     the server and its address
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fame.view.control import RunControl as RunControl
     from fame.view.live import LiveRun as LiveRun, SameRun as SameRun
     from fame.view.replay import Replay as Replay
-    from fame.view.server import Server as Server, Source as Source
+    from fame.view.server import PageSource as PageSource, Server as Server
     from fame.view.team import TeamView as TeamView
     from fame.view.watch import ModelWatch as ModelWatch
 
@@ -33,7 +33,7 @@ __getattr__, __dir__, __all__ = attach(
         "control": ["RunControl"],
         "live": ["LiveRun", "SameRun"],
         "replay": ["Replay"],
-        "server": ["Server", "Source"],
+        "server": ["Server", "PageSource"],
         "team": ["TeamView"],
         "watch": ["ModelWatch"],
     },

@@ -2,7 +2,7 @@
 
 A block begins with the state at its start: tokens, counts, variables, waits. Then come columns of events and lists of
 changes, in order of time. Whatever an instant the page shows, it is the state at the start of a block and what the
-block has up to that instant. The page replays blocks as `State` does here; a test compares both.
+block has up to that instant. The page replays blocks as `RunState` does here; a test compares both.
 
 Times are ns since the start of the run. Robots, elements and kinds of events are numbers.
 """
@@ -18,7 +18,7 @@ from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
 from fame.log.recording import scene_values
 from fame.robot.plain_values import plain
 from fame.view.catalogue import NOWHERE, Catalogue
-from fame.view.state import END, START, WHATS, ScopeInfo, State, TokenKey, scope_row
+from fame.view.state import END, START, WHATS, RunState, ScopeInfo, TokenKey, scope_row
 
 SIZE = 3000
 """Events after which a block is full. Replaying one takes the page less than a millisecond."""
@@ -26,7 +26,7 @@ ITEMS = 4000
 """Changes of variables, waits and poses after which a block is full."""
 _WHAT = {what: number for number, what in enumerate(WHATS)}
 
-Change = list[Any]
+ListChange = list[Any]
 _Place = tuple[int, tuple[str, ...]]
 """Where a scope is: its instance, and the activities that it is inside (ids)."""
 
@@ -46,7 +46,7 @@ class Block:
         self.number, self.start, self.end, self.key = number, start, start, key
         self.columns: dict[str, list[int]] = {name: [] for name in COLUMNS}
         self.details: dict[int, Any] = {}
-        self.lists: dict[str, list[Change]] = {name: [] for name in LISTS}
+        self.lists: dict[str, list[ListChange]] = {name: [] for name in LISTS}
 
     @property
     def events(self) -> int:
@@ -58,7 +58,7 @@ class Block:
         """Whether it is large enough."""
         return self.events >= SIZE or sum(map(len, self.lists.values())) >= ITEMS
 
-    def to_json(self, sent: Mark | None = None) -> dict[str, Any]:
+    def to_json(self, sent: BlockSize | None = None) -> dict[str, Any]:
         """Everything in it, fit for JSON, or what has come since `sent`."""
         first, lists = (0, dict.fromkeys(LISTS, 0)) if sent is None else sent
         found: dict[str, Any] = {"number": self.number, "start": self.start, "end": self.end, "first": first}
@@ -69,16 +69,16 @@ class Block:
         found["d"] = {str(place): detail for place, detail in self.details.items() if place >= first}
         return found | {name: values[lists[name] :] for name, values in self.lists.items()}
 
-    def mark(self) -> Mark:
+    def mark(self) -> BlockSize:
         """The current size, for `to_json`."""
-        return Mark(self.events, {name: len(values) for name, values in self.lists.items()})
+        return BlockSize(self.events, {name: len(values) for name, values in self.lists.items()})
 
 
 LISTS = ("scopes", "variables", "waits", "messages", "poses", "world")
 """Changes besides events; each begins with its time, but for scopes."""
 
 
-class Mark(NamedTuple):
+class BlockSize(NamedTuple):
     """The part of a block that a page has: number of events, and of entries of each list."""
 
     events: int
@@ -88,7 +88,7 @@ class Mark(NamedTuple):
 class Packer:
     """Cut events and changes, given in order of time, into blocks. `begun`: whether it had a key message."""
 
-    state: State
+    state: RunState
     begun: bool
 
     def __init__(self, catalogue: Catalogue, robots: Iterable[str] = ()) -> None:
@@ -98,7 +98,7 @@ class Packer:
         self._files: dict[int, Set[int]] = {}  # of robots that run files of their own
         for robot in robots:
             self.robot(robot)
-        self.state = State()
+        self.state = RunState()
         self.begun = False
         self.blocks: list[Block] = []
 

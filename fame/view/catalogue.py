@@ -19,7 +19,7 @@ NOWHERE = -1
 """The number of a plane or element that does not exist."""
 
 
-class Entry(NamedTuple):
+class CatalogueEntry(NamedTuple):
     """An element of a file. `body`: the number of the process or sub-process that it is in."""
 
     file: int
@@ -38,7 +38,7 @@ class Catalogue:
     def __init__(self, files: Sequence[Definitions], find: Find | None = None) -> None:
         self._find = find
         self.files: tuple[Definitions, ...] = ()
-        self.elements: list[Entry] = []
+        self.elements: list[CatalogueEntry] = []
         self.called: dict[int, int] = {}
         self.drawings: list[Drawing] = []
         self._planes: list[tuple[int, str]] = []
@@ -167,7 +167,7 @@ class Catalogue:
     def _add(self, file: int, element: Element, body: int) -> int:
         number = self._number.setdefault((file, element.id), len(self.elements))
         if number == len(self.elements):
-            self.elements.append(Entry(file, element, body))
+            self.elements.append(CatalogueEntry(file, element, body))
             self._by_id.setdefault(element.id, []).append(number)
         return number
 

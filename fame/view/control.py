@@ -32,7 +32,7 @@ _SLICE = 0.02
 _BUSY = SECOND // 5
 """Simulated ns after which they are, at a run that does not follow the wall clock."""
 
-Command = Mapping[str, Any]
+_Command = Mapping[str, Any]
 
 
 class RunControl:
@@ -54,7 +54,7 @@ class RunControl:
         self.over = False
         self.pause_at = pause_at
         self._stepping = False
-        self._commands: list[tuple[Command, Future[str]]] = []
+        self._commands: list[tuple[_Command, Future[str]]] = []
         self._changed = threading.Condition()
         self._origin: tuple[float, int] | None = None
         self._run: Run | None = None
@@ -130,7 +130,7 @@ class RunControl:
 
     # ---- what pages ask ----------------------------------------------------------------------------------------------
 
-    def ask(self, command: Command) -> str:
+    def ask(self, command: _Command) -> str:
         """Carry out a command, and report it. Raises FameError."""
         if command.get("do") not in COMMANDS:
             raise FameError(f"unknown command {command.get('do')!r}; commands are: {', '.join(COMMANDS)}")
@@ -162,27 +162,27 @@ class RunControl:
                 with suppress(InvalidStateError):
                     future.set_result(answer)
 
-    def _do_pause(self, run: Run, command: Command) -> str:
+    def _do_pause(self, run: Run, command: _Command) -> str:
         self.paused, self.stopped = True, ""
         return ""
 
-    def _do_resume(self, run: Run, command: Command) -> str:
+    def _do_resume(self, run: Run, command: _Command) -> str:
         self.paused = self._stepping = False
         self.stopped, self._origin = "", None
         return ""
 
-    def _do_step(self, run: Run, command: Command) -> str:
+    def _do_step(self, run: Run, command: _Command) -> str:
         self.paused, self._stepping, self.stopped = True, True, ""
         return ""
 
-    def _do_speed(self, run: Run, command: Command) -> str:
+    def _do_speed(self, run: Run, command: _Command) -> str:
         speed = float(command["speed"])
         if not 0 <= speed <= 1e6:
             raise FameError(f"expected a speed from 0 (at once) to 1e6, got {speed:g}")
         self.speed, self._origin = speed, None
         return ""
 
-    def _do_breakpoint(self, run: Run, command: Command) -> str:
+    def _do_breakpoint(self, run: Run, command: _Command) -> str:
         number = int(command["element"])
         if command["on"]:
             self.breakpoints.add(number)
@@ -190,7 +190,7 @@ class RunControl:
             self.breakpoints.discard(number)
         return ""
 
-    def _do_complete(self, run: Run, command: Command) -> str:
+    def _do_complete(self, run: Run, command: _Command) -> str:
         node, values = _node(run, command["robot"]), _json(command.get("value", "") or "{}")
         if not isinstance(values, dict):
             raise FameError('expected results as a JSON object, as {"approved": true}')
@@ -199,7 +199,7 @@ class RunControl:
         _report(run, node, f"completed by a person: {element}")
         return f"{element} is completed."
 
-    def _do_signal(self, run: Run, command: Command) -> str:
+    def _do_signal(self, run: Run, command: _Command) -> str:
         topic = str(command["topic"])
         node = _node(run, command["robot"]) if topic.startswith("~") else run.nodes[0]
         full = resolve(topic, node.namespace)
@@ -210,7 +210,7 @@ class RunControl:
         publisher.publish(message)
         return f"{full} is sent."
 
-    def _do_set(self, run: Run, command: Command) -> str:
+    def _do_set(self, run: Run, command: _Command) -> str:
         node, name, value = _node(run, command["robot"]), str(command["name"]), _json(str(command["value"]))
         if not name.isidentifier():
             raise FameError(f"expected the name of a variable, got {name!r}")
@@ -223,7 +223,7 @@ class RunControl:
         _report(run, node, f"set by a person: {name} = {json.dumps(value)}")
         return f"{name} is set."
 
-    def _do_fault(self, run: Run, command: Command) -> str:
+    def _do_fault(self, run: Run, command: _Command) -> str:
         robot, kind = str(command["robot"]), str(command["kind"])
         if (robot, kind) not in faults_of(run):
             raise FameError(f"{robot} has no {kind} to fault")
@@ -231,7 +231,7 @@ class RunControl:
         return f"{kind} of {robot} is broken."
 
 
-_DO: Mapping[str, Callable[[RunControl, Run, Command], str]] = {
+_DO: Mapping[str, Callable[[RunControl, Run, _Command], str]] = {
     name: getattr(RunControl, f"_do_{name}") for name in COMMANDS
 }
 

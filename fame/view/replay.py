@@ -20,7 +20,7 @@ from fame.fast_json import json_value
 from fame.gc_tuning import exempt, readmit
 from fame.log import Recording
 from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
-from fame.log.recording import Message
+from fame.log.recording import RecordedMessage
 from fame.log.team_state import shift_times
 from fame.view.blocks import Packer
 from fame.view.catalogue import NOWHERE, Catalogue
@@ -164,12 +164,12 @@ class Replay(Closing):
         with self._lock:
             self._done, self._reading = len(packer.blocks), 1.0
 
-    def _put(self, packer: Packer, message: Message) -> None:
+    def _put(self, packer: Packer, message: RecordedMessage) -> None:
         """A message of FAME's own channels."""
         content = shift_times(message.topic, json_value(message.data), -self._offset)
         packer.put(message.topic, message.time - self._offset, content)
 
-    def _message(self, message: Message) -> None:
+    def _message(self, message: RecordedMessage) -> None:
         """A message of the mission."""
         try:
             content = self._recording.decode(message)

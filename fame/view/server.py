@@ -47,7 +47,7 @@ _HEADERS = {
 }
 
 
-class Source(Protocol):
+class PageSource(Protocol):
     """What a page shows. All methods may be called from any thread."""
 
     def mission(self) -> Mapping[str, Any]:
@@ -72,13 +72,13 @@ class Server(Closing):
     Raises ConfigError for a port that is not free.
     """
 
-    source: Source
+    source: PageSource
     host: str
     port: int
     token: str
     socket: socket.socket
 
-    def __init__(self, source: Source, *, host: str = LOOPBACK, port: int = 0) -> None:
+    def __init__(self, source: PageSource, *, host: str = LOOPBACK, port: int = 0) -> None:
         require("starlette")
         require("uvicorn")
         self.source, self.token = source, secrets.token_urlsafe(18)
@@ -217,7 +217,7 @@ def _raw(headers: Mapping[str, str]) -> list[tuple[bytes, bytes]]:
 # ---- what they get ---------------------------------------------------------------------------------------------------
 
 
-def _routes(source: Source) -> Starlette:
+def _routes(source: PageSource) -> Starlette:
     from starlette.applications import Starlette
     from starlette.responses import Response
     from starlette.routing import Route, WebSocketRoute
@@ -293,7 +293,7 @@ def _nothing(time: int) -> Mapping[str, Any]:
     raise LookupError(time)
 
 
-async def _send_news(socket: WebSocket, source: Source) -> None:
+async def _send_news(socket: WebSocket, source: PageSource) -> None:
     """Send what is new until the page goes away."""
     async with _until_gone(socket) as gone:
         known: Any = None

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from fame.log.recording_file import Sink
 from fame.middleware import messages
 from fame.middleware.messages import Message
-from fame.view.blocks import Mark, Packer
+from fame.view.blocks import BlockSize, Packer
 from fame.view.catalogue import Catalogue
 
 
@@ -21,7 +21,7 @@ class Known(NamedTuple):
     """
 
     block: int
-    mark: Mark | None
+    mark: BlockSize | None
     elements: int
     status: str
     mission: Hashable

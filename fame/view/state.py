@@ -39,7 +39,7 @@ class ScopeInfo:
 
 
 @dataclass(slots=True)
-class State:
+class RunState:
     """The state of a run at an instant.
 
     tokens     where -> [number of tokens, since when]. Scopes of which a key message told only the path, and not the

@@ -25,7 +25,7 @@ STICTION = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Body:
+class RigidBody:
     """A rigid body: `mass` kg, `centre` (3,) of mass m, `inertia` (3, 3) about it kg m2."""
 
     mass: float
@@ -39,7 +39,7 @@ class Arm:
     joint: `armature` kg m2, `coulomb` Nm, `viscous` Nm s/rad, `noise` of the measured effort Nm."""
 
     chain: Chain
-    bodies: tuple[Body, ...]
+    bodies: tuple[RigidBody, ...]
     armature: Floats
     coulomb: Floats
     viscous: Floats
@@ -47,16 +47,16 @@ class Arm:
 
     def carrying(self, mass: float) -> Arm:
         """Return this arm with a point mass of `mass` kg between its fingertips."""
-        load = Body(mass, np.array(self.chain.tool), np.zeros((3, 3)))
+        load = RigidBody(mass, np.array(self.chain.tool), np.zeros((3, 3)))
         return replace(self, bodies=(*self.bodies[:-1], joined(self.bodies[-1], load)))
 
 
-def joined(a: Body, b: Body) -> Body:
+def joined(a: RigidBody, b: RigidBody) -> RigidBody:
     """Return two bodies as one (parallel axis theorem)."""
     mass = a.mass + b.mass
     centre = (a.mass * a.centre + b.mass * b.centre) / mass
     inertia = sum(body.inertia + _shifted(body.mass, body.centre - centre) for body in (a, b))
-    return Body(mass, centre, np.asarray(inertia))
+    return RigidBody(mass, centre, np.asarray(inertia))
 
 
 def _shifted(mass: float, away: Floats) -> Floats:
@@ -73,8 +73,10 @@ def load_arm(path: Path) -> Arm:
     return Arm(load_chain(path), tuple(bodies), *columns)
 
 
-def _body(data: Any) -> Body:
-    return Body(float(data["mass"]), np.array(data["centre"], float), np.diag(data.get("inertia", (0.0, 0.0, 0.0))))
+def _body(data: Any) -> RigidBody:
+    return RigidBody(
+        float(data["mass"]), np.array(data["centre"], float), np.diag(data.get("inertia", (0.0, 0.0, 0.0)))
+    )
 
 
 def inverse_dynamics(

@@ -85,14 +85,14 @@ NODE = 0.05
 """Approximate time between two points, s."""
 
 
-class Way(NamedTuple):
+class Waypoints(NamedTuple):
     """Times (points,), s from the beginning, and positions (points, joints), rad."""
 
     times: Floats
     positions: Floats
 
 
-def straight(chain: Chain, posture: Floats, place: Floats) -> Way:
+def straight(chain: Chain, posture: Floats, place: Floats) -> Waypoints:
     """Return the tool's straight line from a posture (joints,) to a place (3,), m. Raises MissionError if it is out of
     reach or too fast for a joint."""
     begin = chain.places(posture[None])[0]
@@ -109,10 +109,10 @@ def straight(chain: Chain, posture: Floats, place: Floats) -> Way:
     steps = np.abs(np.diff(np.vstack([posture, positions]), axis=0)).max() * count / duration
     if steps > np.pi:
         raise MissionError(f"expected joints that turn at most at {np.pi:.1f} rad/s, got {steps:.1f} rad/s on the way")
-    return Way(part * duration, np.array(positions))
+    return Waypoints(part * duration, np.array(positions))
 
 
-class Motion(NamedTuple):
+class JointMotion(NamedTuple):
     """The joints at each control cycle: (cycles, joints), rad, rad/s, rad/s²."""
 
     positions: Floats
@@ -120,7 +120,7 @@ class Motion(NamedTuple):
     accelerations: Floats
 
 
-def sampled(times: Floats, positions: Floats, begin: Floats, period: float) -> Motion:
+def sampled(times: Floats, positions: Floats, begin: Floats, period: float) -> JointMotion:
     """Return the motion through `positions` (points, joints) at `times` (points,), s, the first of which is now.
 
     `begin` (joints,) is the velocity now. Samples are `period` s apart, from one period after now to the end.
@@ -142,7 +142,7 @@ def sampled(times: Floats, positions: Floats, begin: Floats, period: float) -> M
     weights = given @ _QUINTIC.T
     rates = np.arange(1, 6) * powers[:, :, :5]
     bends = np.arange(2, 6) * np.arange(1, 5) * powers[:, :, :4]
-    return Motion(
+    return JointMotion(
         (weights * powers).sum(axis=2),
         (weights[:, :, 1:] * rates).sum(axis=2) / span,
         (weights[:, :, 2:] * bends).sum(axis=2) / span**2,

@@ -4,7 +4,7 @@ Computed torque makes the deviation e from the reference obey M (e'' + 2 w e' + 
 joint critically damped; without external forces e is 0, and the efforts are the inverse dynamics of the reference.
 While a force acts, the equation is integrated at the control rate (semi-implicit Euler) with inertia, Jacobian and
 gravity of the reference, because deviations stay below a few mm. The effort is that of the motors: inverse dynamics,
-the controller's correction M (-2 w e' - w^2 e), friction, and the errors of its measurement. `Variation` says what
+the controller's correction M (-2 w e' - w^2 e), friction, and the errors of its measurement. `RunVariation` says what
 differs from run to run and from cycle to cycle.
 """
 
@@ -22,7 +22,7 @@ from fame.config.values import parameter
 from fame.monitor.arrays import Floats
 from robots.arm.bench import Bench, Push
 from robots.arm.dynamics import Arm, friction, inertia_matrices, inverse_dynamics
-from robots.arm.kinematics import Motion, forward, sampled
+from robots.arm.kinematics import JointMotion, forward, sampled
 from sim2d.randomness import Noise
 
 BANDWIDTH = 60.0
@@ -34,7 +34,7 @@ BRAKE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Variation:
+class RunVariation:
     """How much runs differ, and how a joint's effort is measured. docs/arm.md gives the source of each size.
 
     friction     deviation of each joint's friction between runs, relative: wear, and load of its gears
@@ -58,12 +58,12 @@ class Variation:
     encoders: bool = parameter(True)
 
 
-TYPICAL = Variation()
+TYPICAL = RunVariation()
 COOLING = 0.01
 """Relative loss of friction per K."""
 
 
-class State(NamedTuple):
+class JointState(NamedTuple):
     """State of the joints at a cycle: rad, rad/s, Nm."""
 
     positions: list[float]
@@ -71,10 +71,10 @@ class State(NamedTuple):
     efforts: list[float]
 
 
-class Plan:
+class PlannedMotion:
     """A motion with everything that is computed from it alone; the arm stays at its end."""
 
-    def __init__(self, arm: Arm, motion: Motion) -> None:
+    def __init__(self, arm: Arm, motion: JointMotion) -> None:
         self._arm, self.motion = arm, motion
         self.friction = friction(arm, motion.velocities)
         self.places = arm.chain.places(motion.positions).tolist()
@@ -101,11 +101,11 @@ class Plan:
         return inertia_matrices(self._arm, self.motion.positions)
 
 
-class Machine:
+class ControlledArm:
     """An arm and its gripper at a bench."""
 
     def __init__(
-        self, arm: Arm, posture: Floats, period: float, generators: Generators, variation: Variation = TYPICAL
+        self, arm: Arm, posture: Floats, period: float, generators: Generators, variation: RunVariation = TYPICAL
     ) -> None:
         self.arm, self.period = arm, period
         self.bench = Bench(generators.bench, variation.payload)
@@ -118,8 +118,8 @@ class Machine:
         self._deviation, self._rate = np.zeros(len(posture)), np.zeros(len(posture))
         self._cycle = 0
         still = np.zeros((1, len(posture)))
-        self.plan = Plan(arm, Motion(posture[None], still, still))
-        self.state = State(posture.tolist(), [0.0] * len(posture), [0.0] * len(posture))
+        self.plan = PlannedMotion(arm, JointMotion(posture[None], still, still))
+        self.state = JointState(posture.tolist(), [0.0] * len(posture), [0.0] * len(posture))
 
     @property
     def reference(self) -> tuple[Floats, Floats]:
@@ -135,9 +135,9 @@ class Machine:
         """Follow positions (points, joints), rad, at times (points,), s from now, positive and increasing."""
         here, rate = self.reference
         times, positions = np.concatenate([[0.0], times]), np.vstack([here, positions])
-        self.start(Plan(self.arm, sampled(times, positions, rate, self.period)))
+        self.start(PlannedMotion(self.arm, sampled(times, positions, rate, self.period)))
 
-    def start(self, plan: Plan) -> None:
+    def start(self, plan: PlannedMotion) -> None:
         """Follow a plan from the next cycle on; it begins at the reference."""
         self.plan, self._cycle = plan, -1
 
@@ -159,7 +159,7 @@ class Machine:
         """Let a person hold the lid down."""
         self.bench.held_down = True
 
-    def step(self) -> State:
+    def step(self) -> JointState:
         """Compute one control cycle."""
         self._cycle = at = min(self._cycle + 1, len(self.plan.places) - 1)
         plan = self.plan
@@ -169,7 +169,7 @@ class Machine:
             positions, velocities = positions + self._deviation, velocities + self._rate
             efforts = efforts + self._correct(at, positions, velocities)
         efforts = efforts + self._sensor.error()
-        self.state = State(self._quantise(positions).tolist(), velocities.tolist(), efforts.tolist())
+        self.state = JointState(self._quantise(positions).tolist(), velocities.tolist(), efforts.tolist())
         return self.state
 
     def _pushed(self, at: int) -> bool:
@@ -200,7 +200,7 @@ class Machine:
 class EffortSensor:
     """The error of measured efforts: an offset for each run, white noise, and noise that is correlated in time."""
 
-    def __init__(self, arm: Arm, period: float, generators: Generators, variation: Variation) -> None:
+    def __init__(self, arm: Arm, period: float, generators: Generators, variation: RunVariation) -> None:
         joints = len(arm.noise)
         self._white = Noise(generators.effort, joints)
         self._slow = Noise(generators.colour, joints)
@@ -219,7 +219,7 @@ class EffortSensor:
 class PlanningTime:
     """The time from a goal to its trajectory, which varies."""
 
-    def __init__(self, variation: Variation, random: np.random.Generator) -> None:
+    def __init__(self, variation: RunVariation, random: np.random.Generator) -> None:
         self._mean, self._deviation, self._random = variation.planning, variation.jitter, random
 
     def draw(self) -> int:

@@ -28,7 +28,7 @@ from robots.vehicles import check_fault
 from sim2d.robot import MEASUREMENT, Appearance, Pose, TopicCommand, Workpiece, body_of, period, rectangle
 
 if TYPE_CHECKING:
-    from fame.middleware.interface import Message
+    from fame.middleware.interface import AnyMessage
     from fame.monitor.arrays import Floats
     from sim2d.robot import RobotConfig, RobotWorld
 
@@ -165,7 +165,7 @@ class Cutter:
         self._held |= self._cutting
         self._cutting = False
 
-    def _change(self, message: Message) -> None:
+    def _change(self, message: AnyMessage) -> None:
         text = " ".join(message.data.split())
         try:
             programmed(text, self._rate)

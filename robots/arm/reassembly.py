@@ -18,7 +18,7 @@ from fame.monitor.arrays import Floats
 from robots.arm.bench import MOTOR, TABLE
 from robots.arm.dynamics import HOME, UR5E
 from robots.arm.kinematics import sampled, straight
-from robots.arm.machine import TYPICAL, Generators, Machine, Plan, PlanningTime, State, Variation
+from robots.arm.machine import TYPICAL, ControlledArm, Generators, JointState, PlannedMotion, PlanningTime, RunVariation
 from sim2d.randomness import generator
 
 RATE = 500.0
@@ -30,11 +30,11 @@ PAUSE = 0.4
 HELD = 1.0
 """Time at which a person holds the lid down in the scenario ``blocked_lid``, s."""
 
-Scenario = Literal["none", "blocked_shoulder", "blocked_lid"]
-SCENARIOS: tuple[Scenario, ...] = ("none", "blocked_shoulder", "blocked_lid")
+Disturbance = Literal["none", "blocked_shoulder", "blocked_lid"]
+SCENARIOS: tuple[Disturbance, ...] = ("none", "blocked_shoulder", "blocked_lid")
 
 
-class Step(NamedTuple):
+class ProgramStep(NamedTuple):
     """Move to `place` (m), then shut (True), open (False) or keep (None) the gripper."""
 
     place: Floats
@@ -42,24 +42,24 @@ class Step(NamedTuple):
 
 
 PROGRAM = (
-    Step(MOTOR + ABOVE, False),
-    Step(MOTOR, True),
-    Step(MOTOR + ABOVE),
-    Step(TABLE + ABOVE),
-    Step(TABLE, False),
-    Step(TABLE + ABOVE),
-    Step(TABLE, True),
-    Step(TABLE + ABOVE),
-    Step(MOTOR + ABOVE),
-    Step(MOTOR, False),
-    Step(MOTOR + ABOVE),
-    Step(START),
+    ProgramStep(MOTOR + ABOVE, False),
+    ProgramStep(MOTOR, True),
+    ProgramStep(MOTOR + ABOVE),
+    ProgramStep(TABLE + ABOVE),
+    ProgramStep(TABLE, False),
+    ProgramStep(TABLE + ABOVE),
+    ProgramStep(TABLE, True),
+    ProgramStep(TABLE + ABOVE),
+    ProgramStep(MOTOR + ABOVE),
+    ProgramStep(MOTOR, False),
+    ProgramStep(MOTOR + ABOVE),
+    ProgramStep(START),
 )
 ASIDE = 3
 """The step that moves the lid sideways."""
 
 
-class Run(NamedTuple):
+class RecordedRun(NamedTuple):
     """Stamps (cycles,), s; the rest (cycles, joints): rad, rad/s, Nm."""
 
     stamps: Floats
@@ -69,16 +69,16 @@ class Run(NamedTuple):
 
 
 @cache
-def plans() -> tuple[tuple[int, Plan], ...]:
+def plans() -> tuple[tuple[int, PlannedMotion], ...]:
     """Return the movements of the program, the same in all runs, each with the duration of its trajectory, ns."""
-    made: list[tuple[int, Plan]] = []
+    made: list[tuple[int, PlannedMotion]] = []
     posture, here, rate = HOME, HOME, np.zeros(len(HOME))
     for step in PROGRAM:
         way = straight(UR5E.chain, posture, step.place)
         nanoseconds = np.rint(way.times * SECOND).astype(int)
         times = nanoseconds // SECOND + nanoseconds % SECOND / SECOND  # as a message has them
         times, positions = np.concatenate([[0.0], times]), np.vstack([here, way.positions])
-        plan = Plan(UR5E, sampled(times, positions, rate, 1 / RATE))
+        plan = PlannedMotion(UR5E, sampled(times, positions, rate, 1 / RATE))
         made.append((int(nanoseconds[-1]), plan))
         posture, here, rate = way.positions[-1], plan.motion.positions[-1], plan.motion.velocities[-1]
     return tuple(made)
@@ -89,7 +89,9 @@ def generators(seed: int, robot: str = "Arm") -> Generators:
     return Generators(*(generator(seed, robot, name) for name in Generators._fields))
 
 
-def recorded(seed: int, scenario: Scenario = "none", at: float | None = None, variation: Variation = TYPICAL) -> Run:
+def recorded(
+    seed: int, scenario: Disturbance = "none", at: float | None = None, variation: RunVariation = TYPICAL
+) -> RecordedRun:
     """Simulate one run. In obstructed ones a person pushes joint 0 and then blocks it, or holds the lid on the motor
     until the gripper slips off: at the time `at` (s), as ``--fault Arm@S:blocked_shoulder``. By default, the shoulder
     is pushed shortly before the lid is moved sideways."""
@@ -110,19 +112,19 @@ def recorded(seed: int, scenario: Scenario = "none", at: float | None = None, va
 class _Rehearsal:
     """The mission's commands to a machine, at the times (ns) at which the mission gives them."""
 
-    def __init__(self, seed: int, variation: Variation) -> None:
+    def __init__(self, seed: int, variation: RunVariation) -> None:
         self.now = 0
         sources = generators(seed)
-        self.machine = Machine(UR5E, HOME, 1 / RATE, sources, variation)
+        self.machine = ControlledArm(UR5E, HOME, 1 / RATE, sources, variation)
         self._planning = PlanningTime(variation, sources.planning)
-        self._states: list[State] = []
+        self._states: list[JointState] = []
         self._faults: list[tuple[int, Callable[[], None]]] = []
 
     def fault(self, time: float, action: Callable[[], None]) -> None:
         """Let a fault come at a time (s)."""
         self._faults.append((round(time * SECOND), action))
 
-    def move(self, duration: int, plan: Plan, pushed: float | None = None) -> None:
+    def move(self, duration: int, plan: PlannedMotion, pushed: float | None = None) -> None:
         """Send a goal and follow the trajectory. A person pushes joint 0 `pushed` s before the end."""
         self.wait(self._planning.draw())
         self.machine.start(plan)
@@ -145,7 +147,7 @@ class _Rehearsal:
                 fault[1]()
             self._states.append(self.machine.step())
 
-    def run(self) -> Run:
+    def run(self) -> RecordedRun:
         """Return what was measured."""
         columns = (np.array(column) for column in zip(*self._states, strict=True))
-        return Run(np.arange(1, len(self._states) + 1) / RATE, *columns)
+        return RecordedRun(np.arange(1, len(self._states) + 1) / RATE, *columns)

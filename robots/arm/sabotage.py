@@ -28,7 +28,7 @@ from fame.monitor.anomaly.recording import ANOMALOUS, Recording, of_runs
 from fame.monitor.arrays import Floats
 from fame.monitor.kinematics import Chain
 from robots.arm.kinematics import inverse
-from robots.arm.task import MH5, TRIANGLE, Cut, Polygon, find_cut
+from robots.arm.task import MH5, TRIANGLE, Cut, CutPolygon, find_cut
 
 BLEND = 0.06
 """The path length (m) before and after the cut over which the displacement grows and vanishes."""
@@ -64,7 +64,7 @@ class Altered(NamedTuple):
     moved: Floats
 
 
-def knots(kind: str, millimetres: float, polygon: Polygon = TRIANGLE) -> list[Knot]:
+def knots(kind: str, millimetres: float, polygon: CutPolygon = TRIANGLE) -> list[Knot]:
     """Return the displacement of one kind: ``a`` to ``g``, ``rotated`` (mm at the farthest corner), ``none``. Raises
     ConfigError for other kinds."""
     if kind not in _KINDS:
@@ -72,7 +72,9 @@ def knots(kind: str, millimetres: float, polygon: Polygon = TRIANGLE) -> list[Kn
     return _KINDS[kind](millimetres / 1000, polygon)
 
 
-def knots_of_slope(slope: float, polygon: Polygon = TRIANGLE, part: tuple[float, float, float] = SLOPED) -> list[Knot]:
+def knots_of_slope(
+    slope: float, polygon: CutPolygon = TRIANGLE, part: tuple[float, float, float] = SLOPED
+) -> list[Knot]:
     """Return the displacement of the last side if `part` of it is cut with another slope (dx/dy) and then leads
     straight back to the original side: below 2 it moves out (e), above 2 it moves in (g)."""
     side = len(polygon.corners) - 1
@@ -81,7 +83,7 @@ def knots_of_slope(slope: float, polygon: Polygon = TRIANGLE, part: tuple[float,
     return _bend(side, *part, np.array([0.0, math.copysign(abs(dx) / slope, dy) - dy]))
 
 
-def alter(values: Floats, changes: list[Knot], chain: Chain = MH5, polygon: Polygon = TRIANGLE) -> Altered:
+def alter(values: Floats, changes: list[Knot], chain: Chain = MH5, polygon: CutPolygon = TRIANGLE) -> Altered:
     """Displace the cut of a run (points, joints), rad. Raises ConfigError if it does not cut the polygon."""
     places = chain.places(values)
     shift = displacements(places, changes, polygon)
@@ -98,7 +100,7 @@ def alter(values: Floats, changes: list[Knot], chain: Chain = MH5, polygon: Poly
     return Altered(result, _across(places, shift)[nearest])
 
 
-def displacements(places: Floats, changes: list[Knot], polygon: Polygon) -> Floats:
+def displacements(places: Floats, changes: list[Knot], polygon: CutPolygon) -> Floats:
     """Return the displacement of each point of a run (points, 3), m."""
     cut = find_cut(places, polygon)
     shift = np.zeros_like(places)
@@ -160,16 +162,16 @@ def _across(places: Floats, shift: Floats) -> Floats:
 # ---- the kinds -------------------------------------------------------------------------------------------------------
 
 
-def _sides(signs: tuple[int, int, int]) -> Callable[[float, Polygon], list[Knot]]:
+def _sides(signs: tuple[int, int, int]) -> Callable[[float, CutPolygon], list[Knot]]:
     """Sides moved outwards (+) or inwards (-)."""
 
-    def made(magnitude: float, polygon: Polygon) -> list[Knot]:
+    def made(magnitude: float, polygon: CutPolygon) -> list[Knot]:
         return _corners(polygon.offset(magnitude * np.array(signs)) - polygon.corners)
 
     return made
 
 
-def _corner(magnitude: float, polygon: Polygon) -> list[Knot]:
+def _corner(magnitude: float, polygon: CutPolygon) -> list[Knot]:
     """The first corner moved away from the centre."""
     away = polygon.corners[0] - polygon.corners.mean(axis=0)
     shift = np.zeros_like(polygon.corners)
@@ -177,7 +179,7 @@ def _corner(magnitude: float, polygon: Polygon) -> list[Knot]:
     return _corners(shift)
 
 
-def _rotated(magnitude: float, polygon: Polygon) -> list[Knot]:
+def _rotated(magnitude: float, polygon: CutPolygon) -> list[Knot]:
     """The whole part rotated about its centre."""
     around = polygon.corners - polygon.corners.mean(axis=0)
     angle = magnitude / np.linalg.norm(around, axis=1).max()
@@ -185,10 +187,10 @@ def _rotated(magnitude: float, polygon: Polygon) -> list[Knot]:
     return _corners(around @ turn.T - around)
 
 
-def _bent(sign: int, places: tuple[float, float, float]) -> Callable[[float, Polygon], list[Knot]]:
+def _bent(sign: int, places: tuple[float, float, float]) -> Callable[[float, CutPolygon], list[Knot]]:
     """Part of the first side moved outwards (+) or inwards (-)."""
 
-    def made(magnitude: float, polygon: Polygon) -> list[Knot]:
+    def made(magnitude: float, polygon: CutPolygon) -> list[Knot]:
         ahead = polygon.corners[1] - polygon.corners[0]
         outwards = np.array([ahead[1], -ahead[0]]) / np.linalg.norm(ahead) * np.sign(polygon.area)
         return _bend(0, *places, sign * magnitude * outwards)
@@ -208,7 +210,7 @@ def _corners(shift: Floats) -> list[Knot]:
 
 
 _PART = (PART[0], sum(PART) / 2, PART[1])
-_KINDS: Mapping[str, Callable[[float, Polygon], list[Knot]]] = {
+_KINDS: Mapping[str, Callable[[float, CutPolygon], list[Knot]]] = {
     "a": _sides((-1, 0, -1)),
     "b": _sides((1, 0, 1)),
     "c": _sides((-1, 0, 1)),
@@ -222,7 +224,7 @@ _KINDS: Mapping[str, Callable[[float, Polygon], list[Knot]]] = {
 KINDS = tuple("abcdefg")
 
 
-def envelope(benign: Recording, polygon: Polygon, tolerance: float, chain: Chain) -> Recording:
+def envelope(benign: Recording, polygon: CutPolygon, tolerance: float, chain: Chain) -> Recording:
     """Return cuts just outside the tolerance, labelled anomalous: for each benign run one larger and one smaller by
     `tolerance` (m) at each side. Runs contain the cutting part only, like the published data. Raises ConfigError for a
     tolerance that leaves no polygon.

@@ -39,7 +39,7 @@ DEPTH = 5e-4
 
 
 @dataclass(frozen=True, slots=True)
-class Polygon:
+class CutPolygon:
     """Corners (corners, 2) in m, in cutting order; cutting begins and ends at the first. `height` is that of the
     cutting plane (m)."""
 
@@ -62,11 +62,11 @@ class Polygon:
         return float(0.5 * (x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
 
 
-TRIANGLE = Polygon(np.array([(0.5669, 0.0), (0.4169, 0.07505), (0.4169, -0.07505)]), 0.0882)
+TRIANGLE = CutPolygon(np.array([(0.5669, 0.0), (0.4169, 0.07505), (0.4169, -0.07505)]), 0.0882)
 """150 x 150 mm; the slope of the two long sides (sides 0 and 2; side 1 is the base) is 2."""
 
 
-def read_polygon(path: Path) -> Polygon:
+def read_polygon(path: Path) -> CutPolygon:
     """Read a task file: ``corners``, [x, y] (m) each, in cutting order, and ``height`` (m). Raises ConfigError."""
     document = read_document(path)
     document.mapping(("corners", "height"))
@@ -74,7 +74,7 @@ def read_polygon(path: Path) -> Polygon:
         document.required("corners", "a list of [x, y] in m"),
         document.required("height", "a number of m"),
     )
-    polygon = Polygon(np.array([corner.point() for corner in corners.items()]), height.number())
+    polygon = CutPolygon(np.array([corner.point() for corner in corners.items()]), height.number())
     if len(polygon.corners) < 3 or abs(polygon.area) < 1e-9:
         raise corners.error(f"expected a polygon, got {len(polygon.corners)} corners around no area")
     return polygon
@@ -89,7 +89,7 @@ class Cut(NamedTuple):
     fractions: Floats
 
 
-def find_cut(places: Floats, polygon: Polygon) -> Cut:
+def find_cut(places: Floats, polygon: CutPolygon) -> Cut:
     """Find the cutting part of a run whose tool is at `places` (points, 3), m. Raises ConfigError if it never cuts."""
     cutting = np.flatnonzero(np.abs(places[:, 2] - polygon.height) < DEPTH)
     if not len(cutting):
@@ -146,7 +146,7 @@ _NEAR = (0.0, 0.6, -0.6, 0.0, -0.6, 0.0)
 """A posture (rad) with the tool down over the part: the seed of the inverse kinematics."""
 
 
-def cutting_run(chain: Chain, polygon: Polygon, rate: float) -> Floats:
+def cutting_run(chain: Chain, polygon: CutPolygon, rate: float) -> Floats:
     """Return one run: angles (points, joints), rad, sampled at `rate` Hz. Raises MissionError for a part out of
     reach."""
     corners = [*polygon.corners, polygon.corners[0]]

@@ -27,14 +27,14 @@ from fame.middleware import messages
 from robots.arm.bench import MOTOR, TABLE, Bench
 from robots.arm.dynamics import HOME, UR5E
 from robots.arm.kinematics import straight
-from robots.arm.machine import TYPICAL, Generators, Machine, PlanningTime, Variation
+from robots.arm.machine import TYPICAL, ControlledArm, Generators, PlanningTime, RunVariation
 from robots.sensors import constructor, header_maker
 from robots.vehicles import check_fault
 from sim2d.ground import disc
 from sim2d.robot import MEASUREMENT, Appearance, Pose, TopicCommand, Workpiece, body_of, period, rectangle
 
 if TYPE_CHECKING:
-    from fame.middleware.interface import Message, Node
+    from fame.middleware.interface import AnyMessage, Node
     from fame.monitor.arrays import Floats
     from sim2d.robot import RobotConfig, RobotWorld
 
@@ -52,10 +52,10 @@ class HandlerParameters:
     rate: float = parameter(500.0, "Hz", above=0)
     base: float = parameter(0.15, "m", above=0)
     mass: float = parameter(20.6, "kg", above=0)
-    variation: Variation = TYPICAL
+    variation: RunVariation = TYPICAL
 
 
-class Handler:
+class UR5e:
     """A robot of type ``ur5e`` (`sim2d.robot.SimulatedRobot`)."""
 
     Parameters: ClassVar[type[Any]] = HandlerParameters
@@ -72,7 +72,7 @@ class Handler:
         self.body.body_type = type(self.body).STATIC  # it is bolted to the table
         self._every = period(p.rate, world.step)
         generators = Generators(*(world.random(config.name, name) for name in Generators._fields))
-        self.machine = Machine(UR5E, HOME, self._every * world.step, generators, p.variation)
+        self.machine = ControlledArm(UR5E, HOME, self._every * world.step, generators, p.variation)
         self._silent = self._stopped = False
         self._dropped: Point = (0.0, 0.0)
         self._node = node = world.middleware.node("robot", config.name)
@@ -152,12 +152,12 @@ class Handler:
         self._twin.close()
         self._node.close()
 
-    def _grip(self, request: Message) -> Mapping[str, Any]:
+    def _grip(self, request: AnyMessage) -> Mapping[str, Any]:
         held = self.machine.grip(request.data)
         self._dropped = UR5E.chain.place(self.machine.state.positions)[:2]
         return {"success": held or not request.data, "message": "holds the lid" if held else "empty"}
 
-    def _follow(self, message: Message) -> None:
+    def _follow(self, message: AnyMessage) -> None:
         if not message.points:
             self._stopped |= self.machine.moving
             self.machine.hold()
@@ -201,10 +201,10 @@ class Twin:
         if self._pending is not None:
             self._pending.cancel()
 
-    def _on_state(self, message: Message) -> None:
+    def _on_state(self, message: AnyMessage) -> None:
         self._measured = np.array(message.position)
 
-    def _on_goal(self, message: Message) -> None:
+    def _on_goal(self, message: AnyMessage) -> None:
         at = message.pose.position
         place = np.array([at.x, at.y, at.z])
         try:
@@ -221,7 +221,7 @@ class Twin:
         self._pending = self._scheduler.after(self._planning.draw(), partial(self._trajectory.publish, answer))
 
 
-def trajectory(times: Floats, positions: Floats) -> Message:
+def trajectory(times: Floats, positions: Floats) -> AnyMessage:
     """Make a trajectory_msgs/msg/JointTrajectory of the UR5e."""
     points = [
         {"positions": row, "time_from_start": {"sec": time // SECOND, "nanosec": time % SECOND}}
@@ -230,7 +230,7 @@ def trajectory(times: Floats, positions: Floats) -> Message:
     return messages.create(TRAJECTORY, {"joint_names": UR5E.chain.joints, "points": points})
 
 
-def points(message: Message, joints: list[str]) -> tuple[Floats, Floats]:
+def points(message: AnyMessage, joints: list[str]) -> tuple[Floats, Floats]:
     """Read times (points,), s, and positions (points, joints), rad, in the arm's order. Raises MissionError."""
     names = list(message.joint_names)
     if sorted(names) != sorted(joints):

@@ -37,7 +37,7 @@ from engine_models import (
 from fame.engine import snapshot
 from fame.engine.canonical import Forms
 from fame.engine.encoding import decode, encode
-from fame.engine.migration import Plan, migrate
+from fame.engine.migration import MigrationPlan, migrate
 
 TYPE = "geometry_msgs/msg/Vector3"
 ROOT = (
@@ -198,7 +198,7 @@ def check_forms(run: Run) -> None:
     again = forms.revived(form, run.node.host, engine.new_variables, moves=1000)
     assert forms.walk(again).form()[0] == form
     data = snapshot(engine, dump=dump)
-    moved, _ = migrate(data, engine.program, engine.program, Plan())
+    moved, _ = migrate(data, engine.program, engine.program, MigrationPlan())
     assert {**moved, "instances": data["instances"]} == data
 
 

@@ -37,7 +37,7 @@ from fame.engine import Engine, Program, restore, snapshot
 from fame.engine.canonical import Forms
 from fame.engine.encoding import decode, encode
 from fame.engine.engine_state import EngineState
-from fame.engine.migration import Plan, migrate
+from fame.engine.migration import MigrationPlan, migrate
 from fame.engine.program import UNCOUNTED
 from fame.engine.state import Instance, Mailbox, Record, Scope, Wait
 from fame.engine.state_fields import (
@@ -214,7 +214,7 @@ def test_a_migration_transfers_every_field(name: str) -> None:
     new = Sample(re.sub(r'"([a-z]\w*)"', lambda found: found[0][:-1] + 'X"' if found[1] in ids else found[0], text))
     names = {key: key.replace(node.id, f"{node.id}X", 1) for key, node in old.by_key.items()}
     data = data_of(name)
-    moved, _ = migrate(data, old, new.node.engine.program, Plan(to={id: f"{id}X" for id in ids}))
+    moved, _ = migrate(data, old, new.node.engine.program, MigrationPlan(to={id: f"{id}X" for id in ids}))
     assert moved["program"] == new.node.engine.program.hash
     for instance in data["instances"]:
         instance["counts"][UNCOUNTED] = 0
@@ -229,7 +229,7 @@ def test_a_migration_leaves_no_reference_to_what_it_drops(name: str) -> None:
     program, data = runs()[name].node.engine.program, data_of(name)
     for wait in data["waits"]:
         element = program.by_key[wait["node"]].id
-        moved, _ = migrate(data, program, program, Plan(abandon=frozenset({element})))
+        moved, _ = migrate(data, program, program, MigrationPlan(abandon=frozenset({element})))
         moved |= {"continuations": [], "variables": []}
         again = snapshot(restored(program, {**moved, "variables": data["variables"]}, name), dump=dump)
         assert {**json.loads(json.dumps(again)), "variables": []} == moved

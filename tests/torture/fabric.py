@@ -20,8 +20,8 @@ from fame.middleware.errors import publish_error, unavailable_error
 from fame.middleware.insistent import InsistentRequests
 from fame.middleware.interface import (
     SIGNAL,
+    AnyMessage,
     EndpointWarning,
-    Message,
     PendingRequests,
     QoS,
     TopicInfo,
@@ -45,7 +45,7 @@ class Fabric:
         self.cuts: Counter[frozenset[str]] = Counter()  # of machines
         self.delay, self.loss = 0.002, 0.0  # s at most, probability
         self.struck: Counter[str] = Counter()
-        self.published: dict[str, list[tuple[float, str, Message]]] = {}  # topic -> (s, process, message), as they left
+        self.published: dict[str, list[tuple[float, str, AnyMessage]]] = {}  # topic -> (s, process, message)
 
     def join(self, process: Process) -> Wire:
         """The middleware of a new process."""
@@ -305,11 +305,11 @@ class WireNode:
         return self._add(Publisher(self, topic, type, qos))
 
     def subscription(
-        self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS = SIGNAL
+        self, topic: str, type: str, callback: Callable[[AnyMessage], object], qos: QoS = SIGNAL
     ) -> Subscription:
         return self._add(Subscription(self, topic, type, qos, callback))
 
-    def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> Service:
+    def service(self, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> Service:
         return self._add(Service(self, name, type, handler))
 
     def client(self, name: str, type: str) -> Client:
@@ -370,9 +370,9 @@ class Publisher(End):
         self._class = messages.message_type(type)
         self.matched: dict[Subscription, None] = {}
         kept = qos.durability == "transient_local"
-        self._kept: deque[Message] = deque(maxlen=qos.depth if kept else 0)
+        self._kept: deque[AnyMessage] = deque(maxlen=qos.depth if kept else 0)
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: AnyMessage) -> None:
         if message.__class__ is not self._class or not self.open:
             raise publish_error(self.topic, self.type, message, closed=not self.open)
         self._kept.append(message)
@@ -385,7 +385,7 @@ class Publisher(End):
         for there, subscriptions in ends.items():
             self._send(there, subscriptions, message)
 
-    def _send(self, there: Wire, subscriptions: list[Subscription], message: Message) -> None:
+    def _send(self, there: Wire, subscriptions: list[Subscription], message: AnyMessage) -> None:
         """Send a message to a process: all its subscriptions get it at once."""
         link = wire.fabric.links.get((wire.id, there.id)) if (wire := self.node.middleware) is not there else None
 
@@ -420,14 +420,16 @@ class Publisher(End):
 class Subscription(End):
     role = "subscription"
 
-    def __init__(self, node: WireNode, topic: str, type: str, qos: QoS, callback: Callable[[Message], object]) -> None:
+    def __init__(
+        self, node: WireNode, topic: str, type: str, qos: QoS, callback: Callable[[AnyMessage], object]
+    ) -> None:
         super().__init__(node, topic, messages.message_type(type).__msgtype__, qos)
         self.max_size, self.on_dropped = 1 << 62, node.middleware.warn
         self._callback = callback
-        self._queue: deque[Message] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
-        self._early: dict[End, list[Message]] = {}
+        self._queue: deque[AnyMessage] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
+        self._early: dict[End, list[AnyMessage]] = {}
 
-    def arrive(self, publisher: Publisher, message: Message) -> None:
+    def arrive(self, publisher: Publisher, message: AnyMessage) -> None:
         """A message from another process: one of a publisher that is not known yet waits for its discovery."""
         if publisher in self.node.middleware.known:
             self.enqueue(message)
@@ -438,7 +440,7 @@ class Subscription(End):
         for message in self._early.pop(other, ()):
             self.enqueue(message)
 
-    def enqueue(self, message: Message) -> None:
+    def enqueue(self, message: AnyMessage) -> None:
         """Queue a message; a full queue loses its oldest."""
         if self.open:
             if len(self._queue) == self._queue.maxlen:
@@ -455,7 +457,7 @@ class Subscription(End):
 class Service(End):
     role = "service"
 
-    def __init__(self, node: WireNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+    def __init__(self, node: WireNode, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> None:
         super().__init__(node, name, type, SIGNAL)
         self.name, self.handler = self.topic, handler
         self.request_type, self.response_type = messages.service(type)
@@ -502,7 +504,7 @@ class Client(End):
     def call(
         self,
         request: Any,
-        callback: Callable[[Message], object],
+        callback: Callable[[AnyMessage], object],
         lost: Callable[[], object] | None = None,
         *,
         or_new: bool = False,
@@ -516,7 +518,7 @@ class Client(End):
         for server in servers:  # as on DDS: the first response counts
             self._way(self, server, partial(self._handle, server, message, self._number))
 
-    def _handle(self, server: Service, request: Message, number: int) -> None:
+    def _handle(self, server: Service, request: AnyMessage, number: int) -> None:
         def respond(response: Any) -> None:
             answer = messages.create(server.response_type, response)
             self._way(server, self, lambda: self._requests.respond(number, answer) if self.open else None)

@@ -15,7 +15,7 @@ from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.requests import TaskServer
 from fame.deploy.resumption import _PROMISE, StateKeeper
 from fame.robot import journal
-from fame.robot.durable import Recorder
+from fame.robot.durable import DurableRecorder
 from fame.robot.journal import Journal, StateDirectory
 from fame.robot.live import LiveFeed
 from fame.robot.node import RobotNode
@@ -187,7 +187,7 @@ def _promise_removed_at_start(original: Any) -> Any:
 def _start_unwritten(original: Any) -> Any:
     """A process starts, and is said to be started, before that is on the disk."""
 
-    def begin_with(self: Recorder, before: Any, after: Any, start: Callable[[], object]) -> None:
+    def begin_with(self: DurableRecorder, before: Any, after: Any, start: Callable[[], object]) -> None:
         original(self, before, after, lambda: None)
         start()
 
@@ -254,14 +254,14 @@ BUGS: dict[str, Bug] = {
     "a promise that is not read again": (EngineNode, "_read_promises", _promise_not_resumed),
     "a promise that hides the next one": (StateKeeper, "promise", _promise_overwrites_nothing),
     "a promise that is removed too early": (StateKeeper, "begin", _promise_removed_at_start),
-    "a start before its record": (Recorder, "begin_with", _start_unwritten),
+    "a start before its record": (DurableRecorder, "begin_with", _start_unwritten),
     "an effect before its record": (Journal, "sync", _effect_before_record),
     "a record that claims too much": (Journal, "append", _claims_too_much),
     "a checksum that nobody compares": (journal, "_checked", _unchecked),
     "a change that is not recorded": (Journal, "append", _changes_forgotten),
     "a file renamed before it is synced": (StateDirectory, "write_file", _file_not_synced),
     "a name that is not synced": (StateDirectory, "write_file", _name_not_synced),
-    "a state that is not synced at its end": (Recorder, "_let_leave", _nothing),
+    "a state that is not synced at its end": (DurableRecorder, "_let_leave", _nothing),
     "a sender that starts too early": (sender_protocol, "_vote", _start_at_once),
     "a robot that aborts alone": (termination, "step", _decides_alone),
     "a robot that starts alone": (termination, "step", _starts_alone),

@@ -68,7 +68,7 @@ class FlowNode(Element):
 
     @property
     def place(self) -> str:
-        """Where an event stands: a `Place`."""
+        """Where an event stands: a `EventPosition`."""
         return ""
 
     @property
@@ -149,8 +149,8 @@ class FlowNode(Element):
             yield from part.sets() if part is not None else ()
 
 
-Place = Literal["start", "catch", "throw", "end", "boundary"]
-PLACES: Mapping[str, Place] = {
+EventPosition = Literal["start", "catch", "throw", "end", "boundary"]
+PLACES: Mapping[str, EventPosition] = {
     "startEvent": "start",
     "intermediateCatchEvent": "catch",
     "intermediateThrowEvent": "throw",
@@ -170,7 +170,7 @@ class Event(FlowNode):
     caught message: its inputs are visible to the payload only, its outputs are assigned when the event has occurred.
     """
 
-    place: Place = field()  # required: without it, the property of all flow nodes would be its default
+    place: EventPosition = field()  # required: without it, the property of all flow nodes would be its default
     definitions: tuple[EventDefinition, ...] = ()
     attached_to: str = ""
     interrupting: bool = True
@@ -412,7 +412,7 @@ class Body:
         """All call activities, at any depth."""
         return (node for node in self.walk() if isinstance(node, CallActivity))
 
-    def events(self, place: Place) -> list[Event]:
+    def events(self, place: EventPosition) -> list[Event]:
         """The events at one place, of this body alone."""
         return [node for node in self.nodes if isinstance(node, Event) and node.place == place]
 

@@ -14,11 +14,11 @@ from fame.bpmn.model import (
     ErrorDefinition,
     EscalationDefinition,
     EventDefinition,
+    EventPosition,
     Expression,
     IoMapping,
     LinkDefinition,
     MessageDefinition,
-    Place,
     SignalDefinition,
     TerminateDefinition,
     TimerDefinition,
@@ -65,12 +65,12 @@ class TopicSource:
     """The event, or send or receive task, whose topics are read. `properties` apply to all of its topics."""
 
     node: NodeReader
-    place: Place
+    place: EventPosition
     takes: tuple[Assignment, ...] = ()
     properties: TopicProperties | None = None
 
 
-def read_definitions(node: NodeReader, place: Place) -> tuple[EventDefinition, ...]:
+def read_definitions(node: NodeReader, place: EventPosition) -> tuple[EventDefinition, ...]:
     """The event definitions of an event, in document order. Faults are definitions that are not allowed or invalid."""
     found: list[tuple[Node, str]] = []
     for tag, elements in node.parts.items():
@@ -85,7 +85,7 @@ def read_definitions(node: NodeReader, place: Place) -> tuple[EventDefinition, .
     return tuple(_READERS[kind](source, element) for element, kind in found)
 
 
-def _is_known(node: NodeReader, kind: str, place: Place) -> bool:
+def _is_known(node: NodeReader, kind: str, place: EventPosition) -> bool:
     """Whether BPMN 2.0 has definitions of this kind. One that is not allowed at this place is a fault."""
     if kind not in _ALLOWED:
         node.fault(f"unknown event definition {kind!r}: expected one of {', '.join(_ALLOWED)}")
@@ -95,7 +95,7 @@ def _is_known(node: NodeReader, kind: str, place: Place) -> bool:
     return kind in _ALLOWED
 
 
-def read_mapping(node: NodeReader, place: Place, definitions: tuple[EventDefinition, ...]) -> IoMapping | None:
+def read_mapping(node: NodeReader, place: EventPosition, definitions: tuple[EventDefinition, ...]) -> IoMapping | None:
     """The mapping of an event, without that of a caught message."""
     found, moves = node.extensions, node.associations
     catches = place not in THROWS and any(isinstance(one, SignalDefinition | MessageDefinition) for one in definitions)

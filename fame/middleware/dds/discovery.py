@@ -43,7 +43,7 @@ _MANY = 256
 
 
 @dataclass(frozen=True, slots=True)
-class Endpoint:
+class DiscoveredEndpoint:
     """A writer or reader. `topic` is the name in DDS (``rt/odom``), `type` that in ROS (``nav_msgs/msg/Odometry``)."""
 
     gid: bytes
@@ -88,7 +88,7 @@ class Discovery:
     def __init__(self, entities: Entities, waiter: DataWaiter, changed: Callable[[], object]) -> None:
         participant = entities.participant
         self.participant: bytes = participant.guid.bytes
-        self.endpoints: dict[bytes, Endpoint] = {}
+        self.endpoints: dict[bytes, DiscoveredEndpoint] = {}
         self.nodes: dict[bytes, tuple[NodeEntry, ...]] = {}
         self._lock = threading.RLock()
         data = wire.type_hash(PARTICIPANT)
@@ -120,10 +120,10 @@ class Discovery:
             data = pack_nodes(self.participant, self.nodes[self.participant])
             self._writer.write(self._writer.data_type(data))
 
-    def refresh(self) -> tuple[list[Endpoint], list[Endpoint]]:
+    def refresh(self) -> tuple[list[DiscoveredEndpoint], list[DiscoveredEndpoint]]:
         """Bring the tables up to date; returns the endpoints that came and those that went."""
-        came: list[Endpoint] = []
-        went: list[Endpoint] = []
+        came: list[DiscoveredEndpoint] = []
+        went: list[DiscoveredEndpoint] = []
         with self._lock:
             for writes, reader in self._endpoint_readers.items():
                 for sample in _samples(reader):
@@ -136,12 +136,12 @@ class Discovery:
                     self.nodes.pop(sample.key.bytes, None)
         return came, went
 
-    def all_endpoints(self) -> list[Endpoint]:
+    def all_endpoints(self) -> list[DiscoveredEndpoint]:
         """All endpoints, in the order in which they came."""
         with self._lock:
             return list(self.endpoints.values())
 
-    def on_topic(self, topic: str) -> list[Endpoint]:
+    def on_topic(self, topic: str) -> list[DiscoveredEndpoint]:
         """The endpoints of a DDS topic."""
         return [endpoint for endpoint in self.all_endpoints() if endpoint.topic == topic]
 
@@ -154,7 +154,9 @@ class Discovery:
         """Gid of an endpoint -> full name of its node."""
         return {gid: node.full_name for node in self.all_nodes() for gid in node.gids}
 
-    def _update(self, sample: Any, writes: bool, came: list[Endpoint], went: list[Endpoint]) -> None:
+    def _update(
+        self, sample: Any, writes: bool, came: list[DiscoveredEndpoint], went: list[DiscoveredEndpoint]
+    ) -> None:
         gid = sample.key.bytes
         known = self.endpoints.get(gid)
         if sample.sample_info.instance_state != InstanceState.Alive:
@@ -162,7 +164,7 @@ class Discovery:
                 went.append(self.endpoints.pop(gid))
         elif known is None:
             qos, data = sample.qos
-            self.endpoints[gid] = endpoint = Endpoint(
+            self.endpoints[gid] = endpoint = DiscoveredEndpoint(
                 gid,
                 sample.participant_key.bytes,
                 sample.topic_name,

@@ -21,13 +21,13 @@ from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import codec, messages
 from fame.middleware.dds import wire
-from fame.middleware.dds.discovery import Endpoint
+from fame.middleware.dds.discovery import DiscoveredEndpoint
 from fame.middleware.dds.participant import Participant
 from fame.middleware.dds.wire import matched, user_data
 from fame.middleware.errors import FOREIGN, dropped_warning
-from fame.middleware.interface import EndpointWarning, Message, QoS
+from fame.middleware.interface import AnyMessage, EndpointWarning, QoS
 from fame.middleware.qos import one_deeper
-from fame.middleware.wire_base import Warnings
+from fame.middleware.wire_base import WarningsOnce
 from fame.middleware.wire_endpoints import WireClient, WirePublisher, WireService, WireSubscription
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class DdsPublisher(WirePublisher):
         self.gid: bytes = self._writer.guid.bytes
         self.handle: int = wire.handle(self._writer.get_instance_handle())
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: AnyMessage) -> None:
         data = self.pack(message)
         self._unflushed = True
         try:
@@ -91,7 +91,9 @@ class DdsSubscription(WireSubscription):
     While it is `held`, messages wait in Cyclone alone, for `drain`.
     """
 
-    def __init__(self, node: DdsNode, topic: str, type: str, callback: Callable[[Message], object], qos: QoS) -> None:
+    def __init__(
+        self, node: DdsNode, topic: str, type: str, callback: Callable[[AnyMessage], object], qos: QoS
+    ) -> None:
         super().__init__(node, topic, type, callback, qos)
         self._participant = participant = node.participant
         self._own = {publisher.handle for publisher in node.publishers if publisher.topic == topic}
@@ -198,11 +200,11 @@ class _Exchange:
     def __init__(
         self,
         participant: Participant,
-        warn: Warnings,
+        warn: WarningsOnce,
         name: str,
         type: str,
         role: Literal["service", "client"],
-        on_message: Callable[[Message, Numbers, int], object],
+        on_message: Callable[[AnyMessage, Numbers, int], object],
     ) -> None:
         request_type, response_type = messages.service(type)
         request = wire.dds_topic(name, wire.REQUEST, "Request"), request_type
@@ -217,7 +219,7 @@ class _Exchange:
         participant.data.add(self.reader, partial(participant.scheduler.soon, self.take))
         self.writer_gid, self.reader_gid = self.writer.guid.bytes, self.reader.guid.bytes
 
-    def write(self, message: Message, numbers: Numbers) -> None:
+    def write(self, message: AnyMessage, numbers: Numbers) -> None:
         data = codec.serialize(message)
         self.writer.write(self.writer.data_type(data[: wire.HEADER] + _NUMBERS.pack(*numbers) + data[wire.HEADER :]))
 
@@ -248,7 +250,7 @@ class DdsService(WireService):
 
     exchange: _Exchange
 
-    def __init__(self, node: DdsNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+    def __init__(self, node: DdsNode, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> None:
         super().__init__(node, name, type, handler)
         self.exchange = _Exchange(node.participant, node.middleware.warn, name, type, "service", self._on_request)
         self._reachable: set[int] = set()
@@ -257,13 +259,13 @@ class DdsService(WireService):
         self.exchange.close()
         self.node.middleware.on_endpoints_changed()
 
-    def _on_request(self, request: Message, numbers: Numbers, client: int) -> None:
-        def send(response: Message) -> None:
+    def _on_request(self, request: AnyMessage, numbers: Numbers, client: int) -> None:
+        def send(response: AnyMessage) -> None:
             self._respond(response, numbers, client, self.node.middleware.scheduler.now + _PATIENCE)
 
         self.handle(request, send)
 
-    def _respond(self, response: Message, numbers: Numbers, client: int, deadline: int) -> None:
+    def _respond(self, response: AnyMessage, numbers: Numbers, client: int, deadline: int) -> None:
         """Respond as soon as the reader of the client is discovered: before that, it would not get the response."""
         scheduler = self.node.middleware.scheduler
         if self.exchange.closed or client not in map(wire.handle, matched(self.exchange.reader)):
@@ -314,7 +316,7 @@ class DdsClient(WireClient):
         server = self.exchange.participant.owner(foreign.gid)
         return MessageError(f"the service {self.name} is offered by {server}, {FOREIGN}", type=self.type)
 
-    def send(self, request: Message) -> int:
+    def send(self, request: AnyMessage) -> int:
         number = next(self._numbers)
         self.exchange.write(request, (self._guid, number))
         return number
@@ -323,13 +325,13 @@ class DdsClient(WireClient):
         self.exchange.close()
         self.node.middleware.on_endpoints_changed()
 
-    def _found(self) -> list[Endpoint]:
+    def _found(self) -> list[DiscoveredEndpoint]:
         """The servers of its name in the domain."""
         participant = self.exchange.participant
         participant.refresh()  # Cyclone connects endpoints before it tells of them
         return participant.servers(self.name)
 
-    def _on_message(self, response: Message, numbers: Numbers, service: int) -> None:
+    def _on_message(self, response: AnyMessage, numbers: Numbers, service: int) -> None:
         guid, number = numbers
         if guid == self._guid:
             self.pending.respond(number, response)

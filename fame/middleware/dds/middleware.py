@@ -11,7 +11,7 @@ from functools import partial
 
 from fame.clock import SECOND, WallScheduler
 from fame.middleware.dds import wire
-from fame.middleware.dds.discovery import Endpoint, NodeEntry
+from fame.middleware.dds.discovery import DiscoveredEndpoint, NodeEntry
 from fame.middleware.dds.endpoints import DdsClient, DdsPublisher, DdsService, DdsSubscription
 from fame.middleware.dds.participant import Participant
 from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, TopicInfo
@@ -54,7 +54,7 @@ class DdsMiddleware(WireMiddleware):
         """Every ROS topic of the domain that has an endpoint, in the order of names, without services."""
         self.refresh()
         discovery = self.participant.discovery
-        owners, topics = discovery.owners(), dict[str, list[Endpoint]]()
+        owners, topics = discovery.owners(), dict[str, list[DiscoveredEndpoint]]()
         for endpoint in discovery.all_endpoints():
             if endpoint.topic.startswith(f"{wire.TOPIC}/"):
                 topics.setdefault(endpoint.topic.removeprefix(wire.TOPIC), []).append(endpoint)
@@ -123,7 +123,7 @@ class DdsNode(WireNode):
         return NodeEntry(self.name, self.namespace, tuple(readers), tuple(writers))
 
 
-def _info(name: str, endpoints: list[Endpoint], owners: dict[bytes, str]) -> TopicInfo:
+def _info(name: str, endpoints: list[DiscoveredEndpoint], owners: dict[bytes, str]) -> TopicInfo:
     return TopicInfo(
         name,
         tuple(sorted({endpoint.type for endpoint in endpoints})),

@@ -24,7 +24,7 @@ from fame.clock import Scheduler
 from fame.errors import ConfigError
 from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.dds import wire
-from fame.middleware.dds.discovery import Discovery, Endpoint, NodeEntry
+from fame.middleware.dds.discovery import DiscoveredEndpoint, Discovery, NodeEntry
 from fame.middleware.dds.domain import confined, open_domain
 from fame.middleware.dds.waitset import DataWaiter, delete
 from fame.middleware.dds.wire import Entities
@@ -105,7 +105,7 @@ class Participant:
         found = self.servers(name)
         return [(server.type.removesuffix("_Request"), owners.get(server.gid, UNKNOWN_NODE)) for server in found]
 
-    def servers(self, name: str) -> list[Endpoint]:
+    def servers(self, name: str) -> list[DiscoveredEndpoint]:
         """The endpoint of each service of that name that takes its requests, as of the last `refresh`."""
         topic = wire.dds_topic(name, wire.REQUEST, "Request")
         return [endpoint for endpoint in self.discovery.on_topic(topic) if not endpoint.writes]
@@ -141,7 +141,7 @@ class Participant:
                 raise
             self._thread.wake()  # somebody does not keep up: try again
 
-    def _pairs(self, endpoint: Endpoint) -> Iterator[tuple[Endpoint, Endpoint]]:
+    def _pairs(self, endpoint: DiscoveredEndpoint) -> Iterator[tuple[DiscoveredEndpoint, DiscoveredEndpoint]]:
         """Writer and reader of each pair that an endpoint makes with another, if one of them is of this participant."""
         if not endpoint.topic.startswith(f"{wire.TOPIC}/"):
             return
@@ -152,19 +152,19 @@ class Participant:
             ):
                 yield (endpoint, other) if endpoint.writes else (other, endpoint)
 
-    def _served_to_another_dds(self, endpoint: Endpoint) -> str:
+    def _served_to_another_dds(self, endpoint: DiscoveredEndpoint) -> str:
         """The service of this participant that an endpoint of another DDS is a client of; an action's, once."""
         service = wire.service_of(endpoint.topic) if endpoint.writes and endpoint.is_foreign else ""
         own = service and any(server.participant == self.discovery.participant for server in self.servers(service))
         return service if own and ("/_action/" not in service or service.endswith("/send_goal")) else ""
 
-    def _report_foreign(self, service: str, client: Endpoint) -> None:
+    def _report_foreign(self, service: str, client: DiscoveredEndpoint) -> None:
         """Warn that a client of another DDS calls a service here, and gets no response."""
         name = service.removesuffix("/_action/send_goal")
         node = self.discovery.owners().get(client.gid, UNKNOWN_NODE)
         self._warn(EndpointWarning(name, f"cannot be called by {node}, {FOREIGN}", "mismatch"))
 
-    def _report(self, writer: Endpoint, reader: Endpoint, reason: str) -> None:
+    def _report(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint, reason: str) -> None:
         """Warn that two endpoints do not match, unless they are of one node, or one of them is gone."""
         present = {endpoint.gid for endpoint in self.discovery.on_topic(writer.topic)}
         own = any({writer.gid, reader.gid} <= node.gids for node in self.discovery.all_nodes())

@@ -32,7 +32,7 @@ from rclpy.task import Future
 from fame.clock import SECOND
 from fame.errors import MessageError, MissingTypeError
 from fame.middleware import codec
-from fame.middleware.interface import UNKNOWN_NODE, Message, QoS, resolve
+from fame.middleware.interface import UNKNOWN_NODE, AnyMessage, QoS, resolve
 from fame.middleware.qos import compatible, one_deeper
 from fame.middleware.self_echo_filter import EchoFilter
 from fame.middleware.wire_endpoints import WireClient, WirePublisher, WireService, WireSubscription
@@ -64,12 +64,12 @@ def ros_class(name: str) -> Any:
         raise MissingTypeError(text, type=name) from None
 
 
-def to_ros(message: Message, kind: Any) -> Any:
+def to_ros(message: AnyMessage, kind: Any) -> Any:
     """A message as one of rclpy's class `kind`."""
     return deserialize_message(codec.serialize(message), kind)
 
 
-def from_ros(message: Any, type: str) -> Message:
+def from_ros(message: Any, type: str) -> AnyMessage:
     """A message of rclpy as one of ours."""
     return codec.deserialize(serialize_message(message), type)
 
@@ -214,7 +214,7 @@ class RosPublisher(WirePublisher):
         depth = (None if qos.history == "keep_all" else qos.depth) if qos.durability == "transient_local" else 0
         self.history: deque[bytes] = deque(maxlen=depth)
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: AnyMessage) -> None:
         data = self.pack(message)
         for subscription in self.node.subscriptions:
             subscription.expect_echo(self, (data,))
@@ -245,7 +245,7 @@ class RosSubscription(WireSubscription):
         node: RosNode,
         topic: str,
         type: str,
-        callback: Callable[[Message], object],
+        callback: Callable[[AnyMessage], object],
         qos: QoS,
     ) -> None:
         ros = node.handle
@@ -327,7 +327,7 @@ class RosService(WireService):
     scheduler. Responses are sent one after the other: rclpy resumes coroutines that wait in no order.
     """
 
-    def __init__(self, node: RosNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+    def __init__(self, node: RosNode, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> None:
         ros = node.handle
         super().__init__(node, ros.node.resolve_service_name(name), type, handler)
         self._ros, self._class = ros, ros_class(self.request_type.removesuffix("_Request"))
@@ -347,7 +347,7 @@ class RosService(WireService):
         return result
 
     def _answer(self, request: Any, future: Any) -> None:
-        def send(response: Message) -> None:
+        def send(response: AnyMessage) -> None:
             self._responses.append((future, to_ros(response, self._class.Response)))
             if len(self._responses) == 1:
                 self._send()
@@ -394,7 +394,7 @@ class RosClient(WireClient):
         self._servers += [next(self._numbers) for _ in range(there - len(self._servers))]
         return frozenset(self._servers)
 
-    def send(self, request: Message) -> Any:
+    def send(self, request: AnyMessage) -> Any:
         scheduler = self.node.middleware.scheduler
         future = self._end.call_async(to_ros(request, self._class.Request))
         future.add_done_callback(lambda done: scheduler.soon(partial(self._on_done, done)))

@@ -23,11 +23,11 @@ from fame.cpython import keep_thread_state
 from fame.errors import MessageError
 from fame.middleware import codec
 from fame.middleware.errors import dropped_warning
-from fame.middleware.interface import Message, QoS
+from fame.middleware.interface import AnyMessage, QoS
 from fame.middleware.qos import mismatch
 from fame.middleware.wire_endpoints import WireClient, WirePublisher, WireService, WireSubscription
 from fame.middleware.zenoh import tokens
-from fame.middleware.zenoh.tokens import Entity, Kind
+from fame.middleware.zenoh.tokens import Entity, EntityKind
 
 if TYPE_CHECKING:
     from fame.middleware.zenoh.middleware import ZenohNode
@@ -50,7 +50,7 @@ _DROP, _BLOCK = zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK
 class _Declared:
     """An endpoint in Zenoh, and its token."""
 
-    def __init__(self, node: ZenohNode, kind: Kind, name: str, type: str, qos: QoS) -> None:
+    def __init__(self, node: ZenohNode, kind: EntityKind, name: str, type: str, qos: QoS) -> None:
         service = kind in (tokens.SERVICE, tokens.CLIENT)
         type_hash = codec.service_hash(type) if service else codec.type_hash(type)
         self._node, self._middleware = node, node.middleware
@@ -68,13 +68,13 @@ class _Declared:
         if self.entity.kind in (tokens.PUBLISHER, tokens.SUBSCRIPTION):
             self._middleware.report_mismatches(self.entity)
 
-    def others(self, kind: Kind) -> list[Entity]:
+    def others(self, kind: EntityKind) -> list[Entity]:
         """The endpoints of that kind with the same key."""
         same_type = self.entity.type, self.entity.type_hash
         named = self._middleware.entities.named(self.entity.name, kind)
         return [other for other in named if (other.type, other.type_hash) == same_type]
 
-    def matching(self, kind: Kind) -> list[Entity]:
+    def matching(self, kind: EntityKind) -> list[Entity]:
         """The publishers or subscriptions of other nodes that it is connected to."""
         mine = self.entity
         found = [other for other in self.others(kind) if not self._node.owns(other)]
@@ -118,7 +118,7 @@ class ZenohPublisher(WirePublisher):
         self._put = end.put
         declared.announce(end)
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: AnyMessage) -> None:
         data, number = self.pack(message), next(self._numbers)
         try:
             self._put(data, attachment=tokens.attachment(number, self.gid))
@@ -150,7 +150,9 @@ class ZenohSubscription(WireSubscription):
 
     node: ZenohNode
 
-    def __init__(self, node: ZenohNode, topic: str, type: str, callback: Callable[[Message], object], qos: QoS) -> None:
+    def __init__(
+        self, node: ZenohNode, topic: str, type: str, callback: Callable[[AnyMessage], object], qos: QoS
+    ) -> None:
         super().__init__(node, topic, type, callback, qos)
         self._declared = declared = _Declared(node, tokens.SUBSCRIPTION, topic, self.type, qos)
         self.token: str = declared.entity.token
@@ -304,7 +306,7 @@ class ZenohService(WireService):
 
     node: ZenohNode
 
-    def __init__(self, node: ZenohNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+    def __init__(self, node: ZenohNode, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> None:
         super().__init__(node, name, type, handler)
         self.type = self.request_type.removesuffix("_Request")
         self._declared = declared = _Declared(node, tokens.SERVICE, name, self.type, _SERVICE_QOS)
@@ -329,7 +331,7 @@ class ZenohService(WireService):
             query.drop()
             return
 
-        def send(response: Message) -> None:
+        def send(response: AnyMessage) -> None:
             if not self.closed:
                 returned = tokens.attachment(received.number, received.gid)
                 query.reply(self._declared.key, codec.serialize(response), attachment=returned)
@@ -358,7 +360,7 @@ class ZenohClient(WireClient):
     def servers(self) -> frozenset[str]:
         return frozenset(server.token for server in self._declared.others(tokens.SERVICE))
 
-    def send(self, request: Message) -> int:
+    def send(self, request: AnyMessage) -> int:
         number, soon = next(self._numbers), self.node.middleware.scheduler.soon
         self._declared.session.get(
             self._declared.key,

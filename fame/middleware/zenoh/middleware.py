@@ -30,7 +30,7 @@ from fame.middleware.wire_base import EndpointClasses, WireMiddleware, WireNode,
 from fame.middleware.zenoh import tokens
 from fame.middleware.zenoh.endpoints import ZenohClient, ZenohPublisher, ZenohService, ZenohSubscription
 from fame.middleware.zenoh.session import open_session, take_over
-from fame.middleware.zenoh.tokens import Entity, Kind
+from fame.middleware.zenoh.tokens import Entity, EntityKind
 
 _LOOK = SECOND // 10
 """Interval at which a process looks who has come and left (ns)."""
@@ -54,7 +54,7 @@ class Graph:
         self._update = update
         self._lock = threading.RLock()
         self._entities: dict[str, Entity] = {}
-        self._names: dict[tuple[str, Kind], dict[str, Entity]] = {}
+        self._names: dict[tuple[str, EntityKind], dict[str, Entity]] = {}
         self._publishers: dict[bytes, Entity] = {}
         self._topics: list[TopicInfo] | None = None
         self._nodes: list[str] | None = None
@@ -109,7 +109,7 @@ class Graph:
                 self._nodes = sorted(each.node for each in self._entities.values() if each.kind == tokens.NODE)
             return self._nodes
 
-    def named(self, name: str, kind: Kind) -> list[Entity]:
+    def named(self, name: str, kind: EntityKind) -> list[Entity]:
         """The endpoints of a topic or service (full name) of one kind."""
         self._update()
         with self._lock:
@@ -353,7 +353,7 @@ class ZenohNode(WireNode):
 
 
 def _info(name: str, entities: list[Entity]) -> TopicInfo:
-    def nodes(kind: Kind) -> Iterator[str]:
+    def nodes(kind: EntityKind) -> Iterator[str]:
         return (entity.node or UNKNOWN_NODE for entity in entities if entity.kind == kind)
 
     types = tuple(sorted({entity.type for entity in entities}))

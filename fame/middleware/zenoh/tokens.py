@@ -26,8 +26,8 @@ from fame.errors import MessageError
 from fame.middleware.interface import SIGNAL, QoS, resolve
 from fame.middleware.typesystem import dds_type, ros_type
 
-Kind = Literal["NN", "MP", "MS", "SS", "SC"]
-NODE, PUBLISHER, SUBSCRIPTION, SERVICE, CLIENT = KINDS = get_args(Kind)
+EntityKind = Literal["NN", "MP", "MS", "SS", "SC"]
+NODE, PUBLISHER, SUBSCRIPTION, SERVICE, CLIENT = KINDS = get_args(EntityKind)
 ROOT = "@ros2_lv"
 """First part of each token."""
 
@@ -72,7 +72,7 @@ class Entity:
     token: str
     session: str
     node_id: str
-    kind: Kind
+    kind: EntityKind
     namespace: str
     node: str
     gid: bytes
@@ -105,7 +105,7 @@ def node_token(domain: int, session: str, node_id: int, namespace: str, name: st
     return f"{ROOT}/{domain}/{session}/{node_id}/{node_id}/{NODE}/%/%{namespace.replace('/', '%')}/{name}"
 
 
-def endpoint_token(node: str, kind: Kind, id: int, name: str, type: str, type_hash: str, qos: QoS) -> str:
+def endpoint_token(node: str, kind: EntityKind, id: int, name: str, type: str, type_hash: str, qos: QoS) -> str:
     """The token of an endpoint, from that of its node."""
     parts = node.split("/")
     parts[4:6] = str(id), kind
@@ -118,7 +118,7 @@ def read_token(token: str) -> Entity | None:
     if len(parts) < 9 or len(token) > _MAX_TOKEN or parts[0] != ROOT or parts[5] not in KINDS:
         return None
     _, _, session, node_id, _, _, _, namespace, name = parts[:9]
-    kind = cast(Kind, parts[5])
+    kind = cast(EntityKind, parts[5])
     namespace = namespace.replace("%", "/").strip("/")
     node = resolve(name.replace("%", "/").strip("/"), namespace)
     gid = gid_of(token)

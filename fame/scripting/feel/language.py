@@ -41,7 +41,7 @@ from fame.scripting.feel.values import (
     order,
     within,
 )
-from fame.scripting.grammar import Dialect, Infix, Parser, constant, infix, numbers_first
+from fame.scripting.grammar import Dialect, ExpressionParser, Infix, constant, infix, numbers_first
 
 OR, AND, SUM, PRODUCT, POWER, UNARY, PATH = 1, 2, 4, 5, 6, 7, 8
 """Binding powers (DMN 1.5, section 10.3.1.2); comparisons have `COMPARE`, 3."""
@@ -123,14 +123,14 @@ def _either(left: Evaluate, right: Evaluate) -> Evaluate:
     return evaluate
 
 
-def _between(parser: Parser, left: Evaluate) -> Evaluate:
+def _between(parser: ExpressionParser, left: Evaluate) -> Evaluate:
     low = parser.expression(COMPARE)
     parser.expect("and")
     high = parser.expression(COMPARE)
     return lambda variables: Range(low(variables), high(variables)).has(left(variables))
 
 
-def _in(parser: Parser, left: Evaluate) -> Evaluate:
+def _in(parser: ExpressionParser, left: Evaluate) -> Evaluate:
     test = _tests(parser) if parser.take("(") else _test(parser)
     return lambda variables: within(left(variables), test(variables))
 
@@ -138,7 +138,7 @@ def _in(parser: Parser, left: Evaluate) -> Evaluate:
 _BOUNDS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
 
 
-def _tests(parser: Parser) -> Evaluate:
+def _tests(parser: ExpressionParser) -> Evaluate:
     """After ``in (``: tests with commas between them, or a range without its lower end."""
     tests = [_test(parser)]
     if parser.at(".."):
@@ -149,7 +149,7 @@ def _tests(parser: Parser) -> Evaluate:
     return lambda variables: [test(variables) for test in tests]
 
 
-def _test(parser: Parser) -> Evaluate:
+def _test(parser: ExpressionParser) -> Evaluate:
     sign = next((sign for sign in _BOUNDS if parser.take(sign)), None)
     value = parser.expression(COMPARE)
     return value if sign is None else lambda variables: Bound(_BOUNDS[sign], value(variables))
@@ -159,7 +159,7 @@ _SECOND = {"time": "offset", "start": "included", "end": "included"}
 """Properties of two words."""
 
 
-def _path(parser: Parser, left: Evaluate) -> Evaluate:
+def _path(parser: ExpressionParser, left: Evaluate) -> Evaluate:
     name = parser.name()
     if name in _SECOND and parser.take(_SECOND[name]):
         name = f"{name} {_SECOND[name]}"
@@ -203,14 +203,14 @@ _TYPES: dict[str, Test] = {
 _SIGNS = {name: re.findall(r"\w+|-", name) for name in _TYPES}
 
 
-def instance(parser: Parser, left: Evaluate) -> Evaluate:
+def instance(parser: ExpressionParser, left: Evaluate) -> Evaluate:
     """After ``instance``."""
     parser.expect("of")
     test = _type(parser)
     return lambda variables: test(left(variables))
 
 
-def _type(parser: Parser) -> Test:
+def _type(parser: ExpressionParser) -> Test:
     name = next((name for name, signs in _SIGNS.items() if _begins(parser, signs)), None)
     if name is None:
         raise parser.unexpected(f"a type, which is one of {', '.join(_TYPES)}")
@@ -223,7 +223,7 @@ def _type(parser: Parser) -> Test:
     return _TYPES[name]
 
 
-def _begins(parser: Parser, signs: list[str]) -> bool:
+def _begins(parser: ExpressionParser, signs: list[str]) -> bool:
     return all(parser.at(sign, ahead) for ahead, sign in enumerate(signs))
 
 
@@ -244,7 +244,7 @@ def _ends(test: Test) -> Test:
 # ---- first tokens of an operand --------------------------------------------------------------------------------------
 
 
-def _not(parser: Parser) -> Evaluate:
+def _not(parser: ExpressionParser) -> Evaluate:
     operand = parser.expression(UNARY if parser.at("(") else AND)  # `not x = 4` is about the comparison
 
     def evaluate(variables: Mapping[str, Any]) -> bool | None:
@@ -254,7 +254,7 @@ def _not(parser: Parser) -> Evaluate:
     return evaluate
 
 
-def _minus(parser: Parser) -> Evaluate:
+def _minus(parser: ExpressionParser) -> Evaluate:
     operand = parser.expression(UNARY)
 
     def evaluate(variables: Mapping[str, Any]) -> Any:
@@ -266,7 +266,7 @@ def _minus(parser: Parser) -> Evaluate:
     return evaluate
 
 
-def _if(parser: Parser) -> Evaluate:
+def _if(parser: ExpressionParser) -> Evaluate:
     condition = parser.expression()
     parser.expect("then")
     then = parser.expression()
@@ -275,7 +275,7 @@ def _if(parser: Parser) -> Evaluate:
     return lambda variables: then(variables) if condition(variables) is True else otherwise(variables)
 
 
-def _literal(parser: Parser) -> Evaluate:
+def _literal(parser: ExpressionParser) -> Evaluate:
     """After ``@``: a date, a time, both, or a duration."""
     return constant(literal(str(parser.advance().value)))
 

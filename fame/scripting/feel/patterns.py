@@ -26,8 +26,8 @@ from typing import Any
 
 from fame.scripting.budget import PASS, spend
 
-Step = tuple[Any, ...]
-Match = dict[int, int]
+_Step = tuple[Any, ...]
+Groups = dict[int, int]
 """Places: group n is from 2n to 2n + 1; group 0 is all."""
 
 _STEPS = 10_000
@@ -45,7 +45,7 @@ class _Compiler:
     def __init__(self, pattern: str, flags: int) -> None:
         self._pattern, self._flags, self._place, self._groups = pattern, flags, 0, 0
 
-    def program(self) -> tuple[Step, ...]:
+    def program(self) -> tuple[_Step, ...]:
         steps = self._alternatives()
         if self._place < len(self._pattern):
             raise ValueError(f"{self._pattern!r} is not a regular expression: `)` too many")
@@ -54,7 +54,7 @@ class _Compiler:
     def _ahead(self, sign: str) -> bool:
         return self._pattern.startswith(sign, self._place)
 
-    def _alternatives(self) -> list[Step]:
+    def _alternatives(self) -> list[_Step]:
         first = self._sequence()
         if not self._ahead("|"):
             return first
@@ -62,15 +62,15 @@ class _Compiler:
         second = self._alternatives()
         return [("split", 1, len(first) + 2), *first, ("jump", len(second) + 1), *second]
 
-    def _sequence(self) -> list[Step]:
-        steps: list[Step] = []
+    def _sequence(self) -> list[_Step]:
+        steps: list[_Step] = []
         while self._place < len(self._pattern) and not (self._ahead("|") or self._ahead(")")):
             steps += self._repeated(self._group() if self._ahead("(") else self._atom())
             if len(steps) > _STEPS:
                 raise ValueError(f"{self._pattern[:40]!r}... is too long")
         return steps
 
-    def _group(self) -> list[Step]:
+    def _group(self) -> list[_Step]:
         plain = self._ahead("(?:")
         if self._ahead("(?") and not plain:
             raise ValueError(f"{self._pattern!r}: (?...) cannot be used here, but for (?:...)")
@@ -83,7 +83,7 @@ class _Compiler:
         self._place += 1
         return steps if plain else [("mark", number), *steps, ("mark", number + 1)]
 
-    def _atom(self) -> list[Step]:
+    def _atom(self) -> list[_Step]:
         found = _ATOM.match(self._pattern, self._place)
         if found is None or re.fullmatch(r"\\[1-9]", found[0]):
             raise ValueError(f"{self._pattern!r} is not a supported regular expression")
@@ -91,7 +91,7 @@ class _Compiler:
         text = "\\{" if found[0] == "{" else found[0]
         return [("at" if text in _ANCHORS else "letter", re.compile(text, self._flags).match)]
 
-    def _repeated(self, steps: list[Step]) -> list[Step]:
+    def _repeated(self, steps: list[_Step]) -> list[_Step]:
         found = _REPEAT.match(self._pattern, self._place)
         if found is None:
             return steps
@@ -105,8 +105,8 @@ class _Compiler:
         return _repeat(steps, least, most, lazy=bool(found[5]))
 
 
-def _repeat(steps: list[Step], least: int, most: int | None, *, lazy: bool) -> list[Step]:
-    def either(ahead: int, beyond: int) -> Step:
+def _repeat(steps: list[_Step], least: int, most: int | None, *, lazy: bool) -> list[_Step]:
+    def either(ahead: int, beyond: int) -> _Step:
         return ("split", beyond, ahead) if lazy else ("split", ahead, beyond)
 
     repeated = steps * least
@@ -118,7 +118,7 @@ def _repeat(steps: list[Step], least: int, most: int | None, *, lazy: bool) -> l
 
 
 @lru_cache(256)
-def _compiled(pattern: str, flags: str) -> tuple[Step, ...]:
+def _compiled(pattern: str, flags: str) -> tuple[_Step, ...]:
     if not set(flags) <= {*_FLAGS, "x"}:
         raise ValueError(f"{flags!r}: flags are i, s, m and x")
     if "x" in flags:
@@ -129,7 +129,7 @@ def _compiled(pattern: str, flags: str) -> tuple[Step, ...]:
     return _Compiler(pattern, value).program()
 
 
-def matches(text: str, pattern: str, flags: str = "") -> Iterator[Match]:
+def matches(text: str, pattern: str, flags: str = "") -> Iterator[Groups]:
     """All matches from left to right, none inside another. Raises ValueError for an invalid pattern."""
     program, start = _compiled(pattern, flags), 0
     while start <= len(text):
@@ -140,7 +140,7 @@ def matches(text: str, pattern: str, flags: str = "") -> Iterator[Match]:
         start = found[1] + (found[0] == found[1])
 
 
-def _search(program: tuple[Step, ...], text: str, start: int) -> Match | None:
+def _search(program: tuple[_Step, ...], text: str, start: int) -> Groups | None:
     """The first match from `start` on. What came to nothing once does so again, wherever the search began."""
     tried: set[int] = set()
     for place in range(start, len(text) + 1):
@@ -150,8 +150,8 @@ def _search(program: tuple[Step, ...], text: str, start: int) -> Match | None:
     return None
 
 
-def _match(program: tuple[Step, ...], text: str, place: int, tried: set[int]) -> Match | None:
-    pending: list[tuple[int, int, Match]] = [(0, place, {})]
+def _match(program: tuple[_Step, ...], text: str, place: int, tried: set[int]) -> Groups | None:
+    pending: list[tuple[int, int, Groups]] = [(0, place, {})]
     while pending:
         step, place, marks = pending.pop()
         while (key := step * (len(text) + 1) + place) not in tried:

@@ -9,7 +9,7 @@ from fame.engine.data import Variables
 from fame.scripting.budget import spend
 from fame.scripting.data import Evaluate, fields_of, is_list, is_number, plain
 from fame.scripting.feel.values import Range
-from fame.scripting.grammar import Parser, listing
+from fame.scripting.grammar import ExpressionParser, listing
 
 # ---- lists, ranges, contexts, iterations -----------------------------------------------------------------------------
 
@@ -18,7 +18,7 @@ COMPARE = 3
 """Binding power of comparisons: the operand between ``in`` and ``return`` binds tighter."""
 
 
-def index_or_filter(parser: Parser, left: Evaluate) -> Evaluate:
+def index_or_filter(parser: ExpressionParser, left: Evaluate) -> Evaluate:
     """After ``[``: a place, counted from 1 or from -1 at the end; or a condition on `item`."""
     parser.counts = True
     inner = parser.inside(["item"], fields=True)
@@ -52,7 +52,7 @@ def scope(variables: Mapping[str, Any], names: Mapping[str, Any]) -> Variables:
     return Variables(variables if isinstance(variables, dict) else dict(variables), names)
 
 
-def bracket(parser: Parser) -> Evaluate:
+def bracket(parser: ExpressionParser) -> Evaluate:
     """After ``[``: a list or a range."""
     if parser.take("]"):
         return lambda variables: []
@@ -66,7 +66,7 @@ def bracket(parser: Parser) -> Evaluate:
     return lambda variables: [first(variables), *rest(variables)]
 
 
-def parenthesis(parser: Parser) -> Evaluate:
+def parenthesis(parser: ExpressionParser) -> Evaluate:
     """After ``(``: an expression or a range."""
     first = parser.expression()
     if parser.at(".."):
@@ -75,7 +75,7 @@ def parenthesis(parser: Parser) -> Evaluate:
     return first
 
 
-def span(parser: Parser, low: Evaluate, *, with_low: bool) -> Evaluate:
+def span(parser: ExpressionParser, low: Evaluate, *, with_low: bool) -> Evaluate:
     parser.expect("..")
     high = parser.expression()
     with_high = parser.take("]")
@@ -84,7 +84,7 @@ def span(parser: Parser, low: Evaluate, *, with_low: bool) -> Evaluate:
     return lambda variables: Range(low(variables), high(variables), with_low, with_high)
 
 
-def _iterated(parser: Parser) -> tuple[list[str], Callable[[Mapping[str, Any]], Iterable[Mapping[str, Any]]]]:
+def _iterated(parser: ExpressionParser) -> tuple[list[str], Callable[[Mapping[str, Any]], Iterable[Mapping[str, Any]]]]:
     """``x in items, i in 1..5``: the names, and a scope for each combination; the last one runs fastest."""
     parser.counts = True
     domains = [_domain(parser, [])]
@@ -104,7 +104,7 @@ def _iterated(parser: Parser) -> tuple[list[str], Callable[[Mapping[str, Any]], 
     return [name for name, _ in domains], scopes
 
 
-def _domain(parser: Parser, before: list[str]) -> tuple[str, Callable[[Mapping[str, Any]], Iterable[Any]]]:
+def _domain(parser: ExpressionParser, before: list[str]) -> tuple[str, Callable[[Mapping[str, Any]], Iterable[Any]]]:
     """``x in items`` or ``i in 1..5``; it may name what was iterated `before`."""
     name = parser.name()
     parser.expect("in")
@@ -125,7 +125,7 @@ def _domain(parser: Parser, before: list[str]) -> tuple[str, Callable[[Mapping[s
     return name, items
 
 
-def iteration(parser: Parser) -> Evaluate:
+def iteration(parser: ExpressionParser) -> Evaluate:
     """After ``for``. `partial` is the list of the results so far (DMN 1.5, section 10.3.2.14)."""
     names, scopes = _iterated(parser)
     parser.expect("return")
@@ -140,7 +140,7 @@ def iteration(parser: Parser) -> Evaluate:
     return evaluate
 
 
-def context(parser: Parser) -> Evaluate:
+def context(parser: ExpressionParser) -> Evaluate:
     """After ``{``: keys are names or texts; an entry sees those before it (DMN 1.5, section 10.3.2.6)."""
     entries: list[tuple[str, Evaluate]] = []
     for _ in parser.separated("}"):
@@ -157,8 +157,8 @@ def context(parser: Parser) -> Evaluate:
     return evaluate
 
 
-def quantified(join: Callable[[Iterable[bool]], bool]) -> Callable[[Parser], Evaluate]:
-    def quantified(parser: Parser) -> Evaluate:
+def quantified(join: Callable[[Iterable[bool]], bool]) -> Callable[[ExpressionParser], Evaluate]:
+    def quantified(parser: ExpressionParser) -> Evaluate:
         names, scopes = _iterated(parser)
         parser.expect("satisfies")
         test = parser.inside(names)
@@ -189,7 +189,7 @@ class Lambda:
         return self._body(scope(self._variables, dict(zip(self.names, values, strict=True))))
 
 
-def definition(parser: Parser) -> Evaluate:
+def definition(parser: ExpressionParser) -> Evaluate:
     """After ``function``."""
     parser.expect("(")
     names = [parser.name() for _ in parser.separated(")")]
@@ -207,7 +207,7 @@ def _data(value: Any) -> Any:
     return None if isinstance(value, Lambda) else value
 
 
-def invocation(parser: Parser, left: Evaluate) -> Evaluate:
+def invocation(parser: ExpressionParser, left: Evaluate) -> Evaluate:
     """After ``(``, behind what gives a function; null for what does not."""
     arguments = parser.arguments()
 

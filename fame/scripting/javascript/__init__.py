@@ -21,7 +21,7 @@ from fame.bpmn.model import Expression
 from fame.engine.data import BUILTINS, Variables
 from fame.scripting.javascript.commands import HOST_API, REALM, HostApi
 from fame.scripting.javascript.realm import Realm
-from fame.scripting.javascript.source import JavaScriptError, Script, read_script
+from fame.scripting.javascript.source import JavaScriptError, SourceText, read_script
 
 __all__ = ["HOST_API", "HostApi", "JavaScriptError", "compile_javascript"]
 
@@ -37,11 +37,11 @@ def compile_javascript(
     return partial(_run if script else _evaluate, read_script(expression, script=script, file=file, element=element))
 
 
-def _run(script: Script, variables: dict[str, Any]) -> Any:
+def _run(script: SourceText, variables: dict[str, Any]) -> Any:
     return realm_of(variables).run(script, variables)
 
 
-def _evaluate(script: Script, variables: dict[str, Any]) -> Any:
+def _evaluate(script: SourceText, variables: dict[str, Any]) -> Any:
     return realm_of(variables).evaluate(script, variables)
 
 

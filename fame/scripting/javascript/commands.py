@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from fame.clock import SECOND, Kind, Scheduler
 from fame.engine.host import BpmnError
 from fame.errors import MessageError
-from fame.scripting.javascript.environment import Run
+from fame.scripting.javascript.environment import ScriptRun
 from fame.scripting.javascript.source import located
 from fame.scripting.javascript.values import Encoded, encode
 from fame.scripting.requests import MOMENT, SERVICE_TIMEOUT, Inbox, MessageQueue
@@ -86,7 +86,7 @@ _POLL = 50 * _MILLISECOND
 """Interval in which waitForService checks whether the service is available (ns)."""
 
 
-def execute(realm: Realm, run: Run, command: list[Any]) -> BaseException | None:
+def execute(realm: Realm, run: ScriptRun, command: list[Any]) -> BaseException | None:
     """Execute a command. Returns the error, None if there was none."""
     name, *values = command
     try:
@@ -102,17 +102,17 @@ def execute(realm: Realm, run: Run, command: list[Any]) -> BaseException | None:
 # ---- topics ----------------------------------------------------------------------------------------------------------
 
 
-def advertise(realm: Realm, run: Run, type: str, topic: str) -> None:
+def advertise(realm: Realm, run: ScriptRun, type: str, topic: str) -> None:
     """createPublisher: create the endpoint before the first message."""
     realm.robot.advertise(topic, type)
 
 
-def publish(realm: Realm, run: Run, type: str, topic: str, message: Any) -> None:
+def publish(realm: Realm, run: ScriptRun, type: str, topic: str, message: Any) -> None:
     """publish: send a message."""
     realm.robot.publish(topic, type, message)
 
 
-def subscribe(realm: Realm, run: Run, number: int, type: str, topic: str) -> None:
+def subscribe(realm: Realm, run: ScriptRun, number: int, type: str, topic: str) -> None:
     """createSubscription: deliver messages one by one, each in an entry of the scheduler."""
     queue = realm.robot.inbox.queue(topic, type, QUEUE)
 
@@ -132,12 +132,12 @@ def _unsubscribe(queue: MessageQueue) -> None:
 # ---- services --------------------------------------------------------------------------------------------------------
 
 
-def client(realm: Realm, run: Run, type: str, service: str) -> None:
+def client(realm: Realm, run: ScriptRun, type: str, service: str) -> None:
     """createClient."""
     realm.robot.inbox.client(service, type)
 
 
-def wait_for_service(realm: Realm, run: Run, number: int, type: str, service: str, ms: float | None) -> None:
+def wait_for_service(realm: Realm, run: ScriptRun, number: int, type: str, service: str, ms: float | None) -> None:
     """waitForService: true as soon as the service is available, false after the timeout."""
     called, scheduler = realm.robot.inbox.client(service, type), realm.robot.scheduler
     end = None if ms is None else scheduler.now + max(0, round(ms * _MILLISECOND))
@@ -153,7 +153,7 @@ def wait_for_service(realm: Realm, run: Run, number: int, type: str, service: st
     realm.expect(number, run, scheduler.soon(poll, Kind.RESUMPTION).cancel)
 
 
-def request(realm: Realm, run: Run, number: int, type: str, service: str, fields: Any, stack: str) -> None:
+def request(realm: Realm, run: ScriptRun, number: int, type: str, service: str, fields: Any, stack: str) -> None:
     """sendRequest: the response is a callback. The service is waited for as that of a task, and its loss treated so."""
     robot, client = realm.robot, realm.robot.inbox.client(service, type)
     scheduler, timers = robot.scheduler, list[Callable[[], object]]()
@@ -195,35 +195,35 @@ def request(realm: Realm, run: Run, number: int, type: str, service: str, fields
 # ---- timers, log, other runs -----------------------------------------------------------------------------------------
 
 
-def timer(realm: Realm, run: Run, number: int, ms: float) -> None:
+def timer(realm: Realm, run: ScriptRun, number: int, ms: float) -> None:
     """setTimeout."""
     scheduler, on_time = realm.robot.scheduler, partial(realm.call_back, number, "null")
     realm.expect(number, run, scheduler.after(round(ms * _MILLISECOND), on_time, Kind.RESUMPTION).cancel)
 
 
-def drop(realm: Realm, run: Run, number: int) -> None:
+def drop(realm: Realm, run: ScriptRun, number: int) -> None:
     """destroySubscription, clearTimeout."""
     realm.drop(number)
 
 
-def log(realm: Realm, run: Run, level: str, text: str) -> None:
+def log(realm: Realm, run: ScriptRun, level: str, text: str) -> None:
     """The console and the logger."""
     if realm.host is not None:
         realm.host.log(level, text)
 
 
-def late(realm: Realm, run: Run, element: str) -> None:
+def late(realm: Realm, run: ScriptRun, element: str) -> None:
     """next() in a later step than its first call: the token has moved on, so nothing can fail any more."""
     realm.robot.report(element, "next() was called again, after the script was over")
 
 
-def end(realm: Realm, run: Run, number: int, error: dict[str, str] | None) -> None:
+def end(realm: Realm, run: ScriptRun, number: int, error: dict[str, str] | None) -> None:
     """End another run: this step called its next() or destroyed its last callback."""
     realm.end_other(number, error)
 
 
-Command = Callable[..., None]
-LOCATED: dict[str, Command] = {
+_Command = Callable[..., None]
+LOCATED: dict[str, _Command] = {
     "advertise": advertise,
     "publish": publish,
     "subscribe": subscribe,
@@ -233,4 +233,4 @@ LOCATED: dict[str, Command] = {
     "late": late,
 }
 """Commands whose first value is the stack where the script gave them."""
-UNLOCATED: dict[str, Command] = {"timer": timer, "drop": drop, "log": log, "end": end}
+UNLOCATED: dict[str, _Command] = {"timer": timer, "drop": drop, "log": log, "end": end}

@@ -20,7 +20,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from fame.engine.data import Variables
-from fame.scripting.javascript.source import Script
+from fame.scripting.javascript.source import SourceText
 from fame.scripting.javascript.values import ATOMS, encode
 from fame.scripting.requests import MessageQueue, Next
 
@@ -176,7 +176,7 @@ def _chained(variables: dict[str, Any]) -> dict[str, Any]:
 # ---- runs ------------------------------------------------------------------------------------------------------------
 
 
-class Run:
+class ScriptRun:
     """The state of one run.
 
     suspended  what the engine waits for, None if it does not wait
@@ -188,10 +188,10 @@ class Run:
     __slots__ = ("callbacks", "entrusted", "environment", "number", "rejection", "script", "suspended")
 
     number: int
-    script: Script
+    script: SourceText
     environment: Environment
 
-    def __init__(self, number: int, script: Script, environment: Environment) -> None:
+    def __init__(self, number: int, script: SourceText, environment: Environment) -> None:
         self.number, self.script, self.environment = number, script, environment
         self.callbacks: dict[int, None] = {}
         self.suspended: Suspended | None = None

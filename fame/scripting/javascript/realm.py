@@ -31,8 +31,8 @@ from fame.engine.data import BUILTINS
 from fame.errors import UnavailableError
 from fame.scripting.javascript import source
 from fame.scripting.javascript.commands import REALM, HostApi, execute
-from fame.scripting.javascript.environment import Environment, Run, Suspended
-from fame.scripting.javascript.source import JavaScriptError, Script, located, thrown
+from fame.scripting.javascript.environment import Environment, ScriptRun, Suspended
+from fame.scripting.javascript.source import JavaScriptError, SourceText, located, thrown
 from fame.scripting.javascript.values import Digits, decode, encode
 
 _PROMISING = frozenset(
@@ -44,16 +44,16 @@ _FAR = 100_000
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class StepResult:
     """The result of a step. `run` is None if the script is over and has no callbacks."""
 
     over: bool = True
     error: BaseException | None = None
     value: Any = None
-    run: Run | None = None
+    run: ScriptRun | None = None
 
 
-_OVER = Outcome()
+_OVER = StepResult()
 
 
 class Realm:
@@ -73,11 +73,11 @@ class Realm:
         self._begin, self._resume, self._collect, self._cancel = map(entry, ("begin", "resume", "collect", "cancel"))
         self._open, self._load, self._keep, self._kept = map(entry, ("open", "load", "keep", "kept"))
         self._run_reaction = self._context.execute_pending_job
-        self._loaded: dict[Script, Any] = {}
+        self._loaded: dict[SourceText, Any] = {}
         self._environments: dict[int, Environment] = {}
         self._digits = Digits()
-        self._runs: dict[int, Run] = {}
-        self._expected: dict[int, tuple[Run, Callable[[], object]]] = {}
+        self._runs: dict[int, ScriptRun] = {}
+        self._expected: dict[int, tuple[ScriptRun, Callable[[], object]]] = {}
         self._reacts, self._instant, self._calls = False, -1, 0
         if host is not None:
             host.realms.append(self)
@@ -97,7 +97,7 @@ class Realm:
 
     # ---- called by the engine ----------------------------------------------------------------------------------------
 
-    def run(self, script: Script, variables: dict[str, Any]) -> Suspended | None:
+    def run(self, script: SourceText, variables: dict[str, Any]) -> Suspended | None:
         """Run a script task: it is over at once (None) or suspended. Raises what it throws."""
         outcome = self._begin_script(script, variables)
         if outcome is _OVER or outcome.__class__ is bool:
@@ -113,7 +113,7 @@ class Realm:
         run.suspended = Suspended(partial(self._end, run))
         return run.suspended  # type: ignore[no-any-return]
 
-    def evaluate(self, script: Script, variables: dict[str, Any]) -> Any:
+    def evaluate(self, script: SourceText, variables: dict[str, Any]) -> Any:
         """Evaluate a condition or value. Raises what it throws."""
         outcome = self._begin_script(script, variables)
         if outcome.__class__ is bool:
@@ -141,7 +141,7 @@ class Realm:
 
     # ---- called by commands ------------------------------------------------------------------------------------------
 
-    def expect(self, number: int, run: Run, cancel: Callable[[], object]) -> None:
+    def expect(self, number: int, run: ScriptRun, cancel: Callable[[], object]) -> None:
         """Register a callback that may come; `cancel` prevents it."""
         run.callbacks[number] = None
         self._expected[number] = run, cancel
@@ -162,7 +162,7 @@ class Realm:
         """Fail the run of a callback that does not come, with a located error. Called by entries of the scheduler."""
         if number in self._expected:
             run, _ = self._expected[number]
-            self._settle(run, Outcome(error=error))
+            self._settle(run, StepResult(error=error))
             self.robot.stepped()
 
     def call_back(self, number: int, payload: str, *, again: bool = False) -> None:
@@ -175,7 +175,7 @@ class Realm:
             return
         if self._is_livelock():
             text = f"{source.AT_ONE_INSTANT} callbacks at one moment"
-            self._settle(run, Outcome(error=located(JavaScriptError(text), run.script)))
+            self._settle(run, StepResult(error=located(JavaScriptError(text), run.script)))
         else:
             outcome = self._step(run.script, run.environment, self._resume, number, payload)
             if not again:
@@ -187,12 +187,12 @@ class Realm:
         """End a suspended script, as another one demands; `error` is a description, None if it succeeded."""
         run = self._runs.get(number)
         if run is not None and run.suspended is not None:
-            self._settle(run, Outcome(error=None if error is None else thrown(error, run.script)))
+            self._settle(run, StepResult(error=None if error is None else thrown(error, run.script)))
 
     # ---- steps -------------------------------------------------------------------------------------------------------
 
-    def _begin_script(self, script: Script, variables: dict[str, Any]) -> Any:
-        """Run the first step. Returns an Outcome, or the truth value of a condition."""
+    def _begin_script(self, script: SourceText, variables: dict[str, Any]) -> Any:
+        """Run the first step. Returns a `StepResult`, or the truth value of a condition."""
         environment = self._environments.get(id(variables)) or self._environment(variables)
         loaded = self._loaded.get(script) or self._load_script(script)
         outcome = self._step(script, environment, self._begin, loaded, environment.shown)
@@ -200,7 +200,9 @@ class Realm:
             del self._environments[id(variables)]
         return outcome
 
-    def _step(self, script: Script, environment: Environment, call: Callable[..., Any], what: Any, given: Any) -> Any:
+    def _step(
+        self, script: SourceText, environment: Environment, call: Callable[..., Any], what: Any, given: Any
+    ) -> Any:
         changes, kept = environment.changes(self)
         for name in kept:
             with suppress(ValueError):  # it is of another realm
@@ -227,7 +229,7 @@ class Realm:
                 return self._collect()
         raise source.failure()(f"Error: {source.REACTIONS} reactions of promises in one step")
 
-    def _aborted(self, script: Script, environment: Environment, error: Exception) -> Outcome:
+    def _aborted(self, script: SourceText, environment: Environment, error: Exception) -> StepResult:
         """The outcome of a step that exceeded a limit. What it did before still counts."""
         outcome = _OVER
         with suppress(source.failure()), source.reporting(self._context):
@@ -237,7 +239,7 @@ class Realm:
         text, _, stack = str(error).partition("\n")
         return replace(outcome, error=thrown({"text": text, "stack": stack}, script))
 
-    def _process(self, script: Script, environment: Environment, *texts: Any) -> Outcome:
+    def _process(self, script: SourceText, environment: Environment, *texts: Any) -> StepResult:
         """Apply what a step returned. An invalid text means that the script has broken built-in objects."""
         outcome = _OVER
         try:
@@ -249,14 +251,14 @@ class Realm:
                     outcome = self._update_run(script, environment, reply, outcome.error)
         except (ValueError, TypeError, LookupError, AttributeError) as error:
             text = f"broke the built-in objects that it needs: {type(error).__name__}: {error}"
-            outcome = Outcome(error=located(JavaScriptError(text), script))
+            outcome = StepResult(error=located(JavaScriptError(text), script))
         return outcome
 
     def _update_run(
-        self, script: Script, environment: Environment, reply: dict[str, Any], error: BaseException | None
-    ) -> Outcome:
+        self, script: SourceText, environment: Environment, reply: dict[str, Any], error: BaseException | None
+    ) -> StepResult:
         """Execute commands and find out whether the run is over. `error` is an earlier error of the step."""
-        run = self._runs.get(reply["number"]) or Run(reply["number"], script, environment)
+        run = self._runs.get(reply["number"]) or ScriptRun(reply["number"], script, environment)
         run.entrusted |= bool(reply.get("kept"))
         failures = [error, *(execute(self, run, command) for command in reply.get("commands", ()))]
         for rejection in reply.get("rejected", ()):
@@ -267,15 +269,15 @@ class Realm:
             failures.append(thrown(reply["error"], script))
         error = next((failure for failure in failures if failure is not None), None)
         if reply["over"] and not run.callbacks and error is None:
-            return Outcome(value=reply.get("value"))
+            return StepResult(value=reply.get("value"))
         if run.number not in self._runs:
             self._runs[run.number] = run
             environment.runs += 1
-        return Outcome(reply["over"], error, reply.get("value"), run)
+        return StepResult(reply["over"], error, reply.get("value"), run)
 
     # ---- end of runs -------------------------------------------------------------------------------------------------
 
-    def _settle(self, run: Run, outcome: Outcome) -> None:
+    def _settle(self, run: ScriptRun, outcome: StepResult) -> None:
         """Handle the end of a callback: its script may be over or have failed."""
         suspended, error = run.suspended, outcome.error
         if error is None and suspended is not None and not outcome.over:
@@ -289,7 +291,7 @@ class Realm:
             self.robot.failed(run.environment.variables, run.script.element, error)
         self._forget_if_done(run)
 
-    def _end(self, run: Run | None) -> None:
+    def _end(self, run: ScriptRun | None) -> None:
         """End a run: forget it and all its callbacks."""
         if run is None or self._runs.pop(run.number, None) is None:
             return
@@ -299,7 +301,7 @@ class Realm:
         with suppress(source.failure()):
             self._cancel(run.number)
 
-    def _forget_if_done(self, run: Run) -> None:
+    def _forget_if_done(self, run: ScriptRun) -> None:
         """Forget a run that is over and has no callbacks."""
         if run.suspended is None and not run.callbacks and self._runs.pop(run.number, None) is not None:
             run.environment.runs -= 1
@@ -316,7 +318,7 @@ class Realm:
         environment = self._environments[id(variables)] = Environment(variables, self._open())
         return environment
 
-    def _load_script(self, script: Script) -> Any:
+    def _load_script(self, script: SourceText) -> Any:
         """Compile a script in this context."""
         self.names |= script.names
         self.computed |= script.computed
@@ -329,7 +331,7 @@ class Realm:
         return loaded
 
 
-def _unfinished(run: Run) -> BaseException | None:
+def _unfinished(run: ScriptRun) -> BaseException | None:
     """The error of a script that is not over and can no longer end; None if it can."""
     if "next" not in run.script.names:
         text = "never calls next()"

@@ -90,7 +90,7 @@ _COMPUTED = re.compile(r"\b(?:variables(?!\s*\??\.\s*[^\W\d])|environment(?!\s*\
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Script:
+class SourceText:
     """A text and its place.
 
     mode      how it returns its result: a script by next(), an expression by its value, statements by either
@@ -128,7 +128,7 @@ class Script:
         return self.line + self.text.count("\n")
 
 
-def read_script(expression: Expression, *, script: bool, file: str = "", element: str = "") -> Script:
+def read_script(expression: Expression, *, script: bool, file: str = "", element: str = "") -> SourceText:
     """Read and check a script, condition or value.
 
     Raises ModelError if it is not valid JavaScript, UnavailableError if the engine is not installed.
@@ -137,7 +137,7 @@ def read_script(expression: Expression, *, script: bool, file: str = "", element
     for mode in _modes(script):
         text = _END.sub(r"\1", expression.text) if mode == "expression" else expression.text
         names = frozenset(_NAMES.findall(text))
-        found = Script(text, mode, file, max(1, expression.line), element, names, bool(_COMPUTED.search(text)))
+        found = SourceText(text, mode, file, max(1, expression.line), element, names, bool(_COMPUTED.search(text)))
         complaint = _complaint(found)
         if not complaint:
             return found
@@ -160,7 +160,7 @@ def _modes(script: bool) -> Iterator[Mode]:
         yield "statements"
 
 
-def _complaint(script: Script) -> str:
+def _complaint(script: SourceText) -> str:
     """Return the syntax error, or an empty text. The second test rejects a text that closes the function."""
     context = new_context()
     try:
@@ -181,7 +181,7 @@ class JavaScriptError(Exception):
     """A script in JavaScript failed. The text is the message of its engine."""
 
 
-def thrown(description: dict[str, Any], script: Script) -> BaseException:
+def thrown(description: dict[str, Any], script: SourceText) -> BaseException:
     """The error that a script threw or passed to next(); a BpmnError if it has a code."""
     text, code, stack = explain(str(description["text"])), description.get("code"), str(description.get("stack", ""))
     error = JavaScriptError(text) if code is None else BpmnError(str(code), text)
@@ -192,7 +192,7 @@ def _throw(error: BaseException) -> None:
     raise error
 
 
-def located(error: BaseException, script: Script, stack: str = "") -> BaseException:
+def located(error: BaseException, script: SourceText, stack: str = "") -> BaseException:
     """The error with a traceback into the file, at the innermost line of the stack that belongs to the script."""
     lines = (int(line) for line in _PLACE.findall(stack))
     line = next((line for line in lines if script.line <= line <= script.last), script.line)

@@ -12,7 +12,7 @@ from typing import Any
 
 from fame.scripting.budget import spend
 from fame.scripting.data import fields_of, is_list, is_number, plain
-from fame.scripting.feel.patterns import Match, matches
+from fame.scripting.feel.patterns import Groups, matches
 from fame.scripting.feel.values import Range
 from fame.scripting.interface import random_source
 from fame.scripting.signatures import functions
@@ -89,7 +89,7 @@ def _replace(text: str, pattern: str, replacement: str, flags: str = "") -> str:
     return "".join([*pieces, text[last:]])
 
 
-def _filled(replacement: str, text: str, found: Match) -> str:
+def _filled(replacement: str, text: str, found: Groups) -> str:
     """With the groups of a match for ``$0`` to ``$9``."""
 
     def of(sign: re.Match[str]) -> str:
