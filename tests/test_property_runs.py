@@ -6,10 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
+from bpmn_text import process, properties
 from collaborations import text_of
 
+from fame.check import check
 from fame.cli import main
-from fame.errors import ConfigError
+from fame.errors import ConfigError, ModelError
 from fame.log.judge import judge_log
 from fame.properties.files import read_properties
 from fame.scenario import Scenario
@@ -173,3 +175,22 @@ def test_a_test_that_violates_a_property_fails(team: Path, pytester: pytest.Pyte
     result = pytester.runpytest("-p", "no:randomly")
     result.assert_outcomes(passed=1, failed=1)
     result.stdout.fnmatch_lines(["*property late is violated: A throws /go at 2 s, and not: B throws /done by 2.5 s*"])
+
+
+@pytest.mark.parametrize(("deadline", "verdict"), [("PT2S", "holds"), ("PT1.5S", "violated")])
+def test_a_deadline_is_drawn(tmp_path: Path, deadline: str, verdict: str) -> None:
+    wait = '<timerEventDefinition id="d"><timeDuration>PT2S</timeDuration></timerEventDefinition>'
+    event = f'<intermediateCatchEvent id="t" name="Rest">{properties(deadline=deadline)}{wait}</intermediateCatchEvent>'
+    path = tmp_path / "m.bpmn"
+    path.write_text(process(f'<startEvent id="s"/>{event}<sequenceFlow id="f" sourceRef="s" targetRef="t"/>'))
+    (found,) = Scenario.load(path).run().judgements
+    assert (found.name, found.verdict) == ("deadline_t", verdict)
+    assert not [finding for finding in check(path) if "deadline" in str(finding)]
+
+
+def test_a_deadline_that_is_no_duration_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.bpmn"
+    path.write_text(process(f'<startEvent id="s">{properties(deadline="soon")}</startEvent>'))
+    with pytest.raises(ModelError, match=r"m.bpmn:\d+: s: expected a duration as deadline, as in PT5S, got 'soon'"):
+        Scenario.load(path)
+    assert main(["check", str(path)]) == 1

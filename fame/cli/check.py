@@ -190,7 +190,8 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
             file.model = read(scenario_plan.model)
         else:
             file.model = read(path)
-            file.scenario = path if beside(path) else None
+            has_deadline = any("deadline" in element.properties for element in file.model.elements())
+            file.scenario = path if has_deadline or beside(path) else None
     except (ModelError, ConfigError) as error:
         file.found.append(of_error(error))
     return file

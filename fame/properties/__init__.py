@@ -8,7 +8,7 @@
     monitor     compile a property: a `Monitor`, whose state is plain data
     conditions  values and comparisons
     judge       many monitors, fed with the events and values of a run
-    files       properties in YAML files
+    files       properties in YAML files; diagram: deadlines in models
 
 A host does this, be it a run, a replay, a live team or an exploration::
 

@@ -109,7 +109,7 @@ class Scenario(Plan):
             network=joined,
             variables=chosen,
             types=content.types,
-            properties=_properties(content),
+            properties=_properties(content, definitions, folders, cast),
         )
 
     def run(
@@ -133,12 +133,20 @@ class Scenario(Plan):
         return Run(self, real_time, observer, progress, strict, on_interrupt, pace=pace).result()
 
 
-def _properties(content: ScenarioFile) -> tuple[Property, ...]:
-    """The properties of a file, and those beside its model that it does not have itself. Raises ConfigError."""
+def _properties(
+    content: ScenarioFile, definitions: Definitions, library: Library, cast: Mapping[str, Pool]
+) -> tuple[Property, ...]:
+    """The properties of a file, and those beside and in its model that it does not have itself.
+
+    Raises ConfigError, ModelError.
+    """
+    from fame.properties.diagram import drawn_properties
     from fame.properties.files import beside
 
-    own = {each.name for each in content.properties}
-    return (*content.properties, *(each for each in beside(content.model) if each.name not in own))
+    found: dict[str, Property] = {}
+    for each in (*content.properties, *beside(content.model), *drawn_properties(definitions, library, cast)):
+        found.setdefault(each.name, each)
+    return tuple(found.values())
 
 
 def _joined(content: ScenarioFile, added: NetworkConfig | None, robots: Sequence[str]) -> NetworkConfig | None:
