@@ -51,15 +51,15 @@ class Judged:
 class Monitors:
     """The monitors of a team that an exploration can judge. Their joint states have numbers, from 0.
 
-    unjudged  name of a property -> why the exploration cannot judge it
+    reasons   why the exploration cannot judge each of `all`; empty if it can
     observed  (element, what) of the events that they need, of any robot
     apart     the robots of pools with several that a property names, which are not interchangeable any more
     """
 
     def __init__(self, monitors: Sequence[Monitor], robots: Mapping[str, Local], several: Set[str]) -> None:
-        self.unjudged = {one.spec.name: why for one in monitors if (why := _unjudged(one, robots))}
         self.all = tuple(monitors)
-        self.monitors = tuple(one for one in monitors if one.spec.name not in self.unjudged)
+        self.reasons = tuple(_unjudged(one, robots) for one in monitors)
+        self.monitors = tuple(one for one, why in zip(monitors, self.reasons, strict=True) if not why)
         self.names = tuple(robots)
         self.observed = frozenset((element, what) for one in self.monitors for _, element, what in one.events)
         self._several = several
@@ -107,12 +107,13 @@ class Monitors:
         """What the explored states say about each property."""
         explored, product = runs.explored, runs.product
         numbers = [product.monitored(state) for state in explored.states]
-        for one in self.all:
+        places = iter(range(len(self.monitors)))
+        for one, unjudged in zip(self.all, self.reasons, strict=True):
             name, sentence = one.spec.name, one.spec.sentence
-            if name in self.unjudged:
-                yield Judged(name, sentence, "not known", self.unjudged[name])
+            if unjudged:
+                yield Judged(name, sentence, "not known", unjudged)
                 continue
-            place = self.monitors.index(one)
+            place = next(places)
             at, why = _refuted(one, [self.states[number][place] for number in numbers], explored)
             apart = self._apart(one)
             said = [f"it names {', '.join(apart)}, so that no robots of the pool were taken for equal"] if apart else []
