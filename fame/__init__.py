@@ -9,7 +9,7 @@
     simulation.run()
     simulation.instances[0].status
 
-Names are imported on first use.
+Names are imported on first use. docs/python.md lists the packages whose names are public.
 """
 
 from __future__ import annotations
@@ -21,8 +21,11 @@ from fame.imports import attach
 __version__ = "0.2.0"
 
 if TYPE_CHECKING:
+    from fame.bpmn.model import Definitions as Definitions
     from fame.bpmn.reader import read as read, write as write
     from fame.bpmn.split import split as split
+    from fame.check.explore.exploration import Exploration as Exploration
+    from fame.check.scope import Finding as Finding
     from fame.engine.host import BpmnError as BpmnError
     from fame.errors import (
         ConfigError as ConfigError,
@@ -33,16 +36,20 @@ if TYPE_CHECKING:
         ModelError as ModelError,
         UnavailableError as UnavailableError,
     )
-    from fame.robot.events import EventLog as EventLog
-    from fame.scenario import Scenario as Scenario
+    from fame.log.recording import Recording as Recording
+    from fame.robot.events import Event as Event, EventLog as EventLog
+    from fame.scenario import Result as Result, Scenario as Scenario
     from fame.scenario.exploration import explore as explore
     from fame.simulation import Simulation as Simulation
 else:
     __getattr__, __dir__, __all__ = attach(
         __name__,
         {
+            "bpmn.model": ["Definitions"],
             "bpmn.reader": ["read", "write"],
             "bpmn.split": ["split"],
+            "check.explore.exploration": ["Exploration"],
+            "check.scope": ["Finding"],
             "engine.host": ["BpmnError"],
             "errors": [
                 "ConfigError",
@@ -53,8 +60,9 @@ else:
                 "ModelError",
                 "UnavailableError",
             ],
-            "robot.events": ["EventLog"],
-            "scenario": ["Scenario"],
+            "log.recording": ["Recording"],
+            "robot.events": ["Event", "EventLog"],
+            "scenario": ["Result", "Scenario"],
             "scenario.exploration": ["explore"],
             "simulation": ["Simulation"],
         },

@@ -27,6 +27,8 @@ from itertools import count
 from fame.iso8601 import parse_datetime
 from fame.worker import ThreadWorker, Worker
 
+__all__ = ["EPOCH", "SECOND", "Entry", "Kind", "Scheduler", "WallScheduler"]
+
 SECOND = 1_000_000_000
 """Nanoseconds in a second."""
 

@@ -12,3 +12,26 @@ Each type is a class with the members of `sim2d.robot.SimulatedRobot`; a world f
     equipment  battery, blade, tray, LED
     gazebo     topics that robots in Gazebo lack
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fame.imports import attach
+
+if TYPE_CHECKING:
+    from robots.drone import Drone as Drone
+    from robots.vehicles import (
+        Car as Car,
+        Tractor as Tractor,
+        Vehicle as Vehicle,
+        VehicleParameters as VehicleParameters,
+    )
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "drone": ["Drone"],
+            "vehicles": ["Car", "Tractor", "Vehicle", "VehicleParameters"],
+        },
+    )

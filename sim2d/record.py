@@ -5,6 +5,7 @@ It is made of the scenes of a recording (`sim2d.scene`), which `WorldRecorder` t
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -161,3 +162,11 @@ def _appearance(look: Mapping[str, Any]) -> Appearance:
 
 def _points(points: Iterable[Sequence[float]]) -> list[Point]:
     return [(x, y) for x, y in points]
+
+
+def __getattr__(name: str) -> Any:
+    """The class that docs/world.md named `Recorder` until 0.2. Deprecated: it goes with the release after the next."""
+    if name != "Recorder":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warnings.warn("sim2d.record.Recorder is now sim2d.WorldRecorder", DeprecationWarning, stacklevel=2)
+    return WorldRecorder

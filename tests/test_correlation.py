@@ -11,7 +11,7 @@ from bpmn_text import document, properties
 from fame.bpmn import read_text
 from fame.bpmn.split import split
 from fame.check import check
-from fame.check.explain import explain
+from fame.check.explain import readings
 from fame.scenario import Scenario
 from fame.simulation import Simulation
 
@@ -111,4 +111,4 @@ def test_what_is_wrong_with_a_key_is_told() -> None:
 
 
 def test_it_is_explained() -> None:
-    assert any(one.text.endswith("correlates order_id = ${msg.key}") for one in explain(read_text(team("catch"))))
+    assert any(one.text.endswith("correlates order_id = ${msg.key}") for one in readings(read_text(team("catch"))))

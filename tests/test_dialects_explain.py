@@ -11,7 +11,7 @@ from bpmn_text import document, extensions, process, properties
 
 from fame.bpmn import read_text
 from fame.bpmn.library import Library
-from fame.check.explain import Reading, ReadingKind, explain
+from fame.check.explain import Reading, ReadingKind, readings
 from fame.cli import main
 from fame.scripting.analysis import identifiers_of
 
@@ -23,9 +23,9 @@ OBJECT = '<dataObject id="o"/><dataObjectReference id="d" dataObjectRef="o">{}</
 OUTPUT = '<dataOutputAssociation id="a"><targetRef>d</targetRef></dataOutputAssociation>'
 
 
-def readings(content: str, kind: ReadingKind, root: str = ROOTS, attributes: str = "") -> list[tuple[str, str]]:
+def kinds_read(content: str, kind: ReadingKind, root: str = ROOTS, attributes: str = "") -> list[tuple[str, str]]:
     """(element, text) of the readings of one kind."""
-    found = explain(read_text(process(content, root, attributes), file="m.bpmn"))
+    found = readings(read_text(process(content, root, attributes), file="m.bpmn"))
     return [(one.element, one.text) for one in found if one.kind == kind]
 
 
@@ -58,7 +58,7 @@ def script(text: str, tag: str = "scriptTask") -> str:
     ],
 )  # fmt: skip
 def test_it_says_what_is_sent_and_where_fields_go(content: str, text: str) -> None:
-    assert readings(content, "topic") == [("e", text)]
+    assert kinds_read(content, "topic") == [("e", text)]
 
 
 def test_a_type_that_another_event_says_is_told_with_that() -> None:
@@ -66,24 +66,24 @@ def test_a_type_that_another_event_says_is_told_with_that() -> None:
         f'<endEvent id="e">{properties(type=VECTOR)}{SIGNAL}</endEvent>',
         f'<startEvent id="s">{SIGNAL}</startEvent>',
     )
-    assert ("s", f"catches /weed_found, {VECTOR} (declared elsewhere), into weed_found") in readings(
+    assert ("s", f"catches /weed_found, {VECTOR} (declared elsewhere), into weed_found") in kinds_read(
         said + silent, "topic"
     )
 
 
 def test_it_says_what_scripts_do_with_topics() -> None:
     text = "const n = this.environment.variables.ros_node;\nn.createPublisher('std_msgs/msg/Bool', 'led'); next();"
-    assert readings(script(text), "topic") == [("t", "its script publishes ~/led, std_msgs/msg/Bool")]
+    assert kinds_read(script(text), "topic") == [("t", "its script publishes ~/led, std_msgs/msg/Bool")]
 
 
 def test_it_says_which_services_scripts_ask() -> None:
     text = "this.environment.variables.ros_node.createClient('std_srvs/srv/SetBool', 'light'); next();"
-    assert readings(script(text), "topic") == [("t", "its script calls the service light, std_srvs/srv/SetBool")]
+    assert kinds_read(script(text), "topic") == [("t", "its script calls the service light, std_srvs/srv/SetBool")]
 
 
 def test_it_says_which_variables_a_data_object_holds() -> None:
     held = OBJECT.format(properties(x_min="0.0", x_goal=""))
-    assert readings(held, "data") == [("d", "holds x_min = 0.0, x_goal")]
+    assert kinds_read(held, "data") == [("d", "holds x_min = 0.0, x_goal")]
 
 
 def test_it_says_where_each_called_process_was_found(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_it_says_where_each_called_process_was_found(tmp_path: Path) -> None:
     calls = f'<callActivity id="a" calledElement="Q"/><callActivity id="b">{embedded}</callActivity>'
     calls += '<callActivity id="c" calledElement="Fly"/><callActivity id="d" calledElement="Swim"/>'
     definitions = read_text(process(calls, '<process id="Q"><startEvent id="q"/></process>'), file="m.bpmn")
-    found = {one.element: one.text for one in explain(definitions, library=Library([tmp_path])) if one.kind == "call"}
+    found = {one.element: one.text for one in readings(definitions, library=Library([tmp_path])) if one.kind == "call"}
     assert found["a"] == "calls process Q of this file"
     assert found["b"] == "calls process Turn, which is embedded in it"
     assert found["c"] == f"calls process P of {tmp_path / 'Fly.bpmn'}, the only one of Fly.bpmn"
@@ -111,7 +111,7 @@ def test_it_says_in_which_language_a_text_is_written() -> None:
             ("i", "", "x > 1"),
         )
     )
-    assert readings(f'<startEvent id="s"/><task id="t"/>{flows}', "script") == [
+    assert kinds_read(f'<startEvent id="s"/><task id="t"/>{flows}', "script") == [
         ("f", "condition in FEEL: x > 1"),
         ("g", "condition in Camunda 7, ${...}: ${x > 1}"),
         ("h", "condition in JavaScript: 1"),
@@ -129,7 +129,7 @@ def test_it_says_in_which_language_a_text_is_written() -> None:
 )
 def test_it_says_whose_form_a_file_has(name: str, text: str) -> None:
     path = MODELS / "dialects" / f"{name}.bpmn"
-    first = explain(read_text(path.read_text(), file=str(path)))[0]
+    first = readings(read_text(path.read_text(), file=str(path)))[0]
     assert first == Reading("form", text, str(path))
 
 
@@ -165,13 +165,13 @@ OLDEST = (
     ],
 )  # fmt: skip
 def test_it_names_the_habits_on_which_a_file_relies(content: str, quirks: list[str]) -> None:
-    assert [text for _, text in readings(content, "quirk")] == quirks
+    assert [text for _, text in kinds_read(content, "quirk")] == quirks
 
 
 def test_topics_by_label_are_said_too() -> None:
     said = f'{properties(topics="labels")}<endEvent id="e" name="Weed">{SIGNAL}</endEvent>'
     text = "the topic is the label 'Weed', not the name of the signal 'weed_found' (topics=labels)"
-    assert readings(said, "quirk") == [("e", text)]
+    assert kinds_read(said, "quirk") == [("e", text)]
 
 
 HANDLER = '<subProcess id="h" triggeredByEvent="true"><startEvent id="i"{}>' + SIGNAL + "</startEvent></subProcess>"
@@ -180,9 +180,9 @@ HANDLER = '<subProcess id="h" triggeredByEvent="true"><startEvent id="i"{}>' + S
 def test_it_names_each_place_that_semantics_original_changes() -> None:
     gentle = HANDLER.replace('"h"', '"g"').replace('"i"', '"j"').format(' isInterrupting="false"')
     text = "ends its scope; with semantics=original the scope is suspended and resumes afterwards"
-    assert readings(HANDLER.format("") + gentle, "semantics") == [("h", text)]
+    assert kinds_read(HANDLER.format("") + gentle, "semantics") == [("h", text)]
     said = properties(semantics="original") + HANDLER.format("")
-    assert readings(said, "semantics") == [("h", "suspends its scope, which resumes afterwards (semantics=original)")]
+    assert kinds_read(said, "semantics") == [("h", "suspends its scope, which resumes afterwards (semantics=original)")]
 
 
 # ---- the words of a script -------------------------------------------------------------------------------------------

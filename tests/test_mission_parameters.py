@@ -8,7 +8,7 @@ import pytest
 from bpmn_text import document, properties
 
 from fame.bpmn import read_text
-from fame.check.explain import explain
+from fame.check.explain import readings
 from fame.cli import main
 from fame.errors import ConfigError
 from fame.scenario import Scenario
@@ -86,7 +86,7 @@ def test_the_python_interface_refuses_them_too(model: Path) -> None:
 
 
 def test_check_explain_shows_them_with_their_defaults(model: Path) -> None:
-    found = [str(one) for one in explain(read_text(model.read_text(), file="m.bpmn")) if one.kind == "parameter"]
+    found = [str(one) for one in readings(read_text(model.read_text(), file="m.bpmn")) if one.kind == "parameter"]
     assert [text.split(": ", 3)[2:] for text in found] == [
         ["PREX", "can be set: speed = 0.25, limit"],
         ["PDINGO", "can be set: speed = 0.25, limit"],

@@ -62,7 +62,7 @@ class Reading:
         return ": ".join(part for part in (place, self.kind, self.element, self.text) if part)
 
 
-def explain(definitions: Definitions, *, library: Library | None = None) -> list[Reading]:
+def readings(definitions: Definitions, *, library: Library | None = None) -> list[Reading]:
     """Return all readings of a file and of the processes that it calls, by file and line."""
     about = find_scope(definitions, library or Library())
     homes = {process.file: process.definitions for process in about.processes} or {definitions.file: definitions}

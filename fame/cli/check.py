@@ -77,7 +77,7 @@ def run(arguments: Namespace) -> int:
         return _explore(arguments)
     exploration.refuse_without_explore(arguments)
     from fame.check import check, parts_of_one_mission, summary
-    from fame.check.explain import explain
+    from fame.check.explain import readings
 
     files = [_read(path, arguments.library) for path in dict.fromkeys(arguments.models)]
     models = [file.model for file in files if file.model is not None]
@@ -95,7 +95,7 @@ def run(arguments: Namespace) -> int:
         _compare(files, arguments)
     found = [finding for file in files for finding in file.found]
     explained = [(file.model, file.library) for file in files if file.model is not None and arguments.explain]
-    readings = [one for model, library in explained for one in explain(model, library=library)]
+    how = [one for model, library in explained for one in readings(model, library=library)]
     contract = [one for model, library in explained for one in _contract(model, library)]
     failed = _failed(found)
     if arguments.json:
@@ -103,13 +103,13 @@ def run(arguments: Namespace) -> int:
             {
                 "status": "failed" if failed else "completed",
                 **{f"{level}s": sum(finding.level == level for finding in found) for level in _LEVELS},
-                **({"readings": [asdict(reading) for reading in readings]} if arguments.explain else {}),
+                **({"readings": [asdict(reading) for reading in how]} if arguments.explain else {}),
                 **({"contract": [one.to_json() for one in contract]} if arguments.explain else {}),
                 "findings": [asdict(finding) for finding in found],
             }
         )
     else:
-        for line in (*readings, *contract, *found, summary(found)):
+        for line in (*how, *contract, *found, summary(found)):
             print(coloured(str(line), sys.stdout))
     return 1 if failed else 0
 

@@ -56,22 +56,22 @@ class Problem:
 
 _Text = Annotated[str, fields.text(SIZE)]
 _TEXT = fields.text(SIZE)
-_WAIT: dict[str, fields.Check] = {
+_WAIT: dict[str, fields.FieldCheck] = {
     **dict.fromkeys(("element", "for", "place", "suspended"), _TEXT),
     "since": fields.number,
     "topics": fields.mapping(_TEXT, fields.integer()),
 }
-_ERROR: dict[str, fields.Check] = {
+_ERROR: dict[str, fields.FieldCheck] = {
     **dict.fromkeys(("code", "element", "name", "file", "text"), _TEXT),
     "line": fields.integer(),
 }
 _PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
-_TOKEN: dict[str, fields.Check] = {
+_TOKEN: dict[str, fields.FieldCheck] = {
     **dict.fromkeys(("element", "fate", "target", "reason", "name"), _TEXT),
     "others": fields.sequence(_TEXT),
 }
 _TOKENS = fields.sequence(fields.record(_TOKEN))
-_MIGRATION: dict[str, fields.Check] = {
+_MIGRATION: dict[str, fields.FieldCheck] = {
     "hash": fields.text(64), "tokens": _TOKENS, "gone": _TOKENS, "state": fields.is_object,
 }  # fmt: skip
 STATES = ("waiting", "loading", "ready", "holding", "running", "suspended", "incident", "idle", "failed")

@@ -25,24 +25,24 @@ def _names(cls: Any) -> tuple[str, ...]:
     return tuple(field.name for field in dataclasses.fields(cls))
 
 
-Check = Callable[[Any], bool]
+FieldCheck = Callable[[Any], bool]
 """Whether a field may have a JSON value."""
 _Message = TypeVar("_Message")
 LAST = 2**53
 """Integers are smaller: exact in the JSON of every language. As a sequence: microseconds until the year 2255."""
 
 
-def text(longest: int) -> Check:
+def text(longest: int) -> FieldCheck:
     """A text of at most `longest` characters."""
     return lambda value: isinstance(value, str) and len(value) <= longest
 
 
-def among(*values: str) -> Check:
+def among(*values: str) -> FieldCheck:
     """One of some texts."""
     return lambda value: isinstance(value, str) and value in values
 
 
-def integer(lowest: int = 0, end: int = LAST) -> Check:
+def integer(lowest: int = 0, end: int = LAST) -> FieldCheck:
     """An integer from `lowest` to below `end`."""
     return lambda value: type(value) is int and lowest <= value < end
 
@@ -67,25 +67,25 @@ def topic(value: Any) -> bool:
     return isinstance(value, str) and len(value) <= 250 and is_ros_name(value)
 
 
-def sequence(each: Check) -> Check:
+def sequence(each: FieldCheck) -> FieldCheck:
     """A list of at most 10,000 values."""
     return lambda value: isinstance(value, list) and len(value) <= 10_000 and all(map(each, value))
 
 
-def mapping(key: Check, each: Check) -> Check:
+def mapping(key: FieldCheck, each: FieldCheck) -> FieldCheck:
     """An object of at most 10,000 names."""
     return lambda value: (
         isinstance(value, dict) and len(value) <= 10_000 and all(map(key, value)) and all(map(each, value.values()))
     )
 
 
-def record(checks: Mapping[str, Check]) -> Check:
+def record(checks: Mapping[str, FieldCheck]) -> FieldCheck:
     """An object with these fields, or some of them."""
     return lambda value: isinstance(value, dict) and first_invalid(value, checks) is None
 
 
 @cache
-def checks(cls: Any) -> Mapping[str, Check]:
+def checks(cls: Any) -> Mapping[str, FieldCheck]:
     """The checks of the fields of a message."""
     hints = get_type_hints(cls, include_extras=True)
     return {name: hints[name].__metadata__[0] for name in _names(cls)}
@@ -101,7 +101,7 @@ def read(cls: Callable[..., _Message], found: Any) -> _Message:
     return cls(**found)
 
 
-def first_invalid(found: Mapping[str, Any], checks: Mapping[str, Check]) -> str | None:
+def first_invalid(found: Mapping[str, Any], checks: Mapping[str, FieldCheck]) -> str | None:
     """The first field of `found` that is unknown or does not pass, or None."""
     return next((name for name, value in found.items() if name not in checks or not checks[name](value)), None)
 

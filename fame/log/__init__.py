@@ -34,6 +34,7 @@ from fame.imports import attach
 
 if TYPE_CHECKING:
     from fame.log.lines import COLUMNS as COLUMNS
+    from fame.log.live_team import LiveTeam as LiveTeam
     from fame.log.reading import outcomes as outcomes, visits as visits
     from fame.log.recorder import About as About
     from fame.log.recording import Recording as Recording
@@ -45,6 +46,7 @@ else:
         __name__,
         {
             "lines": ["COLUMNS"],
+            "live_team": ["LiveTeam"],
             "reading": ["outcomes", "visits"],
             "recorder": ["About"],
             "recording": ["Recording"],

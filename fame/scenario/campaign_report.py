@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from fame import intervals
 from fame.imports import require
 from fame.scenario.property_statistics import (
+    CampaignRow,
     counts,
     lines as lines_of_properties,
     slacks,
@@ -25,7 +26,6 @@ from fame.scenario.variation import is_number
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-CampaignRow = Mapping[str, Any]
 COUNTED = ("completed", "failed", "timeout")
 """The statuses of runs that took place: impossible worlds and crashed processes are counted apart."""
 

@@ -25,6 +25,8 @@ from fame.scenario import Fault
 from fame.scenario.variation import Distribution, free_places
 from fame.testing.mission import MissionLoader, MissionUnderTest, collected_at_end
 
+__all__ = ["faults", "load", "networks", "payloads", "places"]
+
 
 @contextmanager
 def load(path: str | Path, **options: Any) -> Iterator[MissionUnderTest]:
