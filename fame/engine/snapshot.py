@@ -68,14 +68,19 @@ def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | 
     to = StateWriter(dicts, engine.program.body_keys, dump)
     found = {"instances": engine.instances.values(), "scopes": scopes, "waits": waits, "boxes": boxes}
     tables = {name: [write(item, to) for item in found[name]] for name, write in _write.items()}
-    return {**without_instances(engine, dump), **tables, "variables": dicts.written(dump)}
+    return {**_once(engine, to), **tables, "variables": dicts.written(dump)}
 
 
 def without_instances(engine: Engine, dump: Convert = no_data) -> Data:
     """Return the part of a snapshot that is there without running instances too."""
-    program = engine.program
-    to = StateWriter(_Dicts(), {}, dump)
-    return {"program": program.hash, "observed": program.observed, **_write_engine(engine, to)}
+    return _once(engine, StateWriter(_Dicts(), {}, dump))
+
+
+def _once(engine: Engine, to: StateWriter) -> Data:
+    """Return what a snapshot has once."""
+    data = _write_engine(engine, to)
+    data["program"], data["observed"] = engine.program.hash, engine.program.observed
+    return data
 
 
 class _Dicts:

@@ -187,8 +187,8 @@ def writing(table: Table) -> Callable[[Any, StateWriter], Data]:
     def write(item: Any, to: StateWriter) -> Data:
         data = dict(zip(names, values(item)))  # noqa: B905  # fast: called for each token after each stimulus
         for name in references:
-            if data[name] is not None:
-                data[name] = data[name].key
+            if (found := data[name]) is not None:
+                data[name] = found.key
         for name, convert, empty in others:
             value = data[name]
             if value or (value is not None and empty is None):

@@ -24,6 +24,8 @@ import json
 import marshal
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from itertools import compress
+from operator import ne
 from typing import Any
 
 import orjson
@@ -136,8 +138,7 @@ class StateTables:
             if old is None:
                 changed.update((f"{key} {slot}", count) for slot, count in enumerate(new) if count)
             elif old != new:
-                pairs = enumerate(zip(old, new, strict=True))
-                changed.update((f"{key} {slot}", count) for slot, (before, count) in pairs if before != count)
+                changed.update((f"{key} {slot}", new[slot]) for slot in compress(range(len(new)), map(ne, old, new)))
             self._counts[key] = new.copy()
         return changed, [f"{key} {slot}" for key, old in known.items() for slot, count in enumerate(old) if count]
 
