@@ -26,15 +26,17 @@ from fame.middleware.actions import ActionClient
 from fame.middleware.interface import Node
 from fame.middleware.messages import create, register_files
 
-pytestmark = pytest.mark.fastdds
-if importlib.util.find_spec("rmw_fastrtps_cpp") is None or importlib.util.find_spec("cyclonedds") is None:
-    pytest.skip("there is no Fast DDS: make test-fastdds", allow_module_level=True)
-
+MISSING = not all(map(importlib.util.find_spec, ("rmw_fastrtps_cpp", "cyclonedds")))
+pytestmark = [
+    pytest.mark.fastdds,
+    pytest.mark.skipif(MISSING, reason="there is no Fast DDS: make test-fastdds"),
+]
 TEXT, SET_BOOL, COUNT = "std_msgs/msg/String", "std_srvs/srv/SetBool", "test_msgs/action/Fibonacci"
 LARGE = 1_000_000
 """Bytes. More than a packet of UDP: it is sent in fragments."""
 PATIENCE = 2 * SECOND
-register_files(Path(sys.prefix, "share", "test_msgs"))
+if not MISSING:
+    register_files(Path(sys.prefix, "share", "test_msgs"))
 
 
 @pytest.fixture(params=["dds", "ros"])

@@ -10,13 +10,13 @@ from compare_properties import Item, S, judged
 from fame.properties import parse
 from fame.properties.conditions import Source
 
-rtamt = pytest.importorskip("rtamt")
 END = 40
 """Seconds of a trace. Events stop long enough before, so that all bounds are over."""
 
 
 def robustness(formula: str, **signals: list[float]) -> float:
     """The robustness of a formula at time 0, for samples at each second."""
+    rtamt = pytest.importorskip("rtamt")
     specification = rtamt.StlDiscreteTimeSpecification()
     for name in signals:
         specification.declare_var(name, "float")
