@@ -116,7 +116,7 @@ def test_variables_that_are_listed_have_no_footprint(use: Any) -> None:
 
 def test_an_effect_holds_for_what_was_not_read() -> None:
     steps = Footprints(lambda content, names: tuple([CONTENTS[content].get(name) for name in names]))
-    effect = Effect(1, (), (("y", 7),), (), (), True)
+    effect = Effect(1, (), (("y", 7),), (), (), True, ())
     steps.add("step", 0, {"x", "__builtins__"}, [effect])
     assert steps.find("step", 1) == (effect,)
     assert steps.find("step", 2) is None

@@ -66,10 +66,10 @@ def test_what_cmake_looks_for_is_declared() -> None:
 def test_the_packages_of_the_wheel_are_installed_and_the_models_inside_fame() -> None:
     wheel = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
     packages = words(r"foreach\(package ([\w ]+)\)")
-    assert [*packages, "models", "examples"] == wheel["only-include"]
+    assert packages == wheel["only-include"]
     assert all((ROOT / package / "__init__.py").exists() for package in packages)
     assert words(r"install\(DIRECTORY models examples DESTINATION \$\{PYTHON_INSTALL_DIR\}/(\w+)\)") == ["fame"]
-    assert wheel["sources"] == {"models": "fame/models", "examples": "fame/examples"}
+    assert wheel["force-include"] == {"models": "fame/models", "examples": "fame/examples"}
 
 
 def test_each_installed_command_is_one_that_takes_a_middleware() -> None:

@@ -92,7 +92,16 @@ def test_an_obstacle_taken_away_is_no_longer_in_the_way(tmp_path, played):
 
 
 def test_a_renamed_pool_is_played_by_the_robot_of_that_name(tmp_path):
-    result = run(changed(tmp_path, ("DINGO:", "SPOT:"), model=(('name="DINGO"', 'name="SPOT"'),)))
+    result = run(
+        changed(
+            tmp_path,
+            ("DINGO:", "SPOT:"),
+            ("never DINGO", "never SPOT"),
+            ("target_found, DINGO", "target_found, SPOT"),
+            ("(REX, DINGO)", "(REX, SPOT)"),
+            model=(('name="DINGO"', 'name="SPOT"'),),
+        )
+    )
     assert [robot.name for robot in result.robots] == ["REX", "SPOT"]
     assert result.status == "completed"
 

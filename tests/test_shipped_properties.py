@@ -44,9 +44,6 @@ MUTATIONS = {
     "ground_vehicles answer": {"Flow_TargetFound_GoTo": "Activity_Fire"},
     "convoy together": {"Flow_ToLine_Barrier": "Gateway_SetOff"},
     "convoy patience": {"Flow_SetOff_Go": "Event_There"},
-    "shuttle charge": {"Flow_Low_ToCharger": "Event_GoesOn"},
-    "shuttle recharge": {"Flow_Charged_GoesOn": "Activity_ToCharger"},
-    "shuttle finish": {"Flow_Enough_Carried": "Gateway_NextTrip"},
 }  # fmt: skip
 """By mission and property: sequence flows and where they lead instead; a signal: its event starts by itself."""
 
