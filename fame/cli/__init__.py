@@ -70,7 +70,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
 engine starts without what the other commands need. Commands of a team are also parts of ``fame team``; those of
 monitors are only parts of ``fame monitor``, and their names alone are old."""
 _PARTS = {
-    "team": ("what there is for a running team; each part is also a command of its own", "fame team status"),
+    "team": ("the commands for a running team; each is also a command of its own", "fame team status"),
     "monitor": ("learned models on the data of robots: record, train, process, judge", "fame monitor train own.yaml"),
 }
 """The groups whose commands are parts of a command: help and example."""

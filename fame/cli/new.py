@@ -86,7 +86,7 @@ def run_demo(arguments: Namespace) -> int:
 def write(name: str, example: str = "") -> list[Path]:
     """Write a project to a new folder of the current one: that of ``fame new``, or an example. Gives its files.
 
-    Raises ConfigError for a name that is none, or taken. A failure leaves nothing behind.
+    Raises ConfigError for an invalid name, or one that is taken. A failure leaves nothing behind.
     """
     from fame.bpmn.library import BUILT_IN
 

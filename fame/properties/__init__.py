@@ -10,7 +10,7 @@
     judge       many monitors, fed with the events and values of a run
     files       properties in YAML files; diagram: deadlines in models
 
-A host does this, be it a run, a replay, a live team or an exploration::
+Every host (a run, a replay or an exploration) uses it like this::
 
     property = parse("Drone completes within 300 s", Place("field.yaml", 12), "finish")
     monitor = compile(property, vocabulary_of(definitions, library, cast))

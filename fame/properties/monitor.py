@@ -41,7 +41,7 @@ _UNKNOWN_KEY = object()
 
 
 class Verdict(NamedTuple):
-    """A verdict and the slack at the tightest instant (None where there is none).
+    """A verdict and the slack at the tightest instant (None without one).
 
     `time` (ns): of the violation; when a pending one is due, None without a bound. `part`: which one decided.
     """

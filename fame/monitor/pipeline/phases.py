@@ -100,7 +100,7 @@ class Phases:
 
 
 def _step(times: Floats) -> float:
-    """Give the usual time between windows, s; 1 if there is none."""
+    """Return the usual time between windows (s), or 1 for a single window."""
     steps = np.diff(np.unique(np.round(times, 6)))
     return float(np.median(steps)) if len(steps) else 1.0
 
