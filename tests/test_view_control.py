@@ -268,7 +268,6 @@ def test_a_branch_of_another_run_is_refused_with_the_first_difference(tmp_path: 
             other.run(observer=live.observer, pace=same)
 
 
-@pytest.mark.xfail(strict=True, reason="older recordings have the robots of an instant in another order")
 def test_a_branch_of_a_failed_run_that_an_older_version_has_recorded_is_the_recorded_run(tmp_path: Path) -> None:
     """The recording is of FAME 0.2.0 at commit 943a21f, which did not report the error that ended an instance."""
     with Recording(Path(__file__).with_name("recordings") / "failed.mcap") as recording:

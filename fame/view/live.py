@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from itertools import zip_longest
+from collections.abc import Callable, Iterable, Mapping
+from itertools import groupby, zip_longest
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -133,8 +134,10 @@ class SameRun:
 
     def __init__(self, recording: Recording, time: int, live: LiveRun) -> None:
         self._file, self._time, self._live, self._reached = recording.file, time, live, False
-        recorded = ((each.time, each.topic, each.json()) for each in recording.messages(_COMPARED, end=time))
-        self._recorded = ((at, topic, data) for at, topic, said in recorded if (data := _steps(topic, said)))
+        messages = ((each.time, each.topic, each.json()) for each in recording.messages(_COMPARED, end=time))
+        steps = ((at, topic, data["robot"], found) for at, topic, data in messages if (found := _steps(topic, data)))
+        self._recorded = ((at, _by_robot(all_of_it)) for at, all_of_it in groupby(steps, itemgetter(0)))
+        self._now: list[_Steps] = []  # of one instant
         self._run: Run | None = None
         live.listen = self._compare
 
@@ -143,41 +146,63 @@ class SameRun:
         self._run = run
         self._live.advance(run, until)
         if not self._reached and (run.scheduler.now >= self._time or run.over):
+            self._check()
             missing = next(self._recorded, None)
             if missing is not None:
-                raise self._difference(*missing, None)
+                raise self._difference(*missing, {})
             self._reached, self._live.listen = True, None
             self._live.hand_over()
 
     def _compare(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
-        if topic not in _COMPARED or time > self._time or self._run is None or self._run.interrupted:
+        if topic not in _COMPARED or time > self._time or (self._run is not None and self._run.interrupted):
             return
-        now = _steps(topic, data)
-        if not now:
-            return
-        at, there_topic, there = next(self._recorded, (time, topic, None))
-        if there is None:
-            raise self._difference(time, topic, None, now)
-        if (at, there_topic) != (time, topic):
-            raise self._difference(min(time, at), topic, there if there_topic == topic else None, now)
-        if there != now:
-            raise self._difference(time, topic, there, now)
+        if found := _steps(topic, data):
+            if self._now and self._now[0][0] != time:
+                self._check()
+            self._now.append((time, topic, data["robot"], found))
 
-    def _difference(self, time: int, topic: str, recorded: Any, now: Any) -> ConfigError:
-        difference = _first_difference(_lines(topic, recorded), _lines(topic, now))
-        text = f"the run again is not the recorded one: at {time / SECOND:g} s {difference}"
+    def _check(self) -> None:
+        """Compare an instant, robot by robot: versions of FAME differ in the order of robots inside one."""
+        if self._now:
+            time, now = self._now[0][0], _by_robot(self._now)
+            at, recorded = next(self._recorded, (time, {}))
+            if at != time:
+                raise self._difference(min(time, at), recorded if at < time else {}, now if time < at else {})
+            if recorded != now:
+                raise self._difference(time, recorded, now)
+            self._now.clear()
+
+    def _difference(self, time: int, recorded: _Instant, now: _Instant) -> ConfigError:
+        place = next(each for each in (*recorded, *now) if recorded.get(each) != now.get(each))
+        lines = (_lines(*place, of.get(place, [])) for of in (recorded, now))
+        text = f"the run again is not the recorded one: at {time / SECOND:g} s {_first_difference(*lines)}"
         return ConfigError(text, file=self._file)
 
 
-def _steps(topic: str, data: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A message of variables, or one of events without the reports of elements; empty if it has only such."""
+_Steps = tuple[int, str, str, list[Any]]
+"""Time (ns), topic and robot of a message, and what it tells."""
+_Instant = Mapping[tuple[str, str], list[Any]]
+"""What happened in an instant, by topic and robot."""
+
+
+def _by_robot(steps: Iterable[_Steps]) -> _Instant:
+    """The steps of an instant."""
+    found: dict[tuple[str, str], list[Any]] = {}
+    for _, topic, robot, told in steps:
+        found.setdefault((topic, robot), []).extend(told)
+    return found
+
+
+def _steps(topic: str, data: Mapping[str, Any]) -> list[Any]:
+    """The changes of a message of variables, or the events of one without reports of elements, each with its place."""
     if topic == VARIABLES:
-        return data
-    groups = []
-    for group in data["events"]:
-        marks = [mark for mark in group["marks"] if not (mark[0] and mark[1] == "report")]
-        groups += [{**group, "marks": marks}] if marks else []
-    return {**data, "events": groups} if groups else {}
+        return list(data["changes"])
+    return [
+        ({key: value for key, value in group.items() if key != "marks"}, mark)
+        for group in data["events"]
+        for mark in group["marks"]
+        if not (mark[0] and mark[1] == "report")
+    ]
 
 
 def _first_difference(recorded: list[str], now: list[str]) -> str:
@@ -188,18 +213,12 @@ def _first_difference(recorded: list[str], now: list[str]) -> str:
     return "expected other instances or scopes"
 
 
-def _lines(topic: str, data: Mapping[str, Any] | None) -> list[str]:
-    """The lines of a message of events or variables; empty without a message."""
-    if data is None:
-        return []
+def _lines(topic: str, robot: str, steps: list[Any]) -> list[str]:
+    """The lines of what a robot did in an instant."""
     if topic == VARIABLES:
-        changes = [(name, value) for change in data["changes"] for name, value in change.get("set", {}).items()]
-        return [f"{data['robot']} {line}" for name, value in changes for line in _leaves(name, value)]
-    return [
-        " ".join([str(data["robot"]), *(str(part) for part in mark if part)])
-        for group in data["events"]
-        for mark in group["marks"]
-    ]
+        changes = [(name, value) for change in steps for name, value in change.get("set", {}).items()]
+        return [f"{robot} {line}" for name, value in changes for line in _leaves(name, value)]
+    return [" ".join([robot, *(str(part) for part in mark if part)]) for _, mark in steps]
 
 
 def _leaves(name: str, value: Any) -> list[str]:
