@@ -42,7 +42,7 @@ MUTATIONS = {
         "Flow_TargetFound_GoTo": "Activity_Fire", "signal": "SignalEventDefinition_TargetFound"
     },
     "ground_vehicles answer": {"Flow_TargetFound_GoTo": "Activity_Fire"},
-    "convoy together": {"Flow_ToLine_Barrier": "Gateway_SetOff"},
+    "convoy lined_up": {"Flow_TakeLane_ToLine": "Activity_Go"},
     "convoy patience": {"Flow_SetOff_Go": "Event_There"},
 }  # fmt: skip
 """By mission and property: sequence flows and where they lead instead; a signal: its event starts by itself."""

@@ -59,7 +59,7 @@ def run(arguments: Namespace) -> int:
     (name,) = arguments.names
     given = [(action, words) for action, words in arguments.leaf.given if action.dest != "user"]
     words = [word for action, values in given for word in (*action.option_strings[-1:], *values)]
-    lines = [f"User={_quoted(arguments.user or getpass.getuser())}"]
+    lines = [f"User={_escaped(arguments.user or getpass.getuser())}"]
     if arguments.state is None:
         lines.append("StateDirectory=fame")
         words += ["--state", f"/var/lib/fame/{name}"]

@@ -15,6 +15,7 @@ from fame.check.explore import Exploration, Request, explore_from, explore_team
 from fame.clock import Scheduler
 from fame.errors import ConfigError, expect
 from fame.middleware.local import LocalMiddleware
+from fame.properties.diagram import drawn_properties
 from fame.properties.files import beside
 from fame.properties.sentence import Property
 from fame.scenario.scenario import Scenario
@@ -54,7 +55,8 @@ def explore(
     reduced   leave out orders of steps that make no difference
     limit     states of all deliveries together
     seconds   time for all of them; the result then depends on the machine
-    properties  what is proved or refuted; by default the sentences in ``NAME.properties.yaml`` beside the model
+    properties  what is proved or refuted; by default those of the scenario, of ``NAME.properties.yaml`` beside the
+              model, and the deadlines drawn in it
     samples   if a limit ends a search, also explore the order of `fame run`, fewer robots, and random runs
     progress  called now and then with the number of states of a delivery, and of those still to be explored
 
@@ -76,11 +78,13 @@ def explore(
         progress=progress,
     )
     definitions, found, cast = cast_of(model, robots, library)
-    if properties is None:
-        properties = beside(Path(definitions.file)) if definitions.file else ()
-    request = replace(request, properties=tuple(properties))
+    said: Sequence[Property] = ()
     if _is_scenario(model):
-        request = replace(request, sources=_sources(Scenario.load(model, robots=robots, library=library)))
+        scenario = Scenario.load(model, robots=robots, library=library)
+        request, said = replace(request, sources=_sources(scenario)), scenario.properties
+    elif definitions.file:
+        said = (*beside(Path(definitions.file)), *drawn_properties(definitions, found, cast))
+    request = replace(request, properties=tuple(said if properties is None else properties))
     return explore_team(definitions, found, cast, request)
 
 

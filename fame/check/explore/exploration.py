@@ -190,8 +190,9 @@ class Team:
         self.alike: dict[str, bool] = {pool.name: not self._knows_itself(pool) for pool in self.pools}
         fields = field_names(types)
         compiled = [compile(one, vocabulary_of(definitions, library, cast)) for one in request.properties]
-        events = frozenset((element, what) for one in compiled for _, element, what in one.events)
-        observed |= bool(compiled)
+        judged = [one for one in compiled if not (one.timed or one.spec.condition or one.reads_messages)]
+        events = frozenset((element, what) for one in judged for _, element, what in one.events)
+        observed |= bool(judged)
         made: dict[str, Local] = {}
         self.locals: list[Local] = []
         for robot, pool in cast.items():
