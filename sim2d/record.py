@@ -43,7 +43,7 @@ class Things(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class WorldRecord:
-    """A run: what stands still, the times of the samples (s), a track per robot, and the weeds at its end."""
+    """A run in the world: its configuration, sample times (s), a track for each robot, and the weeds at the end."""
 
     config: WorldConfig
     times: list[float]

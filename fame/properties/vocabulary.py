@@ -67,7 +67,7 @@ class Vocabulary:
         raise at.error(text, name.offset)
 
     def elements(self, robot: str, event: Occurrence, at: Property) -> tuple[str, ...]:
-        """The ids of the elements of a robot where this event can occur. Raises ConfigError if there are none."""
+        """The ids of the elements of a robot where this event can occur. Raises ConfigError for an empty result."""
         terms = self.robots[robot]
         if event.verb in ("throws", "catches"):
             return self._topic_ends(robot, event, at)

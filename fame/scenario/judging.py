@@ -63,7 +63,7 @@ class RunJudge(Observer):
         self._changed: set[str] = set()
 
     def begin(self, middleware: LocalMiddleware, world: World | None) -> None:
-        """Compile the properties, and sample what they read. Raises ConfigError for what they name and nobody has."""
+        """Compile the properties, and sample what they read. Raises ConfigError for an unknown name in one."""
         vocabulary = team_vocabulary(self._plan, partial(_wrong_field, middleware))
         self.judge = Judge([compile(each, vocabulary) for each in self._plan.properties], self._report)
         self._middleware, self._world = middleware, world
