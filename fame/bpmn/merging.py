@@ -10,7 +10,7 @@ precedence, as when the file is read.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 
@@ -163,15 +163,22 @@ class Fragment:
 
 
 def copy_fragment(
-    definitions: Definitions, processes: Iterable[Process], pool: Participant | None, types: Mapping[str, str]
+    definitions: Definitions,
+    processes: Iterable[Process],
+    pool: Participant | None,
+    types: Mapping[str, str],
+    acknowledged: Collection[str] = (),
 ) -> Fragment:
-    """A copy of processes and of all that they need of their file. Events get the `types` of their topics."""
+    """A copy of processes and of all that they need of their file.
+
+    Events get the `types` of their topics; those of `acknowledged` topics say so.
+    """
     root = full_tree(definitions)
     fragment = Fragment(definitions, root, {process.id: process.id for process in processes})
     by_id = {one.get("id"): one for one in root.iterchildren(_PROCESS)}
     for process in processes:
         fragment.processes.append(deepcopy(by_id[process.id]))
-        _write_types(fragment.processes[-1], process, types)
+        _write_topics(fragment.processes[-1], process, types, acknowledged)
     for process_copy in fragment.processes:
         _copy_shared_stores(process_copy, fragment, root)
     if pool is not None:
@@ -298,16 +305,20 @@ def _references(element: Node) -> Iterator[str]:
 # ---- types -----------------------------------------------------------------------------------------------------------
 
 
-def _write_types(element: Node, process: Process, types: Mapping[str, str]) -> None:
+def _write_topics(element: Node, process: Process, types: Mapping[str, str], acknowledged: Collection[str]) -> None:
     by_id = {one.get("id"): one for one in element.iter("*") if one.tag.startswith(_B)}
     for node in process.body.walk():
         topics = [topic for topic, _ in node.topics()]
-        if all(topic.type is not None or topic.qualified not in types for topic in topics):
+        typeless = [topic.type is None and topic.qualified in types for topic in topics]
+        unsaid = [not topic.ttl and topic.qualified in acknowledged for topic in topics]
+        if not any(typeless) and not any(unsaid):
             continue
         holders = _holders(by_id[node.id], node, len(topics))
-        for topic, holder in zip(topics, holders, strict=True):
-            if topic.type is None and topic.qualified in types:
+        for topic, holder, needs_type, needs_delivery in zip(topics, holders, typeless, unsaid, strict=True):
+            if needs_type:
                 add_property(holder, "type", types[topic.qualified])
+            if needs_delivery:
+                add_property(holder, "delivery", "acknowledged")
 
 
 def _holders(element: Node, node: FlowNode, count: int) -> list[Node]:

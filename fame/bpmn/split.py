@@ -3,14 +3,14 @@
 It works on the XML, so that unknown content is kept. A new file has the pool and its process, the processes that it
 calls, the root elements that these use (signals, messages, errors ...), and their diagrams. Ids that several source
 files use get a number; what is named by its id keeps that as a name. Every call names the process that it called in its
-own file. Every event gets the message type of its topic, since the event that gives the type may be in another robot's
-file.
+own file. Every event gets the message type of its topic, and whether its signals are acknowledged, since the event that
+says so may be in another robot's file.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,6 +56,7 @@ def split(definitions: Definitions | str | Path, library: Library | None = None)
     pools = pools_of(definitions)
     shared = shared_topics(definitions, pools, library)
     types = {name: use.declared for name, use in shared.items() if use.declared and name[0] == "/"}
+    acknowledged = {name for name, use in shared.items() if use.ttl}
     return [
         Part(
             pool.name,
@@ -67,6 +68,7 @@ def split(definitions: Definitions | str | Path, library: Library | None = None)
                 name=pool.name if definitions.participants else "",
                 find=library.find,
                 topic_types=types,
+                acknowledged=acknowledged,
             ),
         )
         for pool in pools
@@ -80,13 +82,14 @@ def extract_process(
     name: str = "",
     find: Find | None = None,
     topic_types: Mapping[str, str] | None = None,
+    acknowledged: Collection[str] = (),
 ) -> bytes:
     """One process as a self-contained executable file, UTF-8.
 
     `name` selects the pool if several have this process, and becomes the name of the pool. `find` gives the processes
     that are called, by default those of the same file; other calls stay as they are. `topic_types` maps qualified
-    topics to types. Message flows are left out, since topics carry the messages. Raises ModelError if there is no such
-    process.
+    topics to types, `acknowledged` are those with acknowledgements. Message flows are left out, since topics carry the
+    messages. Raises ModelError if there is no such process.
     """
     process = _process(definitions, process_id)
     find = find or _in_its_file
@@ -95,7 +98,8 @@ def extract_process(
     fragments: list[Fragment] = []
     taken: set[str] = set()
     for file, processes in files:
-        fragment = copy_fragment(file, processes, pool if file is definitions else None, topic_types or {})
+        its_pool = pool if file is definitions else None
+        fragment = copy_fragment(file, processes, its_pool, topic_types or {}, acknowledged)
         _make_unique(fragment, taken)
         fragments.append(fragment)
     _write_defaults(fragments, [processes for _, processes in files])

@@ -6,14 +6,16 @@ default type is std_msgs/msg/Empty.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from fame.bpmn.model import Definitions, FlowNode, Process, SignalDefinition, Topic
 from fame.errors import ModelError
 
 EMPTY_TYPE = "std_msgs/msg/Empty"
+TTL = 60.0
+"""How long an acknowledged signal is kept, unless its property ``ttl`` says otherwise (s)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +38,8 @@ class TopicUse:
     """A topic by its qualified name (``/weed_found``, ``~/odom``).
 
     `declared` is the type given in the model, or None. `qos` combines the policies of all its ends. Those of the throw
-    ends take precedence, so that publishers and subscribers match.
+    ends take precedence, so that publishers and subscribers match. `ttl` is the longest of its ends (s), 0 if its
+    signals are not acknowledged.
     """
 
     name: str
@@ -44,6 +47,7 @@ class TopicUse:
     throws: tuple[TopicEnd, ...]
     catches: tuple[TopicEnd, ...]
     qos: Mapping[str, str]
+    ttl: float = 0.0
 
     @property
     def type(self) -> str:
@@ -88,13 +92,22 @@ def topic_table(
 
 
 def topics_of_processes(
-    processes: Iterable[tuple[Definitions, Process]], *, types: Mapping[str, str] = MappingProxyType({})
+    processes: Iterable[tuple[Definitions, Process]],
+    *,
+    types: Mapping[str, str] = MappingProxyType({}),
+    acknowledged: Collection[str] = (),
 ) -> Mapping[str, TopicUse]:
-    """As `topic_table`, for processes with their files, where two files may have processes of one id."""
+    """As `topic_table`, for processes with their files, where two files may have processes of one id.
+
+    `acknowledged`: topics whose signals others throw with acknowledgements.
+    """
     ends_by_topic: dict[str, _Ends] = {}
     for file, process in processes:
         _gather(file, process, ends_by_topic)
-    return MappingProxyType({name: _use(name, ends, types.get(name)) for name, ends in ends_by_topic.items()})
+    uses = {name: _use(name, ends, types.get(name)) for name, ends in ends_by_topic.items()}
+    for name in [name for name in acknowledged if name in uses and not uses[name].ttl]:
+        uses[name] = replace(uses[name], ttl=TTL)
+    return MappingProxyType(uses)
 
 
 def _gather(file: Definitions, process: Process, ends_by_topic: dict[str, _Ends]) -> None:
@@ -129,4 +142,5 @@ def _use(name: str, ends: _Ends, default_type: str | None) -> TopicUse:
     for end in reversed(all_ends):
         qos.update(end.topic.qos)
     declared = typed[0].topic.type if typed else default_type
-    return TopicUse(name, declared, tuple(ends.throws), tuple(ends.catches), MappingProxyType(qos))
+    ttl = max(end.topic.ttl for end in all_ends)
+    return TopicUse(name, declared, tuple(ends.throws), tuple(ends.catches), MappingProxyType(qos), ttl)

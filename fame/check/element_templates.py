@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from fame.bpmn.reader.dialects.extensions import QOS_CHOICES
+from fame.bpmn.topics import TTL
 from fame.check.library import Behaviour
 from fame.middleware import messages
 
@@ -65,7 +66,9 @@ def _publish() -> Template:
     payload = _text("payload", "Payload", "YAML or JSON with ${variables}; nothing sends a message of defaults")
     payload["placeholder"] = "{x: ${x_weed}, y: ${y_weed}}"
     text = "Throws a signal as a message on the topic of its name."
-    return _template("publish", "ROS 2 publish", text, THROWS, [_types(), payload, _scope(), *_qos()], qos=True)
+    return _template(
+        "publish", "ROS 2 publish", text, THROWS, [_types(), payload, _scope(), *_delivery(), *_qos()], qos=True
+    )
 
 
 def _publish_type(type: str) -> Template:
@@ -75,7 +78,9 @@ def _publish_type(type: str) -> Template:
     if value:
         fields.append(_text("payload", "Payload", "a ${variable} may stand for any value") | {"value": value})
     text = f"Throws a signal as a {type} on the topic of its name."
-    return _template(f"publish.{_dotted(type)}", f"ROS 2 publish {_short(type)}", text, THROWS, [*fields, _scope()])
+    return _template(
+        f"publish.{_dotted(type)}", f"ROS 2 publish {_short(type)}", text, THROWS, [*fields, _scope(), *_delivery()]
+    )
 
 
 def _receive() -> Template:
@@ -100,6 +105,13 @@ def _types() -> Template:
     names = [name for name in messages.types() if name.split("/")[:2] in [[package, "msg"] for package in PACKAGES]]
     ordered = [*COMMON, *(name for name in names if name not in COMMON)]
     return _property("type", "Dropdown", COMMON[0], label="Message type") | {"choices": _choices(ordered)}
+
+
+def _delivery() -> Iterator[Template]:
+    ways = [{"name": "once", "value": ""}, {"name": "until each robot has acknowledged it", "value": "acknowledged"}]
+    yield _property("delivery", "Dropdown", "", label="Is sent") | {"choices": ways}
+    ttl = _text("ttl", "Time to live", f"seconds in which an acknowledged signal has to arrive; nothing: {TTL:g}")
+    yield ttl | {"constraints": {"pattern": {"value": r"\d*\.?\d*", "message": "a time in seconds"}}}
 
 
 def _scope() -> Template:

@@ -57,7 +57,7 @@ def check_library(scope: CheckScope) -> Iterator[Finding]:
 # ---- names of properties and pools -----------------------------------------------------------------------------------
 
 
-_OF_TOPICS = ("type", "payload", "queue", "scope", "correlate")
+_OF_TOPICS = ("type", "payload", "queue", "delivery", "ttl", "scope", "correlate")
 _OF_PROCESSES = ("instances", "optional", "semantics", "topics")
 
 

@@ -67,6 +67,21 @@ def promises(definitions: Definitions, assigned: Mapping[str, Pool], library: Li
     return promised
 
 
+def receivers(
+    definitions: Definitions, assigned: Mapping[str, Pool], library: Library
+) -> dict[str, dict[str, list[str]]]:
+    """For each robot, the topics with acknowledgements that it throws, with the other robots that catch them."""
+    uses = {robot: shared_topics(definitions, [pool], library) for robot, pool in assigned.items()}
+    return {
+        robot: {
+            name: [one for one, its in uses.items() if one != robot and name in its and its[name].catches]
+            for name, use in own.items()
+            if use.ttl and use.throws
+        }
+        for robot, own in uses.items()
+    }
+
+
 def _promised(topic: str, use: TopicUse, others: Mapping[str, TopicUse]) -> dict[str, str]:
     """The opposite ends that others have at a topic of one robot, and at those on which it addresses one of them."""
     ends: dict[str, str] = {}

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 from fame.clock import SECOND, Entry, Kind, Scheduler, Turns
 from fame.deploy.envelope import (
@@ -346,6 +347,8 @@ class EngineNode:
         before, self._before = self._before, candidate.envelope.hash
         migrates = self._migrates(candidate)
         go_on = self._take_over(candidate, before) if migrates else candidate.process.start
+        if self.running is not None and self.running.acknowledged is not None and not migrates:
+            self.running.acknowledged.leave()
         self._close_running("suspended" if migrates else "terminated")
         self.running = None
         start = partial(self._start, candidate, go_on, migrates)
@@ -406,6 +409,7 @@ class EngineNode:
         """The task that loads a process, which tells what happens in it."""
         from fame.robot.events import combine_observers
         from fame.robot.live import LiveFeed
+        from fame.robot.options import Membership
 
         options = self._options
         if self._feed is None:
@@ -414,7 +418,8 @@ class EngineNode:
             )
         own = self._feed.observer()
         both = combine_observers([own, options.observer]) if options.observer is not None else own
-        options = replace(options, observer=both)
+        membership = Membership(uuid4().hex, envelope.receivers, frozenset(envelope.team), max(0, envelope.sequence))
+        options = replace(options, observer=both, membership=membership)
         return load(envelope.model, self.robot, options, scheduler=self._time, middleware=self.middleware)
 
     def _on_loaded(self, result: RobotNode | FameError) -> None:

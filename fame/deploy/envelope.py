@@ -96,6 +96,7 @@ class Envelope:
     promises  public topics at which others have the opposite end, as ``publisher`` or ``subscriber``
     team      the robots that start together with it
     engines   the `Report.engine` of each of them: reports of another engine are not believed
+    receivers topics with acknowledgements that it throws: the other robots that catch them
     migrate   whether what runs goes over to the model, instead of being cancelled; `plan` as of
               `fame.deploy.migration`
     preview   whether it only asks what would become of the tokens: nothing is held, nothing started
@@ -117,6 +118,9 @@ class Envelope:
     team: Annotated[Sequence[str], fields.sequence(fields.robot)] = field(default=(), hash=False)
     engines: Annotated[Mapping[str, str], fields.mapping(fields.robot, fields.text(1000))] = field(
         default_factory=dict, hash=False
+    )
+    receivers: Annotated[Mapping[str, Sequence[str]], fields.mapping(fields.topic, fields.sequence(fields.robot))] = (
+        field(default_factory=dict, hash=False)
     )
     migrate: fields.Flag = False
     plan: Annotated[Mapping[str, Any], fields.is_object] = field(default_factory=dict, hash=False)

@@ -15,7 +15,7 @@ from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool
 from fame.bpmn.split import split
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.deploy.assignment import SourceMap, assign_robots, promises
+from fame.deploy.assignment import SourceMap, assign_robots, promises, receivers
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import (
     PROCESS_QOS,
@@ -141,6 +141,7 @@ class Deployment:
         """The envelope with the model of each robot."""
         parts = {part.name: part.source.decode() for part in split(definitions, library)}
         promised = promises(definitions, pools, library)
+        caught = receivers(definitions, pools, library)
         return {
             robot: replace(
                 self._envelope(robot, "load"),
@@ -148,6 +149,7 @@ class Deployment:
                 hash=model_hash(parts[pool.name].encode()),
                 promises=promised[robot],
                 team=list(sent),
+                receivers=caught[robot],
                 again=robot in again,
                 migrate=self._options.migrate,
                 plan=dict(self._options.plan),

@@ -17,7 +17,11 @@ AnyMessage = Any
 
 @dataclass(frozen=True, slots=True)
 class QoS:
-    """Quality of service: `depth` counts messages, times are in s (None: infinite). The defaults are a signal's."""
+    """Quality of service: `depth` counts messages, times are in s (None: infinite). The defaults are a signal's.
+
+    `acknowledged` is FAME's own: what such a publisher sends reaches such a subscription in another way
+    (`fame.robot.acknowledged`), so that these two are not connected.
+    """
 
     reliability: Literal["reliable", "best_effort"] = "reliable"
     durability: Literal["volatile", "transient_local"] = "volatile"
@@ -27,6 +31,7 @@ class QoS:
     lifespan: float | None = None
     liveliness: Literal["automatic", "manual_by_topic"] = "automatic"
     lease_duration: float | None = None
+    acknowledged: bool = False
 
 
 SIGNAL = QoS()

@@ -217,7 +217,7 @@ class LocalNode:
 
     def _match(self, publisher: LocalPublisher, subscription: LocalSubscription) -> bool:
         """Connect two endpoints of different nodes, if their quality of service matches."""
-        if publisher.node is subscription.node:
+        if publisher.node is subscription.node or (publisher.qos.acknowledged and subscription.qos.acknowledged):
             return False
         mismatch = compatible(publisher.qos, subscription.qos)
         if mismatch is None:

@@ -5,6 +5,7 @@ options         what it runs its process with
 host            the host of the engine: messages, timers, scripts, events
 mission         the process that a robot runs, with everything that it refers to
 endpoints       publishers and subscriptions of its events and scripts; messages to one robot
+acknowledged    signals that are sent until each receiver has acknowledged them; delivery_protocol: its decisions
 scripts         the runner of its scripts, and the interface that they find
 service_tasks   service tasks that call ROS services and actions
 services        services that a task runs for as long as its scope lasts

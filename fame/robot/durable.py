@@ -146,7 +146,8 @@ class DurableRecorder:
             return ""
         batch, self._next = str(self._next), self._next + 1
         self._leaving[batch], self._outbox = self._outbox, []
-        self._recorded[batch] = _recorded(self._leaving[batch])
+        if recorded := _recorded(self._leaving[batch]):
+            self._recorded[batch] = recorded
         return batch
 
     def _record(self, *, whole: bool = False) -> JournalRecord:
@@ -217,6 +218,11 @@ class DurableRecorder:
         recorded = ["message", topic, str(robot), messages.to_mapping(message)]
         self._outbox.append(_Request(recorded, partial(direct.enter, publisher, message)))
 
+    def once_written(self, send: Callable[[], object]) -> None:
+        """Call this once what has happened so far is on the disk."""
+        self._outbox.append(_Request([], send))
+        self.node.scheduler.soon(self.settled, Kind.RESUMPTION)
+
     def _let_leave(self, batch: str) -> None:
         """The record of a batch of effects is on the disk."""
         if self._quiet:
@@ -241,7 +247,8 @@ class DurableRecorder:
                 self._fail(error)
 
     def _report_unsent(self, effect: _Effect, error: FameError) -> None:
-        self.node.host.report("", f"{' '.join(map(str, _recorded([effect])[0][:2]))} cannot be sent: {error}")
+        what = " ".join(map(str, part[:2])) if (part := next(iter(_recorded([effect])), None)) else "an acknowledgement"
+        self.node.host.report("", f"{what} cannot be sent: {error}")
 
     # ---- requests of tasks (`fame.scripting.runner.Outward`) ---------------------------------------------------------
 
@@ -384,6 +391,7 @@ def _recorded(effects: Sequence[_Effect]) -> list[list[Any]]:
         if isinstance(effect, _Request)
         else ["signal", effect.publisher.topic, effect.publisher.type, _plain(effect)]
         for effect in effects
+        if not isinstance(effect, _Request) or effect.recorded
     ]
 
 

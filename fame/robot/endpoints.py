@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -99,6 +100,8 @@ class Endpoints:
     def _open(self, name: str, use: TopicUse, on_message: Callable[[Any], object]) -> None:
         full = resolve(name, self._node.namespace)
         profile = qos.parse(use.qos) if use.qos else SIGNAL
+        if use.ttl:
+            profile = replace(profile, acknowledged=True)
         if use.throws:
             self._thrown[name] = self.publisher(full, use.type, profile)
         if use.addresses:
@@ -133,6 +136,15 @@ def direct_topic(topic: str, robot: str) -> str:
 
 def _suffix(topic: str) -> str:
     return f"/bpmn_message/{topic.lstrip('~/')}"
+
+
+def subscribers_of(middleware: Middleware, suffix: str, own: str) -> list[str]:
+    """The robots, in order, on whose topic that ends like this another node than `own` (a full name) subscribes."""
+    return [
+        info.name.removeprefix("/").removesuffix(suffix)
+        for info in middleware.graph()
+        if info.name.endswith(suffix) and any(name != own for name in info.subscribers)
+    ]
 
 
 class DirectMessages:
@@ -183,12 +195,7 @@ class DirectMessages:
         """The other robots that subscribe to a message, in order."""
         if not self._topics:
             return []
-        suffix, own = _suffix(topic), self._node.full_name
-        return [
-            info.name.removeprefix("/").removesuffix(suffix)
-            for info in self._middleware.graph()
-            if info.name.endswith(suffix) and any(name != own for name in info.subscribers)
-        ]
+        return subscribers_of(self._middleware, _suffix(topic), self._node.full_name)
 
     def _flush(self) -> None:
         """Publish, in order, the messages whose publisher is connected or whose time is up."""

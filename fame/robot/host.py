@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from fame.bpmn.model import Expression
 from fame.clock import Scheduler, date_at, date_text
@@ -30,6 +30,9 @@ from fame.robot.services import ServiceContext, compile_service
 from fame.robot.timers import Timers
 from fame.scripting import Inbox, Runner, compile_expression, compile_script, error_line
 
+if TYPE_CHECKING:
+    from fame.robot.acknowledged import AcknowledgedSignals
+
 
 class Outbox(Protocol):
     """Takes the effects of an engine, and sends them later (`fame.robot.durable`)."""
@@ -39,6 +42,9 @@ class Outbox(Protocol):
 
     def message(self, topic: str, value: Any, robot: Any) -> None:
         """Send a message to one robot. Raises BpmnError ``unreachable``, MessageError."""
+
+    def once_written(self, send: Callable[[], object]) -> None:
+        """Call this when what has happened so far is on the disk; never, if the engine ends before."""
 
     def instance_ended(self, instance: Instance) -> None:
         """Record the end of an instance."""
@@ -72,6 +78,7 @@ class EngineHost:
         self._robot, self._mission, self._node, self._options = robot, mission, node, options
         self._middleware, self._scheduler, self._endpoints = middleware, scheduler, endpoints
         self.recorder: Outbox | None = None
+        self.acknowledged: AcknowledgedSignals | None = None
         self.on_suspended: Callable[[Engine], object] = lambda engine: None
         self.observer: Observer | None = observer_of(options.observer) if options.observer is not None else None
         self.scripts: Scripts = Scripts(
@@ -126,21 +133,22 @@ class EngineHost:
 
     def publish(self, topic: str, value: Any) -> Any:
         publisher, message = self._endpoints.prepare(topic, value)
-        if self.recorder is None:
-            publisher.publish(message)
-        else:
-            self.recorder.signal(publisher, message)
+        self._send(publisher, message)
         self.inbox.deliver(publisher.topic, message)
         return message
 
     def send(self, topic: str, value: Any, robot: Any) -> None:
-        if self.recorder is None:
+        if self.acknowledged is not None and topic in self.acknowledged.outgoing:
+            self.acknowledged.send(topic, value, robot)
+        elif self.recorder is None:
             self._endpoints.direct.send(topic, value, robot)
         else:
             self.recorder.message(topic, value, robot)
 
     def _send(self, publisher: Publisher, message: Any) -> None:
-        """A script raises a signal."""
+        """Publish a signal, also one that a script raises."""
+        if self.acknowledged is not None:
+            self.acknowledged.throw(publisher.topic, message)
         if self.recorder is None:
             publisher.publish(message)
         else:

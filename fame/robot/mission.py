@@ -78,7 +78,8 @@ def make_mission(
     library = library or Library()
     closure = library.closure(definitions, process)
     elsewhere = {name: use.declared for name, use in (shared or {}).items() if use.declared and name[0] == "/"}
-    types = topics_of_processes(closure, types=elsewhere)
+    acknowledged = [name for name, use in (shared or {}).items() if use.ttl]
+    types = topics_of_processes(closure, types=elsewhere, acknowledged=acknowledged)
     for name, use in types.items():
         computed = has_placeholders(name) or name.lstrip("~/").startswith("=")  # told when its event is compiled
         if not computed and not is_ros_name(name.removeprefix("~")):

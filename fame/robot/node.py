@@ -22,6 +22,7 @@ from fame.engine.state import Wait
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import ENGINE, MISSION, Middleware, Node, resolve
+from fame.robot.acknowledged import AcknowledgedSignals
 from fame.robot.endpoints import Endpoints
 from fame.robot.events import Event
 from fame.robot.host import EngineHost
@@ -80,7 +81,11 @@ class RobotNode:
         self.node: Node = middleware.node(ENGINE, self.namespace, MISSION)
         self.engine: Engine
         self.endpoints: Endpoints = Endpoints(self.node, mission.types, middleware, scheduler)
+        self.acknowledged: AcknowledgedSignals | None = None
+        if any(use.ttl for use in mission.types.values()):
+            self.acknowledged = AcknowledgedSignals(self, options.membership)
         self.host: EngineHost = EngineHost(name, mission, self.node, middleware, scheduler, self.endpoints, options)
+        self.host.acknowledged = self.acknowledged
         self.runner: Runner = self.host.runner
         self.runner.on_lost = self._on_lost_request
         self.waiting: WaitingTokens = WaitingTokens(name, mission, self.node, middleware, scheduler, self.runner)
@@ -128,8 +133,10 @@ class RobotNode:
 
     def load(self) -> None:
         """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""
-        self.endpoints.open(self._on_message)
+        self.endpoints.open(self.on_message)
         self.endpoints.open_for_scripts(self.mission.scripts(), self.runner.inbox)
+        if self.acknowledged is not None:
+            self.acknowledged.open()
 
     def connect(self) -> None:
         """Make the publishers for messages to single robots, as far as these are there."""
@@ -153,8 +160,10 @@ class RobotNode:
 
     def _take_early(self) -> None:
         early, self._early = self._early or (), None
+        if self.acknowledged is not None:
+            self.acknowledged.begin()
         for topic, message in early:
-            self._on_message(topic, message)
+            self.on_message(topic, message)
 
     def hold(self, reason: str = "") -> None:
         """Suspend the mission, in the safe state, until `release` is called for each reason."""
@@ -186,6 +195,8 @@ class RobotNode:
         """Close scripts, timers and all endpoints."""
         self.host.close()
         self.endpoints.direct.close()
+        if self.acknowledged is not None:
+            self.acknowledged.close()
         self.node.close()
 
     # ---- state -------------------------------------------------------------------------------------------------------
@@ -337,7 +348,7 @@ class RobotNode:
         type = (self.mission.types[name].declared if name is not None else None) or inbox.types.get(full)
         message = messages.create(type, value) if type is not None else value
         if name is not None:
-            self._on_message(name, message)
+            self.on_message(name, message)
         inbox.deliver(full, message)
 
     def _check_topic(self, full: str) -> None:
@@ -349,7 +360,8 @@ class RobotNode:
             similar = difflib.get_close_matches(full, known, 1) or known
             raise MessageError(f"no event or script of the model names topic {full}; known are: {', '.join(similar)}")
 
-    def _on_message(self, topic: str, message: Any) -> None:
+    def on_message(self, topic: str, message: Any) -> None:
+        """Deliver a message on a topic of its events (the qualified name)."""
         if self._early is not None:
             self._early.append((topic, message))
             return

@@ -20,6 +20,21 @@ Fields = tuple[str, str, Mapping[str, Any]]
 """A message that brings the robot to its safe state: topic, type, fields."""
 
 
+@dataclass(frozen=True, slots=True)
+class Membership:
+    """What a robot knows of its team.
+
+    life       the id of this run of its process
+    receivers  topics with acknowledgements -> the robots of its deployment that catch them
+    team       the robots that start together with it, in its deployment of this `sequence`
+    """
+
+    life: str = "1"
+    receivers: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    team: frozenset[str] = frozenset()
+    sequence: int = 0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotOptions:
     """Options of a `fame.robot.RobotNode`.
@@ -36,6 +51,7 @@ class RobotOptions:
     on_end     called with each instance that has ended
     built_in_services  services that run as long as their service task, by name (`fame.robot.services`)
     files      folder that built-in services take names of files from; default: that of the model
+    membership  what it knows of its team, for acknowledged signals
     hold_errors  an uncaught error does not fail its instance: the token stays as an incident, and the robot holds
     """
 
@@ -51,4 +67,5 @@ class RobotOptions:
     on_end: Callable[[Instance], object] = lambda instance: None
     built_in_services: Mapping[str, BuiltInService] = field(default_factory=dict)
     files: Path | None = None
+    membership: Membership = field(default_factory=Membership)
     hold_errors: bool = False

@@ -30,7 +30,9 @@ def tables_of(node: RobotNode, epoch: int) -> Tables:
     """The tables of a robot's state beside its engine. `epoch` is as of `epoch_of`."""
     host = node.host
     timers = host.timers.state().items()
+    signals = node.acknowledged.tables(epoch) if node.acknowledged is not None else {}
     return {
+        **signals,
         "timers": {str(key): [kind, text, base + epoch, fired] for key, (kind, text, base, fired) in timers},
         "totals": {"": [host.started, host.completed, host.failed, host.elements_done]},
     }
@@ -90,6 +92,8 @@ def restored(node: RobotNode, contents: SegmentContents) -> Tables:
     over = [instance_of(data, engine.program, load) for data in tables.get("ended", {}).values()]
     host.instances[:] = sorted([*over, *engine.instances.values()], key=lambda instance: instance.key)
     node.attach(engine)
+    if node.acknowledged is not None:
+        node.acknowledged.restore(tables, epoch_of(node))
     return tables
 
 

@@ -117,6 +117,8 @@ def take_over(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[Migra
     over = [instance for instance in old.instances if instance.status != "running"]
     host.instances[:] = sorted([*over, *engine.instances.values()], key=lambda instance: instance.key)
     new.attach(engine)
+    if new.acknowledged is not None and old.acknowledged is not None:
+        new.acknowledged.restore(old.acknowledged.tables(epoch_of(old)), epoch_of(new))
     new.forget_early()
     return tokens
 

@@ -406,7 +406,11 @@ class Publisher(End):
 
     def meet(self, other: End) -> None:
         if isinstance(other, Subscription) and other.topic == self.topic and other not in self.matched:
-            if other.type != self.type or compatible(self.qos, other.qos) is not None:
+            if (
+                other.type != self.type
+                or compatible(self.qos, other.qos) is not None
+                or (self.qos.acknowledged and other.qos.acknowledged)
+            ):
                 return
             self.matched[other] = None
             if other.qos.durability == "transient_local":

@@ -173,8 +173,22 @@ def order(team: Team) -> Iterator[str]:
                 counts = [count for count in taken if count // 1000 == version]
                 if counts != sorted(counts):
                     yield f"{robot.name} has taken counts out of order: {counts}"
+                elif "acknowledges" in team.more:
+                    yield from _unreported(team, robot.name, counts)
                 elif len(counts) <= counts[-1] - counts[0] and not _LOSING & {step.kind for step in team.plan.steps}:
                     yield f"{robot.name} has lost counts without a cause: {counts}"
+
+
+_OF_THE_DISK = {"repair", *DISK_FAULTS} - {"power"}
+
+
+def _unreported(team: Team, robot: str, counts: list[int]) -> Iterator[str]:
+    """Acknowledged counts that one robot has not taken although it ran, and nobody has reported."""
+    kinds = {step.kind for step in team.plan.steps}
+    dying = {"kill", "power"} & kinds and not team.robots["A"].durable
+    missing = counts[-1] - counts[0] + 1 - len(counts)
+    if missing > team.expired[robot] and not (dying or _OF_THE_DISK & kinds):
+        yield f"{robot} has lost {missing} acknowledged counts, {team.expired[robot]} were reported: {counts}"
 
 
 def repairs(team: Team) -> Iterator[str]:

@@ -97,6 +97,8 @@ def draw(seed: int) -> Plan:
     if chance.random() < 0.25:
         steps.append(Step(0.0, "breaks"))
         steps += [Step(_rounded(chance.uniform(5, 40)), "repair", "C", _by(chance)) for _ in range(4)]
+    if random.Random(f"acknowledges {seed}").random() < 0.3:
+        steps.append(Step(0.0, "acknowledges"))
     if chance.random() < 0.2:
         steps = [replace(step, kind="diagram") if step.kind in ("deploy", "migrate") else step for step in steps]
         steps += [Step(_rounded(chance.uniform(0, 4)), "splitter", name) for name in SPLITTERS[: chance.randint(1, 2)]]

@@ -268,7 +268,7 @@ BUGS: dict[str, Bug] = {
     "a ready robot that says aborted": (termination, "reply", _ready_is_aborted),
     "what was set aside is forgotten": (_transition, "_set_aside", _set_aside_is_dropped),
     "messages twice after a migration": (RobotNode, "forget_early", _again_after_migration),
-    "a message that is dropped": (RobotNode, "_on_message", _some_dropped),
+    "a message that is dropped": (RobotNode, "on_message", _some_dropped),
     "a repair done each time it is asked": (TaskServer, "_on_request", _repair_each_time),
     "a sequence compared wrongly": (Envelope, "order", _sequence_reversed),
     "a robot that does not report": (EngineNode, "_on_loaded", _nothing),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import re
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -29,6 +30,7 @@ from fame.errors import ConfigError, DeploymentError, FameError
 from fame.log.engine_log import EngineLog
 from fame.middleware import messages
 from fame.middleware.actions import ActionServer, ServerGoal
+from fame.robot import Event
 from fame.robot.journal import StateDirectory
 
 from .disks import PowerLoss
@@ -129,6 +131,7 @@ class Team:
             "server", Machine("server", self.scheduler, self.plan.seed), self._begin_server
         )
         self.goals: list[tuple[str, int]] = []  # (process of the server, count), as they were accepted
+        self.expired = Counter[str]()  # signals that were not acknowledged, by receiver
         self.unserved = 0  # how often the server was not there
         self.senders: list[Sender] = []
         self.key: Ed25519PrivateKey | None = None  # of the team, if it has one
@@ -201,7 +204,7 @@ class Team:
                 self.deploy(step.value, migrates=step.kind == "migrate")
             case "diagram":
                 self.publish_diagram(step.value)
-            case "drives" | "breaks":
+            case "drives" | "breaks" | "acknowledges":
                 self.more = f"{self.more}{step.kind} "
                 if step.kind == "drives":
                     self._start(self.programs["server"])
@@ -398,10 +401,17 @@ class Team:
                 trusted=() if self.key is None else [self.key.public_key()],
                 identity=None if self.key is None else self._identity(robot.name, self.key),
                 hold_errors="breaks" in self.more,
+                on_report=self._on_report,
                 log=self._recording(robot, process),
             ),
         )
         self._listen(robot, robot.engine, process)
+
+    def _on_report(self, event: Event) -> None:
+        """Count the acknowledged signals that have expired."""
+        if found := re.search(r"(\w) has not acknowledged (?:number|(\d+) of)", str(event.detail)):
+            self.expired[found[1]] += int(found[2] or 1)
+            self.note(f"{event.robot}: {event.detail}")
 
     def _recording(self, robot: Robot, process: Process) -> EngineLog | None:
         """The recording of an engine."""

@@ -147,6 +147,7 @@ class Topic:
     type     ``pkg/msg/Type``, None if this event gives no type
     payload  of a throw event: flow-style YAML/JSON with ``${...}``; None without payload
     queue    of a catch event: number of messages kept from the start of its scope on; 0 for none
+    ttl      how long a thrown message is kept until all receivers have acknowledged it (s); 0: it is sent once
     qos      policy -> value
     to       of a thrown message: name of the receiving robot; None for all robots
     takes    of a catch event: explicit mapping of the caught message (``msg`` in its expressions); may be empty
@@ -158,6 +159,7 @@ class Topic:
     payload: Expression | None = None
     to: Expression | None = None
     queue: int = 0
+    ttl: float = 0.0
     private: bool = False
     qos: Mapping[str, str] = field(default_factory=_empty)
     takes: tuple[Assignment, ...] = ()

@@ -129,17 +129,21 @@ def read_topic(
     label = "" if node.extensions.topic or (referred is not None and name == _name(referred)) else name
     if label:
         name = node.context.name_of_label(node.element, name)
-    return Topic(
+    topic = Topic(
         name=name,
         type=properties.type or _item_type(node.context, referred),
         payload=properties.payload if source.place in THROWS else None,
         to=_addressee(source, element, kind, properties),
         queue=properties.queue,
+        ttl=properties.ttl,
         private=properties.private,
         qos=properties.qos,
         takes=source.takes,
         label=label,
     )
+    if topic.ttl and not topic.qualified.startswith("/"):
+        node.fault(f"delivery='acknowledged': no other robot catches {topic.qualified}, a topic of one robot")
+    return topic
 
 
 def _addressee(source: TopicSource, element: Node, kind: str, properties: TopicProperties) -> Expression | None:
@@ -232,6 +236,7 @@ def _definition_properties(node: NodeReader, element: Node, common: TopicPropert
         payload=own.payload or common.payload or _copied_payload(extensions),
         to=own.to or common.to,
         queue=own.queue or common.queue,
+        ttl=own.ttl or common.ttl,
         private=own.private or common.private,
         qos=own.qos or common.qos,
         keys=own.keys or common.keys,

@@ -48,7 +48,7 @@ class DdsPublisher(WirePublisher):
         super().__init__(node, topic, type, qos)
         self._participant = participant = node.participant
         self._unflushed, self._sent = False, 0
-        data = wire.type_hash(self.type) + wire.NUMBERED
+        data = wire.type_hash(self.type) + wire.NUMBERED + wire.ACKNOWLEDGED * qos.acknowledged
         self._writer = participant.entities.writer(wire.dds_topic(topic), self.type, qos, data)
         self.gid: bytes = self._writer.guid.bytes
         self.handle: int = wire.handle(self._writer.get_instance_handle())
@@ -98,6 +98,7 @@ class DdsSubscription(WireSubscription):
         self._participant = participant = node.participant
         self._own = {publisher.handle for publisher in node.publishers if publisher.topic == topic}
         self._senders: dict[int, str] = {}
+        self._acknowledged: dict[int, bool] = {}
         self._last: dict[int, int | None] = {}  # source times of the last messages; None: not numbered
         self._reader = participant.entities.reader(
             wire.dds_topic(topic), self.type, one_deeper(qos), wire.type_hash(self.type)
@@ -147,6 +148,8 @@ class DdsSubscription(WireSubscription):
         for sample in samples:
             info = sample.sample_info
             if info.valid_data and info.publication_handle not in self._own:
+                if self.qos.acknowledged and self._is_acknowledged(info.publication_handle):
+                    continue
                 if self.counts_losses:
                     self._count(info.publication_handle, info.source_timestamp)
                 yield sample.data, info
@@ -160,9 +163,18 @@ class DdsSubscription(WireSubscription):
             self.uncounted |= number > 0 and time - last > _LONGEST
             self._last[sender] = time
         elif sender not in self._last:
-            end = self._reader.get_matched_publication_data(sender)
-            data = end.qos[Policy.Userdata] if end is not None else None
-            self._last[sender] = time if data is not None and "numbered" in user_data(data.data) else None
+            self._last[sender] = time if "numbered" in self._user_data(sender) else None
+
+    def _is_acknowledged(self, sender: int) -> bool:
+        """Whether what a publisher sends comes in another way."""
+        if sender not in self._acknowledged:
+            self._acknowledged[sender] = "acknowledged" in self._user_data(sender)
+        return self._acknowledged[sender]
+
+    def _user_data(self, sender: int) -> dict[str, str]:
+        end = self._reader.get_matched_publication_data(sender)
+        data = end.qos[Policy.Userdata] if end is not None else None
+        return user_data(data.data) if data is not None else {}
 
     def _sender(self, handle: int) -> str:
         if handle not in self._senders:

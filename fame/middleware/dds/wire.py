@@ -141,6 +141,8 @@ _PATIENCE = SECOND // 10
 """Time that a write waits for subscriptions that do not keep up (ns)."""
 NUMBERED = "numbered=1;"
 """The entry of the USER_DATA of a publisher that writes each message at its `numbered_time`."""
+ACKNOWLEDGED = "acknowledged=1;"
+"""The entry of the USER_DATA of a publisher whose `QoS` is acknowledged."""
 _NUMBERS = 2**20
 _KEPT = "kept"
 """Topics with this prefix exist for their types alone."""

@@ -98,7 +98,7 @@ class ZenohPublisher(WirePublisher):
         self._declared = declared = _Declared(node, tokens.PUBLISHER, topic, self.type, qos)
         self.token: str = declared.entity.token
         self.gid: bytes = declared.entity.gid
-        self._numbers = count(1)
+        self._numbers = count(1 + tokens.ACKNOWLEDGED * qos.acknowledged)
         reliable, history = qos.reliability == "reliable", qos.durability == "transient_local"
         options: Any = {
             "congestion_control": _BLOCK if reliable and qos.history == "keep_all" else _DROP,
@@ -269,7 +269,7 @@ class ZenohSubscription(WireSubscription):
             self._receive(number, sent, gid, sample.payload.to_bytes())
 
     def _receive(self, number: int, sent: int, gid: bytes, data: bytes) -> None:
-        if not self._accepts(gid, sent):
+        if not self._accepts(gid, sent) or (self.qos.acknowledged and number > tokens.ACKNOWLEDGED):
             return
         last = self._last.get(gid)
         if last is not None and number > last + 1 and self.counts_losses:

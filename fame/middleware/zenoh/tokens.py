@@ -57,6 +57,10 @@ def attachment(number: int, gid: bytes) -> bytes:
     return _ATTACHMENT.pack(number, time.time_ns(), _GID, gid)
 
 
+ACKNOWLEDGED = 2**62
+"""Where the numbers of a publisher whose `QoS` is acknowledged begin."""
+
+
 def read_attachment(data: bytes) -> Attachment:
     """Raises MessageError if the data are no attachment of ROS."""
     if len(data) != _ATTACHMENT.size or data[16] != _GID:

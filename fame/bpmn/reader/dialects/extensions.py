@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ from fame.bpmn.model import EMPTY, Assignment, Expression, IoMapping
 from fame.bpmn.reader.context import Context, message_type, whole_number
 from fame.bpmn.reader.expressions import mapping_source
 from fame.bpmn.reader.xml import Node
+from fame.bpmn.topics import TTL
 
 QOS_CHOICES: Mapping[str, tuple[str, ...]] = {
     "history": ("keep_last", "keep_all"),
@@ -128,6 +130,7 @@ class TopicProperties:
     payload: Expression | None
     to: Expression | None
     queue: int
+    ttl: float
     private: bool
     qos: Mapping[str, str]
     keys: tuple[tuple[str, Expression], ...] = ()
@@ -135,7 +138,7 @@ class TopicProperties:
 
 
 def take_topic_properties(context: Context, element: Node, found: Extensions, kind: str = "msg") -> TopicProperties:
-    """Take ``type``, ``payload``, ``to``, ``queue``, ``correlate``, ``scope`` and ``qos.<policy>``.
+    """Take ``type``, ``payload``, ``to``, ``queue``, ``delivery``, ``ttl``, ``correlate``, ``scope``, ``qos.<policy>``.
 
     An invalid value is a fault.
     """
@@ -156,10 +159,33 @@ def take_topic_properties(context: Context, element: Node, found: Extensions, ki
         else None,
         to=mapping_source(to.value, to.line) if to is not None and to.value.strip() else None,
         queue=whole_number(context, element, "queue", queue.value, 0) if queue else 0,
+        ttl=_ttl(context, element, found.take("delivery"), found.take("ttl")),
         private=scope is not None,
         qos=MappingProxyType(qos) if qos else EMPTY,
         keys=tuple(_keys(context, element, found.take("correlate"))),
     )
+
+
+def _ttl(context: Context, element: Node, delivery: Property | None, ttl: Property | None) -> float:
+    """The time to live of acknowledged signals (s); 0 without ``delivery=acknowledged``."""
+    if delivery is not None and delivery.value.strip().lower() != "acknowledged":
+        context.fault(element, f"delivery={delivery.value!r}: expected acknowledged or no property")
+    elif ttl is not None and delivery is None:
+        context.note(element, "its property 'ttl' has no effect without delivery=acknowledged", "warning")
+    elif delivery is not None:
+        return _seconds(context, element, ttl.value) if ttl is not None else TTL
+    return 0.0
+
+
+def _seconds(context: Context, element: Node, text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = 0.0
+    if not 0 < seconds < math.inf:
+        context.fault(element, f"ttl={text!r}: expected a time in seconds, more than 0")
+        return TTL
+    return seconds
 
 
 _KEY = re.compile(r"\s*([^\W\d]\w*(?:\.\w+)*)\s*(?:=\s*([^\W\d]\w*(?:\.\w+)*))?\s*")

@@ -1,0 +1,286 @@
+"""The acknowledged signals of one robot: those that it throws, and those of others that it catches.
+
+`fame.robot.delivery_protocol` decides; here are the topics, the timer, and what is kept in the robot's state. Signals
+on ``/weed_found`` reach a robot on ``/<robot>/bpmn_signal/weed_found``, its answers reach the thrower on
+``/<thrower>/bpmn_answer/weed_found``, both as JSON in a std_msgs/msg/String. Every signal is published once on
+``/weed_found``, too, for nodes that are not FAME's.
+"""
+
+from __future__ import annotations
+
+from base64 import b64decode, b64encode
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import orjson
+
+from fame.clock import SECOND, Entry, Kind
+from fame.engine.host import BpmnError
+from fame.errors import MessageError
+from fame.middleware import codec, messages
+from fame.middleware.interface import AnyMessage, QoS
+from fame.robot.delivery_protocol import (
+    Accept,
+    Answer,
+    Answered,
+    Ask,
+    Expired,
+    Incoming,
+    Outgoing,
+    OutgoingEvent,
+    Received,
+    Receiver,
+    Signal,
+    Thrown,
+    Tick,
+    Transmit,
+    step_incoming,
+    step_outgoing,
+)
+from fame.robot.endpoints import subscribers_of
+from fame.robot.options import Membership
+from fame.text import read_json
+
+if TYPE_CHECKING:
+    from fame.robot.node import RobotNode
+
+UNDELIVERED = "~/undelivered"
+"""The signal that a robot raises inside itself when signals have expired; its payload is the report."""
+_STRING = "std_msgs/msg/String"
+_QOS = QoS(depth=200)
+_TICK = SECOND // 2
+_LONGEST = 100_000_000
+"""Characters of the longest message that is read."""
+
+
+class AcknowledgedSignals:
+    """Both ends of the topics (qualified names) of one robot whose signals are acknowledged."""
+
+    def __init__(self, node: RobotNode, membership: Membership) -> None:
+        self._node, self._membership, self.life = node, membership, membership.life
+        uses = {name: use for name, use in node.mission.types.items() if use.ttl}
+        self._types = {name: use.type for name, use in uses.items()}
+        self.outgoing = {
+            name: Outgoing(
+                self.life,
+                round(use.ttl * SECOND),
+                receivers=tuple(
+                    Receiver(robot) for robot in membership.receivers.get(name, ()) if robot != node.namespace
+                ),
+            )
+            for name, use in uses.items()
+            if use.throws
+        }
+        self.incoming = {name: Incoming(self.life) for name, use in uses.items() if use.catches}
+        self._begun = False
+        self._timer: Entry | None = None
+
+    # ---- life --------------------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Make the endpoints, also those towards the receivers that are bound."""
+        for name, state in self.outgoing.items():
+            self._subscribe(_answers(name, self._node.namespace), partial(self._on_answer, name))
+            for receiver in state.receivers:
+                self._publisher(_signals(name, receiver.robot))
+        for name in self.incoming:
+            self._subscribe(_signals(name, self._node.namespace), partial(self._on_signal, name))
+
+    def _subscribe(self, topic: str, on_message: Callable[[Mapping[str, Any]], object]) -> None:
+        def read(message: AnyMessage) -> None:
+            try:
+                found = read_json(message.data, _LONGEST)
+                if self._begun:
+                    on_message(found)
+            except (ValueError, TypeError, KeyError, AttributeError, MessageError) as error:
+                self._node.host.report("", f"{topic}: a message cannot be read: {error}")
+
+        self._node.node.subscription(topic, _STRING, read, _QOS)
+
+    def begin(self) -> None:
+        """The process has started, or goes on: announce this robot to all that throw what it catches."""
+        self._begun = True
+        for name in self.outgoing:
+            self._tick(name)
+        for name in self.incoming:
+            for robot in self._others(_answers(name, "")):
+                self._answer(name, Answer(robot, "", 0))
+
+    def leave(self) -> None:
+        """Tell the throwers that this robot catches nothing any more: another process replaces this one."""
+        if self._begun:
+            for name, state in self.incoming.items():
+                known = {robot for robot, _ in state.accepted} | set(self._others(_answers(name, "")))
+                for robot in sorted(known):
+                    self._answer(name, Answer(robot, "", 0), left=True)
+
+    def close(self) -> None:
+        """Send nothing again."""
+        self._begun = False
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _others(self, topic: str) -> list[str]:
+        return subscribers_of(self._node.middleware, topic, self._node.node.full_name)
+
+    def _publisher(self, topic: str) -> Any:
+        return self._node.endpoints.publisher(topic, _STRING, _QOS)
+
+    # ---- what it throws ----------------------------------------------------------------------------------------------
+
+    def throw(self, name: str, message: AnyMessage, only: str = "") -> None:
+        """Throw a signal, if it is acknowledged: every receiver, or `only` one, gets it."""
+        if name in self.outgoing:
+            data = b64encode(codec.serialize(message)).decode()
+            self._handle(name, Thrown(data, self._node.scheduler.now, only))
+
+    def send(self, name: str, value: Any, robot: Any) -> None:
+        """Send a message to a robot that is bound, or is there. Raises BpmnError ``unreachable``, MessageError."""
+        known = {one.robot for one in self.outgoing[name].receivers} | set(self._others(_signals(name, "")))
+        if robot not in known:
+            there = ", ".join(sorted(known)) or "none"
+            raise BpmnError("unreachable", f"no other robot {robot!r} takes message {name}; robots that do: {there}")
+        message = messages.create(self._types[name], value)
+        if all(one.robot != robot for one in self.outgoing[name].receivers):
+            self._handle(name, Tick(self._node.scheduler.now, (robot,)))
+        self.throw(name, message, robot)
+
+    def _on_answer(self, name: str, found: Mapping[str, Any]) -> None:
+        event = Answered(
+            _text(found["robot"]), _text(found["life"]), _text(found["sender"]), _number(found["number"]),
+            found.get("left") is True,
+        )  # fmt: skip
+        self._handle(name, event)
+
+    def _handle(self, name: str, event: OutgoingEvent) -> None:
+        self.outgoing[name], actions = step_outgoing(self.outgoing[name], event)
+        for action in actions:
+            match action:
+                case Transmit(robot, life, follows, signal):
+                    found = {"receiver": life, "follows": follows, "number": signal.number, "data": signal.data}
+                    self._leave(_signals(name, robot), self._own(name, found))
+                case Ask(robot):
+                    self._leave(_signals(name, robot), self._own(name, {}))
+                case Expired(robot, signals):
+                    self._report(name, robot, signals)
+        if self.outgoing[name].is_busy and (self._timer is None or self._timer.action is None):
+            self._timer = self._node.scheduler.after(_TICK, self._on_timer, Kind.TIMER)
+
+    def _own(self, name: str, found: Mapping[str, Any]) -> dict[str, Any]:
+        sequence = self._membership.sequence
+        return {"robot": self._node.namespace, "life": self.outgoing[name].life, "sequence": sequence, **found}
+
+    def _on_timer(self) -> None:
+        for name, state in self.outgoing.items():
+            if state.is_busy:
+                self._tick(name)
+
+    def _tick(self, name: str) -> None:
+        self._handle(name, Tick(self._node.scheduler.now, tuple(self._others(_signals(name, "")))))
+
+    def _report(self, name: str, robot: str, signals: tuple[Signal, ...]) -> None:
+        """Report signals that have expired, also to the process itself."""
+        first, last, ttl = signals[0].number, signals[-1].number, self.outgoing[name].ttl / SECOND
+        numbers = f"number {first}" if first == last else f"{len(signals)} of the numbers {first} to {last}"
+        text = f"{name}: {robot} has not acknowledged {numbers} within {ttl:g} s"
+        self._node.host.report("", text)
+        use = self._node.mission.types.get(UNDELIVERED)
+        if use is not None and use.catches:
+            type = use.declared or _STRING
+            message = messages.create(type, text if type == _STRING else None)
+            self._node.scheduler.soon(partial(self._node.on_message, UNDELIVERED, message))
+
+    # ---- what it catches ---------------------------------------------------------------------------------------------
+
+    def _on_signal(self, name: str, found: Mapping[str, Any]) -> None:
+        event = Received(
+            _text(found["robot"]), _text(found["life"]), _text(found.get("receiver", "")),
+            _number(found.get("follows", 0)), _number(found.get("number", 0)), _text(found.get("data", "")),
+        )  # fmt: skip
+        if event.robot in self._membership.team and _number(found["sequence"]) < self._membership.sequence:
+            return  # a process that is being replaced, together with the one of before
+        message = codec.deserialize(b64decode(event.data), self._types[name]) if event.number else None
+        self.incoming[name], actions = step_incoming(self.incoming[name], event)
+        for action in actions:
+            if isinstance(action, Accept):
+                self._node.on_message(name, message)
+            else:
+                self._answer(name, action)
+
+    def _answer(self, name: str, answer: Answer, *, left: bool = False) -> None:
+        found = {
+            "robot": self._node.namespace, "life": self.incoming[name].life, "sender": answer.life,
+            "number": answer.number, "left": left,
+        }  # fmt: skip
+        self._leave(_answers(name, answer.robot), found)
+
+    def _leave(self, topic: str, found: Mapping[str, Any]) -> None:
+        """Send a message, as soon as what has led to it is on the disk."""
+        publisher = self._publisher(topic)
+        send = partial(publisher.publish, messages.create(_STRING, orjson.dumps(found).decode()))
+        if self._node.host.recorder is None:
+            send()
+        else:
+            self._node.host.recorder.once_written(send)
+
+    # ---- state -------------------------------------------------------------------------------------------------------
+
+    def tables(self, epoch: int) -> dict[str, dict[str, Any]]:
+        """The state as tables (`fame.robot.state_tables`); `epoch` is the date of second 0 of the mission (ns)."""
+        return {
+            "thrown": {
+                f"{name} {signal.number}": [signal.expires + epoch, signal.data, signal.only]
+                for name, state in self.outgoing.items()
+                for signal in state.kept
+            },
+            "receivers": {
+                name: [state.life, state.last, *([one.robot, one.life, one.accepted] for one in state.receivers)]
+                for name, state in self.outgoing.items()
+            },
+            "accepted": {
+                name: [state.life, *([*sender, number] for sender, number in state.accepted.items())]
+                for name, state in self.incoming.items()
+            },
+        }
+
+    def restore(self, tables: Mapping[str, Mapping[str, Any]], epoch: int) -> None:
+        """Go on with a state as of `tables`, as far as it is about topics of this process."""
+        kept: dict[str, list[Signal]] = {}
+        for key, (expires, data, only) in tables.get("thrown", {}).items():
+            name, _, number = key.rpartition(" ")
+            kept.setdefault(name, []).append(Signal(int(number), expires - epoch, data, only))
+        for name, (life, last, *known) in tables.get("receivers", {}).items():
+            if name in self.outgoing:
+                receivers = tuple(Receiver(robot, its, number, number) for robot, its, number in known)
+                signals = tuple(sorted(kept.get(name, ()), key=lambda signal: signal.number))
+                self.outgoing[name] = Outgoing(life, self.outgoing[name].ttl, last, signals, receivers)
+        for name, (life, *accepted) in tables.get("accepted", {}).items():
+            if name in self.incoming:
+                self.incoming[name] = Incoming(life, {(robot, its): number for robot, its, number in accepted})
+
+
+def _signals(topic: str, robot: str) -> str:
+    """The topic on which a robot gets acknowledged signals.
+
+    >>> _signals("/weed_found", "REX")
+    '/REX/bpmn_signal/weed_found'
+    """
+    return f"/{robot}/bpmn_signal{topic}" if robot else f"/bpmn_signal{topic}"
+
+
+def _answers(topic: str, robot: str) -> str:
+    """The topic on which a robot that throws gets answers; without a robot, how such a topic ends."""
+    return f"/{robot}/bpmn_answer{topic}" if robot else f"/bpmn_answer{topic}"
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"expected a text, got {value!r:.60}")
+    return value
+
+
+def _number(value: Any) -> int:
+    if not isinstance(value, int) or value < 0:
+        raise TypeError(f"expected a number from 0 on, got {value!r:.60}")
+    return value

@@ -1,0 +1,218 @@
+"""Signals with ``delivery=acknowledged`` reach every robot that catches them, once and in order, or are reported."""
+
+from __future__ import annotations
+
+import pytest
+
+from fame.bpmn.reader import read_text
+from fame.bpmn.split import split
+from fame.bpmn.topics import topic_table
+from fame.check import check
+from fame.deploy import EngineNode
+from fame.middleware import messages
+from tests.deployment_field import BPMN, Field, process
+
+INT = "std_msgs/msg/Int32"
+COUNTS = {"type": INT, "payload": "${n}", "delivery": "acknowledged", "ttl": "20"}
+
+
+def properties(**given: str) -> str:
+    found = "".join(f'<c:property name="{name}" value="{value}"/>' for name, value in given.items())
+    return f"<extensionElements><c:properties>{found}</c:properties></extensionElements>"
+
+
+def event(tag: str, id: str, topic: str = "tick", kind: str = "signal", **given: str) -> str:
+    return f'<{tag} id="{id}">{properties(**given)}<{kind}EventDefinition {kind}Ref="{topic}"/></{tag}>'
+
+
+def pause(id: str, duration: str) -> str:
+    timer = f"<timerEventDefinition><timeDuration>{duration}</timeDuration></timerEventDefinition>"
+    return f'<intermediateCatchEvent id="{id}">{timer}</intermediateCatchEvent>'
+
+
+def keeping(id: str, kind: str = "signal", **given: str) -> str:
+    """A robot keeps what it catches."""
+    return process(
+        id,
+        f'<startEvent id="{id}s"/><scriptTask id="{id}i"><script>kept = []</script></scriptTask>'
+        + event("intermediateCatchEvent", f"{id}c", kind=kind, **given)
+        + f'<scriptTask id="{id}k"><script>kept = kept + [tick]</script></scriptTask>',
+        (f"{id}s", f"{id}i"),
+        (f"{id}i", f"{id}c"),
+        (f"{id}c", f"{id}k"),
+        (f"{id}k", f"{id}c"),
+    )
+
+
+def team(thrown: dict[str, str] = COUNTS, kind: str = "signal", robots: str = "BC", **caught: str) -> str:
+    pools = "".join(f'<participant id="P{name}" name="{name}" processRef="p{name.lower()}"/>' for name in f"A{robots}")
+    throw = event("intermediateThrowEvent", "throw", kind=kind, **thrown)
+    plain = process(
+        "pa",
+        '<startEvent id="sa"/><scriptTask id="zero"><script>n, late = 0, []</script></scriptTask>'
+        f'<scriptTask id="one"><script>n = n + 1</script></scriptTask>{throw}{pause("pause", "PT0.1S")}'
+        '<subProcess id="report" triggeredByEvent="true"><startEvent id="expired" isInterrupting="false">'
+        '<signalEventDefinition signalRef="undelivered"/></startEvent>'
+        '<scriptTask id="noted"><script>late = late + [undelivered]</script></scriptTask>'
+        '<sequenceFlow id="un" sourceRef="expired" targetRef="noted"/></subProcess>',
+        ("sa", "zero"),
+        ("zero", "one"),
+        ("one", "throw"),
+        ("throw", "pause"),
+        ("pause", "one"),
+    )
+    return (
+        f'<definitions xmlns="{BPMN}" xmlns:c="http://camunda.org/schema/1.0/bpmn" targetNamespace="t">'
+        f'<{kind} id="tick" name="tick"/><signal id="undelivered" name="~/undelivered"/>'
+        f'<collaboration id="c">{pools}</collaboration>{plain}'
+        + "".join(keeping(f"p{name.lower()}", kind, queue="500", **caught) for name in robots)
+        + "</definitions>"
+    )
+
+
+def kept(field: Field, robot: str) -> list[int]:
+    return list(field.variables(robot)["kept"])
+
+
+def kill(field: Field, robot: str) -> None:
+    """The engine of a robot ends."""
+    field.engines.pop(robot).close()
+
+
+def start(field: Field, robot: str) -> None:
+    field.engines[robot] = EngineNode(robot, scheduler=field.scheduler, middleware=field.middleware)
+
+
+@pytest.mark.parametrize("kind", ["signal", "message"])
+def test_each_robot_gets_every_signal_once_and_in_order(kind):
+    field = Field("A", "B", "C")
+    assert not field.deploy(team(kind=kind)).failed
+    field.pass_time(10)
+    for robot in "BC":
+        assert kept(field, robot) == list(range(1, len(kept(field, robot)) + 1))
+        assert len(kept(field, robot)) > 100
+
+
+def test_the_plain_topic_has_each_signal_once_for_other_nodes():
+    field, heard = Field("A", "B"), []
+    other = field.middleware.node("other")
+    other.subscription("/tick", INT, lambda message: heard.append(message.data))
+    field.deploy(team(robots="B"))
+    assert heard == list(range(1, len(heard) + 1))
+    assert len(heard) > 100
+    other.publisher("/tick", INT).publish(messages.create(INT, -1))
+    field.pass_time(1)
+    assert kept(field, "B").count(-1) == 1
+
+
+def test_a_message_to_one_robot_reaches_it_alone():
+    field = Field("A", "B", "C")
+    field.deploy(team({**COUNTS, "to": "C"}, kind="message"))
+    assert kept(field, "B") == []
+    assert kept(field, "C") == list(range(1, len(kept(field, "C")) + 1)) != []
+
+
+def test_signals_for_a_robot_that_is_gone_are_reported_and_keep_nobody_waiting():
+    field = Field("A", "B", "C")
+    field.deploy(team())
+    before = len(kept(field, "C"))
+    kill(field, "B")
+    field.pass_time(15)
+    assert field.variables("A")["late"] == []
+    assert len(kept(field, "C")) > before + 140
+    field.pass_time(15)
+    texts = field.variables("A")["late"]
+    assert texts[0].startswith("/tick: B has not acknowledged ")
+    assert all(" within 20 s" in text for text in texts)
+    assert not any(": C has" in text for text in texts)
+
+
+def test_a_late_joiner_gets_what_is_within_its_time_to_live():
+    field = Field("A", "B", "C")
+    field.deploy(team())
+    kill(field, "B")
+    field.pass_time(30)
+    start(field, "B")
+    field.pass_time(1)
+    field.deploy(team(), id="d2", sequence=2, only=["B"])
+    taken = kept(field, "B")
+    assert taken == list(range(taken[0], taken[-1] + 1))
+    assert 150 <= field.variables("A")["n"] - taken[0] - 120 <= 210
+
+
+def test_redeployment_removes_a_receiver():
+    field = Field("A", "B", "C")
+    field.deploy(team())
+    silent = team().replace(
+        'signalRef="tick"/></intermediateCatchEvent>', 'signalRef="other"/></intermediateCatchEvent>'
+    )
+    silent = silent.replace("<collaboration", '<signal id="other" name="other"/><collaboration', 1)
+    field.deploy(silent, id="d2", sequence=2, only=["B"])
+    receivers = field.engines["A"].running.acknowledged.outgoing["/tick"].receivers
+    assert [receiver.robot for receiver in receivers] == ["C"]
+    field.pass_time(30)
+    assert field.variables("A")["late"] == []
+
+
+def test_a_new_deployment_of_all_gets_nothing_of_the_old_one():
+    field = Field("A", "B", "C")
+    field.deploy(team())
+    field.deploy(team(), id="d2", sequence=2)
+    assert kept(field, "B")[:3] == [1, 2, 3]
+    assert len(set(kept(field, "B"))) == len(kept(field, "B"))
+
+
+# ---- models ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_part_of_each_robot_says_that_a_topic_is_acknowledged():
+    parts = {
+        part.name: read_text(part.source.decode(), file="part.bpmn") for part in split(read_text(team(), file="t.bpmn"))
+    }
+    assert {name: topic_table(part)["/tick"].ttl for name, part in parts.items()} == {"A": 20, "B": 60, "C": 60}
+
+
+@pytest.mark.parametrize(
+    ("given", "level", "text"),
+    [
+        ({"ttl": "soon"}, "error", "ttl='soon': expected a time in seconds, more than 0"),
+        ({"ttl": "0"}, "error", "ttl='0': expected a time in seconds, more than 0"),
+        ({"ttl": "inf"}, "error", "ttl='inf': expected a time in seconds, more than 0"),
+        ({"delivery": "certain"}, "error", "delivery='certain': expected acknowledged or no property"),
+        ({"scope": "robot"}, "error", "delivery='acknowledged': no other robot catches ~/tick, a topic of one robot"),
+        ({"delivery": ""}, "warning", "its property 'ttl' has no effect without delivery=acknowledged"),
+        ({"delivery": "", "ttl": "", "delivry": "acknowledged"}, "warning", "did you mean 'delivery'?"),
+    ],
+)  # fmt: skip
+def test_wrong_properties_are_found(given, level, text):
+    findings = check(read_text(team({**COUNTS, **given}), file="t.bpmn"))
+    assert [finding.level for finding in findings if text in finding.text] == [level]
+
+
+def test_a_topic_without_the_property_has_no_more_endpoints_than_before():
+    field = Field("A", "B", "C")
+    field.deploy(team({"type": INT, "payload": "${n}"}))
+    assert not [
+        info.name for info in field.middleware.graph() if "bpmn_signal" in info.name or "bpmn_answer" in info.name
+    ]
+    assert all(engine.running.acknowledged is None for engine in field.engines.values())
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        '{"robot": 1}',
+        '{"robot": "A", "life": "x", "sequence": 1, "number": 1, "receiver": "y", "data": "?"}',
+    ],
+)
+def test_a_message_that_cannot_be_read_ends_nothing(text):
+    field = Field("A", "B", "C")
+    field.deploy(team())
+    for topic in ("/B/bpmn_signal/tick", "/A/bpmn_answer/tick"):
+        field.person.publisher(topic, "std_msgs/msg/String").publish(messages.create("std_msgs/msg/String", text))
+    before = len(kept(field, "B"))
+    field.pass_time(2)
+    assert len(kept(field, "B")) > before + 10
