@@ -59,7 +59,7 @@ def model(signals: int, throw: str = _THROW) -> str:
 
 
 def engine(robot: str, backend: str, signals: int) -> None:
-    """The process of a robot. A deploys to both, and says when its link may go; B prints what it has when it has all."""
+    """The process of a robot. A deploys to both, and says when the link may go; B prints what it has kept."""
     scheduler, place, kept = WallScheduler(), int(robot == "B"), list[Any]()
     network: Any = INTERFACE
     if backend == "zenoh":
