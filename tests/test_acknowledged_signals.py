@@ -10,6 +10,7 @@ from fame.bpmn.topics import topic_table
 from fame.check import check
 from fame.deploy import EngineNode
 from fame.middleware import messages
+from fame.scenario.exploration import explore
 from tests.deployment_field import BPMN, Field, process
 
 INT = "std_msgs/msg/Int32"
@@ -187,6 +188,14 @@ def test_the_part_of_each_robot_says_that_a_topic_is_acknowledged():
 def test_wrong_properties_are_found(given, level, text):
     findings = check(read_text(team({**COUNTS, **given}), file="t.bpmn"))
     assert [finding.level for finding in findings if text in finding.text] == [level]
+
+
+def test_what_an_exploration_says_of_a_loss_is_that_the_signal_expires(tmp_path):
+    path = tmp_path / "team.bpmn"
+    path.write_text(team(robots="B"))
+    names = [name for search in explore(path, faults=True).searches for name, _, _ in search.faults]
+    assert "/tick to B expires" in names
+    assert not [name for name in names if "is lost" in name]
 
 
 def test_a_topic_without_the_property_has_no_more_endpoints_than_before():

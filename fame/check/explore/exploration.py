@@ -337,6 +337,7 @@ class Team:
             groups=self.groups() if request.reduced else (), stop=stop, given=self.given,
             required=() if self.given else self.required(), progress=request.progress,
             monitors=None if faults else self.monitors,
+            acknowledged=frozenset(name for name, use in self.model.types.items() if use.ttl),
         )  # fmt: skip
         product = Product(self.robots, self.locals, options)
         if request.reduced:

@@ -1,4 +1,4 @@
-"""Single faults: an engine dies, a message is lost, a behaviour fails or never ends.
+"""Single faults: an engine dies, a message is lost or expires, a behaviour fails or never ends.
 
 A fault is added to the transitions of every state in which none has happened yet; the number of the fault is part of
 the states after it, so that what each one leads to can be told apart.
@@ -58,12 +58,17 @@ class Faults:
         code = error.partition(";")[0].removeprefix("error ").removesuffix(" was not caught")
         return ("behaviour", self.product.robots[robot], element, code)
 
+    def _missed(self, topic: object, receiver: int) -> Fault:
+        """A message does not arrive: a signal that is acknowledged is only late, until its time to live is over."""
+        kind = "expiry" if topic in self.product.options.acknowledged else "message"
+        return (kind, str(topic), self.product.robots[receiver])
+
     def _losses(self, state: int, robot: int, move: Move, reactions: Reactions) -> Iterator[Transition]:
         """One of the deliveries that happen at once is lost."""
         product = self.product
         for place, (receiver, reaction) in enumerate(reactions):
             _, topic, message = reaction.stimulus
-            fault = self._happens(("message", str(topic), product.robots[receiver]))
+            fault = self._happens(self._missed(topic, receiver))
             lost = Move(receiver, 0, Successor(0, (), (), False), 0, ("loss", topic, message))
             for after, others in product.broadcast.spread(state + move.difference | move.mark, move.sending, place):
                 yield after + fault, robot, move, (*others[:place], (receiver, lost), *others[place:])
@@ -73,7 +78,7 @@ class Faults:
         product, (_, topic, message) = self.product, move.stimulus
         old = state >> (robot * BITS) & DEAD
         lost = Move(robot, old, Successor(old, (), (), False), 0, ("loss", topic, message))
-        fault = self._happens(("message", str(topic), product.robots[robot]))
+        fault = self._happens(self._missed(topic, robot))
         for receiver, other, number, less in product.network.heads(state >> product.top):
             if (receiver, other, number) == (robot, topic, message):
                 yield state + (less << product.top) + fault, robot, lost, ()

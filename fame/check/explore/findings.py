@@ -164,14 +164,14 @@ class Report:
         )
         kind, who, *details = fault
         robot = next((step.robot for step in happened if step.kind in ("die", "block", "fail", "loss")), who)
-        return (kind, who, robot) if kind == "message" else (kind, robot, *details)
+        return (kind, who, robot) if kind in ("message", "expiry") else (kind, robot, *details)
 
     def _fault_name(self, fault: tuple[str, ...]) -> str:
         kind, *details = fault
         if kind == "engine":
             return f"{details[0]}'s engine dies"
-        if kind == "message":
-            return f"{details[0]} to {details[1]} is lost"
+        if kind in ("message", "expiry"):
+            return f"{details[0]} to {details[1]} {'is lost' if kind == 'message' else 'expires'}"
         robot, element, code = details
         place = self.runs.place(element)
         return f"{robot}'s {place.display_name} " + (f"fails: {_together([code])}" if code else "never ends")

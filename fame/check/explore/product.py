@@ -44,7 +44,8 @@ if TYPE_CHECKING:
 
 Delivery = Literal["run", "fast", "any"]
 Fault = tuple[str, ...]
-"""A fault: (``engine``, robot), (``message``, topic, receiver) or (``behaviour``, robot, element, code or "")."""
+"""A fault: (``engine``, robot), (``message`` or ``expiry``, topic, receiver) or (``behaviour``, robot, element, code or
+"")."""
 
 
 def silent(states: int, frontier: int) -> None:
@@ -58,6 +59,7 @@ class Options:
     groups    places of robots that nothing tells apart
     required  for each pool of which one robot has to start, but none does by itself: the places of its robots
     monitors  the properties that are judged
+    acknowledged  topics whose signals are not lost, but may expire
     given     snapshots of the robots that do not start, but go on, by place
     progress  called with the number of states, and of those that are still to be explored (the frontier)
     """
@@ -69,6 +71,7 @@ class Options:
     groups: tuple[tuple[int, ...], ...] = ()
     required: tuple[tuple[int, ...], ...] = ()
     monitors: Monitors | None = None
+    acknowledged: frozenset[str] = frozenset()
     given: Mapping[int, Data] = field(default_factory=dict)
     stop: Callable[[], bool] = never
     progress: Callable[[int, int], object] = silent
