@@ -69,13 +69,13 @@ def text(version: int, more: str = "") -> str:
     """A counts, and says its count on `/tick`; the others keep the counts that they receive.
 
     `more`: with ``drives`` A has a goal for each count; with ``breaks`` C needs somebody now and then; with
-    ``acknowledges`` each count is acknowledged within 12 s.
+    ``acknowledges`` each count is acknowledged within 5 s.
     """
     payload = (
         '<camunda:property name="type" value="std_msgs/msg/Int32"/><camunda:property name="payload" value="${n}"/>'
     )
     if "acknowledges" in more:
-        payload += '<camunda:property name="delivery" value="acknowledged"/><camunda:property name="ttl" value="12"/>'
+        payload += '<camunda:property name="delivery" value="acknowledged"/><camunda:property name="ttl" value="5"/>'
     counting = _counting(version, payload, drives="drives" in more)
     listening = "".join(
         _listening(f"p{name.lower()}", version, breaks=name == "C" and "breaks" in more) for name in ROBOTS[1:]

@@ -15,6 +15,7 @@ from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.requests import TaskServer
 from fame.deploy.resumption import _PROMISE, StateKeeper
 from fame.robot import journal
+from fame.robot.acknowledged import AcknowledgedSignals
 from fame.robot.durable import DurableRecorder
 from fame.robot.journal import Journal, StateDirectory
 from fame.robot.live import LiveFeed
@@ -275,6 +276,8 @@ BUGS: dict[str, Bug] = {
     "a hold that nobody ends": (_transition, "decide", _nothing),
     "a clock that moves the timers": (StateKeeper, "_set_back", _zero),
     "a signature that nobody checks": (RequestVerifier, "verify_deployment", _nothing),
+    "signals accepted again after a crash": (AcknowledgedSignals, "restore", _nothing),
+    "signals that expire without a word": (AcknowledgedSignals, "_report", _nothing),
 }
 """What the code does wrong: where, and its replacement made from the original."""
 

@@ -32,7 +32,8 @@ from rclpy.task import Future
 from fame.clock import SECOND
 from fame.errors import MessageError, MissingTypeError
 from fame.middleware import codec
-from fame.middleware.interface import UNKNOWN_NODE, AnyMessage, QoS, resolve
+from fame.middleware.errors import mismatch_warning
+from fame.middleware.interface import ENGINE, UNKNOWN_NODE, AnyMessage, QoS, resolve
 from fame.middleware.qos import compatible, one_deeper
 from fame.middleware.self_echo_filter import EchoFilter
 from fame.middleware.wire_endpoints import WireClient, WirePublisher, WireService, WireSubscription
@@ -287,8 +288,18 @@ class RosSubscription(WireSubscription):
             self._echoes.expect(publisher, sent, self.node.middleware.scheduler.now)
 
     def deliver(self, data: bytes) -> None:
-        if not self._echoes.take(data, self.node.middleware.scheduler.now):
+        if self.qos.acknowledged:  # ROS does not tell who sends: what FAME's engines send comes in another way
+            self._warn_of_others()
+        elif not self._echoes.take(data, self.node.middleware.scheduler.now):
             super().deliver(data)
+
+    def _warn_of_others(self) -> None:
+        """Warn of publishers that are not engines, from which nothing is received."""
+        infos = (info for info in self.node.middleware.graph() if info.name == self.topic)
+        others = {name for info in infos for name in info.publishers if not name.endswith(f"/{ENGINE}")}
+        for name in sorted(others):
+            reason = "over ROS, acknowledged signals are caught from engines of FAME only"
+            self.node.middleware.warn(mismatch_warning(self.topic, self.node.full_name, name, reason))
 
     def matched(self) -> bool:
         return bool(self._end.get_publisher_count() > sum(map(self.matches, self.node.publishers)))
