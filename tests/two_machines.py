@@ -16,7 +16,7 @@ def forbidden() -> str:
     """Why this user cannot make network namespaces; empty if it can."""
     if os.name != "posix" or os.geteuid():
         return "network namespaces need root"
-    veth = ["unshare", "-n", "ip", "link", "add", "a", "type", "veth"]
+    veth = ["unshare", "-n", "ip", "link", "add", "probe0", "type", "veth"]
     tried = subprocess.run(veth, capture_output=True, check=False)
     return "no veth between network namespaces" if tried.returncode else ""
 
