@@ -100,13 +100,13 @@ def test_fewer_runs_than_asked_for_are_written_and_said(tmp_path: Path, capsys: 
 
 @needs_data
 def test_a_model_that_could_judge_nothing_is_no_success(tmp_path: Path):
-    from fame.monitor.anomaly.model import Model, save_model
+    from fame.monitor.anomaly.model import Model
     from fame.monitor.anomaly.paths import PathDetector
 
     benign = recording(BENIGN).select(range(4))
     other = tuple(f"other_{name}" for name in MH5.joints)
     detector = PathDetector(MH5).fit(benign)
-    save_model(Model("path", other, detector, 0.002, 518, benign.values), tmp_path / "m.skops")
+    Model("path", other, detector, 0.002, 518, benign.values).save(tmp_path / "m.skops")
     bag = write_bag(tmp_path / "bag", runs(20)[:30])
     with pytest.raises(MissionError, match="no run was evaluated"):
         adm("operate", "--bag", bag, "--model", tmp_path / "m.skops")

@@ -20,7 +20,7 @@ from fame.monitor.anomaly.classifiers import _HOMES, HEADS, TRAIN, VALIDATION, O
 from fame.monitor.anomaly.learn import Interface, best, checked, learn
 from fame.monitor.anomaly.learning_file import load
 from fame.monitor.anomaly.live import RunMonitor
-from fame.monitor.anomaly.model import DataPersist, DataProcess, data_hash, load_model, save_model
+from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, data_hash
 from fame.monitor.anomaly.recording import Recording, join, of_runs, read_csv, write_csv
 from fame.monitor.model_card import card_of
 from fame.monitor.storage import write_artefact
@@ -189,8 +189,8 @@ def test_what_was_kept_for_other_data_is_not_taken_again(folder: Path, tmp_path:
 
 def test_a_stored_model_judges_as_before_and_one_by_one_as_all_at_once(folder: Path):
     for item in learn(load(folder / "learning.yaml")):
-        save_model(item.model, folder / "m.skops")
-        model = load_model(folder / "m.skops")
+        item.model.save(folder / "m.skops")
+        model = Model.load(folder / "m.skops")
         points = persist_points(folder)
         together = model.predict(points)
         scorer = model.scorer()
@@ -208,7 +208,7 @@ def stored(folder: Path, **changes: object) -> Path:
     """A model file, with some of its content replaced."""
     import skops.io
 
-    save_model(learn(load(folder / "learning.yaml"))[1].model, folder / "m.skops")
+    learn(load(folder / "learning.yaml"))[1].model.save(folder / "m.skops")
     content = skops.io.load(folder / "m.skops", trusted=[])
     skops.io.dump({**content, **changes}, folder / "m.skops")
     return folder / "m.skops"
@@ -220,37 +220,38 @@ class Strange(LogisticRegression):
 
 def test_a_model_with_code_is_refused(folder: Path):
     with pytest.raises(ConfigError, match=r"refused: it contains code or unknown classes \(.*Strange"):
-        load_model(stored(folder, estimator=Strange()))
+        Model.load(stored(folder, detector=Strange()))
 
 
 def test_a_model_of_another_version_is_refused(folder: Path):
     with pytest.raises(
         ConfigError, match=r"was made with scikit-learn 0\.1\.0, here is .*fame monitor adm learn makes it anew"
     ):
-        load_model(stored(folder, versions={"scikit-learn": "0.1.0"}))
+        Model.load(stored(folder, versions={"scikit-learn": "0.1.0"}))
 
 
 def test_a_model_of_another_format_is_refused(folder: Path):
     with pytest.raises(ConfigError, match="got 'other'"):
-        load_model(stored(folder, format="other"))
+        Model.load(stored(folder, format="other"))
 
 
 def test_a_damaged_model_is_refused(folder: Path):
     with pytest.raises(ConfigError, match=r"is damaged: .*reference of shape"):
-        load_model(stored(folder, joints=["a"]))
+        Model.load(stored(folder, joints=["a"]))
 
 
 @pytest.mark.parametrize(
-    "changes", [{"estimator": 5}, {"process": None}, {"reference": np.zeros((0, 3))}, {"nominal": "x"}]
+    "changes",
+    [{"detector": 5}, {"detector": {"kind": "classifier"}}, {"reference": np.zeros((0, 3))}, {"nominal": "x"}],
 )
 def test_parts_that_do_not_fit_are_damage(folder: Path, changes: dict[str, object]):
     with pytest.raises(ConfigError, match="is damaged: "):
-        load_model(stored(folder, **changes))
+        Model.load(stored(folder, **changes))
 
 
 def test_a_model_that_names_no_versions_is_refused(folder: Path):
     with pytest.raises(ConfigError, match="made with scikit-learn unknown"):
-        load_model(stored(folder, versions=None))
+        Model.load(stored(folder, versions=None))
 
 
 @pytest.mark.parametrize("within", [False, True])
@@ -265,7 +266,7 @@ def test_a_file_that_would_unpack_to_much_more_than_it_is_is_refused_before(fold
         with ZipFile(path, "a") as outer:
             outer.write(inner, "2.npz")
     with pytest.raises(ConfigError, match="would unpack to 60 MB; at most"):
-        load_model(path)
+        Model.load(path)
 
 
 def test_a_corrupt_file_and_a_missing_one_are_refused(folder: Path):
@@ -274,9 +275,9 @@ def test_a_corrupt_file_and_a_missing_one_are_refused(folder: Path):
         archive.writestr("schema.json", "{")
     for name in ("x.skops", "y.skops"):
         with pytest.raises(ConfigError, match="is corrupt"):
-            load_model(folder / name)
+            Model.load(folder / name)
     with pytest.raises(ConfigError, match="there is no such file"):
-        load_model(folder / "z.skops")
+        Model.load(folder / "z.skops")
 
 
 # ---- bad input -------------------------------------------------------------------------------------------------------
@@ -404,11 +405,11 @@ def test_every_classifier_that_may_be_named_is_the_same_each_time_and_comes_back
     first, second = learn(load(tmp_path / "a.yaml")), learn(load(tmp_path / "a.yaml"))
     for one, other in zip(first, second, strict=True):
         assert one.evaluations == other.evaluations, one.candidate.name
-        save_model(one.model, tmp_path / "one.skops")
-        save_model(other.model, tmp_path / "other.skops")
+        one.model.save(tmp_path / "one.skops")
+        other.model.save(tmp_path / "other.skops")
         assert (tmp_path / "one.skops").read_bytes() == (tmp_path / "other.skops").read_bytes(), one.candidate.name
         points = of_runs(runs, 1, ("a", "b"))
-        np.testing.assert_array_equal(load_model(tmp_path / "one.skops").predict(points), one.model.predict(points))
+        np.testing.assert_array_equal(Model.load(tmp_path / "one.skops").predict(points), one.model.predict(points))
 
 
 def test_a_classifier_that_could_not_be_read_back_is_not_stored(tmp_path: Path) -> None:
@@ -480,8 +481,8 @@ def test_classifiers_complement_each_other(folder: Path):
 def test_a_combination_is_stored_and_scores_run_by_run_as_before(folder: Path, tmp_path: Path):
     (folder / "learning.yaml").write_text(FILES + TOGETHER + "FalseAlarms: 0.2 per run\n")
     *_, either, _ = learn(load(folder / "learning.yaml"))
-    save_model(either.model, tmp_path / "either.skops")
-    again = load_model(tmp_path / "either.skops")
+    either.model.save(tmp_path / "either.skops")
+    again = Model.load(tmp_path / "either.skops")
     assert again.calibration.promised == either.model.calibration.promised
     assert "any of one: alarm from" in again.alarm_text()
     assert card_of(again)["Model"]["detector"] == "either (any of one, two)"

@@ -11,8 +11,10 @@ pytest.importorskip("scipy")
 from arm_data import BENIGN, needs_data, recording
 
 from fame.errors import ConfigError
+from fame.monitor.anomaly.benign_changes import PathParameters
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import Recording, of_runs
+from fame.monitor.storage import from_plain, to_plain
 from robots.arm.kinematics import inverse
 from robots.arm.sabotage import KINDS, alter, knots
 from robots.arm.task import MH5, simulated_runs
@@ -119,7 +121,7 @@ def test_simulated_benign_runs_pass():
 
 def test_what_was_stored_judges_as_before():
     run = recording(BENIGN).select([21])
-    again = PathDetector.from_plain(learned().to_plain())
+    again = from_plain(PathDetector, to_plain(learned()))
     assert again.follow(run) == learned().follow(run)
 
 
@@ -218,7 +220,8 @@ def test_half_the_rate_is_tolerated_where_stamps_tell_the_time():
 
 
 def test_nothing_is_tolerated_with_bounds_of_zero():
-    detector = PathDetector(MH5, speed=0, pause=0, drift=0, noise=0).fit(recording(BENIGN).select(range(0, 30, 2)))
+    detector = PathDetector(MH5, parameters=PathParameters(speed=0, pause=0, drift=0, noise=0))
+    detector.fit(recording(BENIGN).select(range(0, 30, 2)))
     values = recording(BENIGN).select([13]).values
     sagged = MH5.quantised(inverse(MH5, MH5.places(values) - [0.0, 0.0, 5e-5], MH5.orientations(values), values))
     assert {reading.kind for reading in detector.follow(run_of(sagged)) if reading.anomalous} == {"path"}
@@ -251,19 +254,9 @@ def test_stamps_that_do_not_grow_are_made_up_and_told():
     assert ("stamps", len(run) - 1) in [change[:2] for change in tracker.changes()]
 
 
-def test_a_model_of_an_earlier_version_loads_and_says_that_it_sees_no_orientation():
-    plain = learned().to_plain()
-    for name in ("turns", "parameters"):
-        del plain[name]
-    plain["limits"] = plain["limits"][:, :3]
-    old = PathDetector.from_plain(plain)
-    assert "does not see the orientation" in old.limits_text()
-    assert not any(reading.anomalous for reading in old.follow(recording(BENIGN).select([21])))
-
-
 def test_parameters_out_of_range_are_refused():
     with pytest.raises(ConfigError, match="expected a bin above 0, got 0"):
-        PathDetector(MH5, bin=0)
+        PathParameters(bin=0)
 
 
 @pytest.mark.parametrize("stamped", [False, True])

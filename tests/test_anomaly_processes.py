@@ -21,7 +21,7 @@ from lxml import etree
 from fame.clock import SECOND
 from fame.middleware import messages
 from fame.middleware.dds import DdsMiddleware, DdsScheduler
-from fame.monitor.anomaly.model import DataProcess, Model, PointClassifier, save_model
+from fame.monitor.anomaly.model import DataProcess, Model, PointClassifier
 from fame.monitor.anomaly.nodes import TYPE
 from fame.monitor.anomaly.recording import read_csv
 
@@ -105,7 +105,7 @@ def test_operate_raises_the_signal_over_the_network(arm: Arm, tmp_path: Path) ->
     process_ = DataProcess(0).fit(elsewhere)
     estimator = OneClassSVM(gamma=1.0).fit(process_.transform(elsewhere))
     model = Model("svm", NAMES, PointClassifier(estimator, process_), 0.5, 20, elsewhere)
-    save_model(model, tmp_path / "best.skops")
+    model.save(tmp_path / "best.skops")
     with adm("operate", "/joint_states", tmp_path / "best.skops", 0.5, "--rule", "signal", "--runs", 1) as process:
         start, end = (arm.node.publisher(topic, "std_msgs/msg/Empty") for topic in ("/task_start", "/task_end"))
         while not arm.alarms and process.poll() is None and arm.count < PATIENCE * 200:

@@ -15,7 +15,7 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.anomaly.model import Model, load_model, save_model
+from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.nodes import TYPE
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import read_csv, write_csv
@@ -72,7 +72,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     benign = recording(BENIGN)
     path = tmp_path_factory.mktemp("model") / "best.skops"
     detector = PathDetector(MH5).fit(benign.select(range(0, 30, 2)))
-    save_model(Model("path", MH5.joints, detector, 0.002, 518, benign.select([0, 1]).values), path)
+    Model("path", MH5.joints, detector, 0.002, 518, benign.select([0, 1]).values).save(path)
     return str(path)
 
 
@@ -109,7 +109,7 @@ def test_learn_stores_the_best_classifier(tmp_path: Path) -> None:
     watch = Watch(tmp_path, calling("adm_learn"), config="learn.yaml", model="stored.skops")
     assert watch.status == "completed"
     assert watch.sim.instances[0].variables["classifier"] == "path"
-    assert load_model(tmp_path / "stored.skops").name == "path"
+    assert Model.load(tmp_path / "stored.skops").name == "path"
 
 
 BAD = {

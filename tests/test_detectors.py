@@ -12,14 +12,14 @@ from scipy.stats import binomtest
 from fame.errors import ConfigError
 from fame.monitor.pipeline.detectors import (
     DETECTORS,
-    detector_from_plain,
+    STORED,
     detector_name,
     detector_names,
     fit_detector,
 )
 from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
-from fame.monitor.storage import to_plain
+from fame.monitor.storage import detector_of, to_plain
 
 QUICK = Training(hidden=(6, 2, 6), epochs=3, neighbours=300)
 EVERY = (*DETECTORS, "any of pca, knn", "all of pca, mahalanobis")
@@ -46,7 +46,7 @@ def test_a_detector_names_the_channel_that_deviates_and_comes_back_as_it_was(nam
     found = detector.loss(odd)
     assert np.median(found.max(axis=1)) > np.quantile(usual.max(axis=1), 0.95)
     assert (found.argmax(axis=1) == 1).mean() > 0.9
-    again = detector_from_plain(to_plain(detector))
+    again = detector_of(to_plain(detector), STORED)
     np.testing.assert_array_equal(again.loss(odd), found)
     np.testing.assert_allclose(detector.loss(odd[:1]), found[:1], rtol=1e-9)  # one by one as all at once
 

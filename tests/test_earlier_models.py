@@ -13,13 +13,13 @@ from arm_data import BENIGN, needs_data, recording
 from fame.cli import main
 from fame.errors import ConfigError
 from fame.monitor.anomaly.learning_file import load
-from fame.monitor.anomaly.model import load_model
+from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import of_runs
 from fame.monitor.drift import Drift
 from fame.monitor.model_card import card_of, load_any, to_markdown
 from fame.monitor.pipeline.trained_model import TrainedModel
-from fame.monitor.storage import versions, write_artefact
+from fame.monitor.storage import to_plain, versions, write_artefact
 from robots.arm.task import MH5, simulated_runs
 
 
@@ -46,8 +46,10 @@ def benign_runs(count: int, seed: int) -> list[np.ndarray]:
 def first_paths() -> dict[str, Any]:
     """What the first version of `adm learn` stored of a path detector: no orientations, parameters or noise."""
     runs = of_runs(benign_runs(4, seed=7), 1, MH5.joints)
-    plain = PathDetector(MH5).fit(runs).to_plain()
-    plain = {name: value for name, value in plain.items() if name not in ("parameters", "turns", "noise")}
+    plain = to_plain(PathDetector(MH5).fit(runs))
+    own = {name: plain[name] for name in ("kind", "margin", "period", "limits")}
+    plain = {**plain["chain"], **plain["paths"], **own}
+    del plain["turns"]
     return {
         "format": "fame-adm-1", "versions": versions(), "name": "path", "joints": list(MH5.joints),
         "estimator": {**plain, "limits": plain["limits"][:, :3]}, "process": None, "threshold": 0.002, "nominal": 517,
@@ -77,10 +79,41 @@ def test_the_drift_of_the_first_autoencoders_is_refused_with_the_command(old: Pa
         Drift(model=str(old))
 
 
+def classifier(name: str, threshold: float, seed: int) -> dict[str, Any]:
+    """What `adm learn` stored of a classifier, alone or in an ensemble, before both kinds of models had one format."""
+    from sklearn.preprocessing import MinMaxScaler
+    from sklearn.svm import OneClassSVM
+
+    points = np.random.default_rng(seed).normal(size=(50, 2))
+    scaler = MinMaxScaler().fit(points)
+    return {
+        "name": name, "joints": ["a", "b"], "estimator": OneClassSVM(nu=0.1).fit(scaler.transform(points)),
+        "process": [0, "minmax", scaler, None], "threshold": threshold, "nominal": 50, "reference": points, "data": "",
+    }  # fmt: skip
+
+
+def test_the_first_classifiers_and_ensembles_score_as_they_did(tmp_path: Path):
+    one, two = classifier("one", 0.5, 1), classifier("two", 0.2, 2)
+    either = {**one, "name": "either", "threshold": 1.0, "estimator": {"rule": "any of", "members": [one, two]}}
+    points = np.random.default_rng(3).normal(size=(50, 2))
+    found = {}
+    for content in (one, two, either):
+        path = tmp_path / f"{content['name']}.skops"
+        write_artefact({"format": "fame-adm-1", "versions": versions(), **content, "calibration": None}, path)
+        found[content["name"]] = Model.load(path)
+    expected = [each["estimator"].predict(each["process"][2].transform(points)) == -1 for each in (one, two)]
+    for name, votes in zip(found, [*expected, expected[0] | expected[1]], strict=True):
+        assert (found[name].predict(of_runs([points], 1, ("a", "b"))) == -1).tolist() == votes.tolist()
+    assert found["either"].run_score([5, 5], 50) == 0.1 / 0.2
+    assert (
+        found["either"].alarm_text().startswith("any of one: alarm from 26 anomalous points of a run of 50 on; two: ")
+    )
+
+
 @needs_data
 def test_the_first_path_detector_scores_as_it_did_and_says_what_it_does_not_see(tmp_path: Path):
     write_artefact(first_paths(), tmp_path / "path.skops")
-    detector = load_model(tmp_path / "path.skops").estimator
+    detector = Model.load(tmp_path / "path.skops").detector
     benign = of_runs(benign_runs(1, seed=8), 1, MH5.joints)
     assert sum(reading.anomalous for reading in detector.follow(benign)) == 0
     moved = of_runs([benign_runs(1, seed=8)[0] + [0, 0.02, 0, 0, 0, 0]], -1, MH5.joints)
@@ -96,17 +129,17 @@ def test_a_model_of_another_version_is_refused_with_the_command(
     write_artefact({"format": format}, tmp_path / "m.skops")
     assert main(["monitor", "model", "show", str(tmp_path / "m.skops")]) == 2
     assert "fame monitor train or adm learn makes it anew" in capsys.readouterr().err
-    with pytest.raises(ConfigError, match=r"'fame-monitor-2', got .*; fame monitor train makes it anew"):
+    with pytest.raises(ConfigError, match=r"'fame-monitor-3', got .*; fame monitor train makes it anew"):
         TrainedModel.load(tmp_path / "m.skops")
-    with pytest.raises(ConfigError, match=r"'fame-adm-1', got .*; fame monitor adm learn makes it anew"):
-        load_model(tmp_path / "m.skops")
+    with pytest.raises(ConfigError, match=r"'fame-monitor-3', got .*; fame monitor adm learn makes it anew"):
+        Model.load(tmp_path / "m.skops")
 
 
 @needs_data
 def test_a_model_of_another_scikit_learn_is_refused_with_the_command(tmp_path: Path):
     write_artefact({**first_paths(), "versions": {"scikit-learn": "0.99.1"}}, tmp_path / "m.skops")
     with pytest.raises(ConfigError, match=r"scikit-learn 0\.99\.1, .*: fame monitor adm learn makes it anew"):
-        load_model(tmp_path / "m.skops")
+        Model.load(tmp_path / "m.skops")
 
 
 def test_a_learning_file_of_the_first_version_is_read(tmp_path: Path):

@@ -162,7 +162,7 @@ def test_a_model_of_one_kind_is_refused_where_the_other_is_expected(
     models: dict[str, Path], capsys: pytest.CaptureFixture[str]
 ):
     text = refusal(capsys, "monitor", "adm", "operate", "--model", models["train"], "--bag", "none")
-    assert "expected format 'fame-adm-1', got 'fame-monitor-2'" in text
+    assert "is a model of another command; expected one of fame monitor adm learn" in text
     for kind, maker in (("train", "fame monitor train"), ("adm", "fame monitor adm learn")):
         assert main(["monitor", "model", "show", str(models[kind])]) == 0
         assert f"made by: {maker}" in capsys.readouterr().out

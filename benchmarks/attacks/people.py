@@ -65,9 +65,9 @@ def stopped_engine(field: Field) -> None:
 
 BOMB = """
 import resource
-from fame.monitor.anomaly.model import load_model
+from fame.monitor.anomaly.model import Model
 try:
-    load_model({path!r})
+    Model.load({path!r})
 except Exception as error:
     print(error)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1000)

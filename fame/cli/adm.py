@@ -120,7 +120,6 @@ def run_learn(arguments: Namespace) -> int:
     from fame.monitor.anomaly.classifiers import HEADS, plain, rows
     from fame.monitor.anomaly.learn import best, learn, read_data
     from fame.monitor.anomaly.learning_file import load
-    from fame.monitor.anomaly.model import save_model
     from fame.monitor.model_card import write_card
 
     learning = load(arguments.config)
@@ -135,7 +134,7 @@ def run_learn(arguments: Namespace) -> int:
             if line is not None else None,
         )  # fmt: skip
     chosen = best(learned)
-    save_model(chosen.model, arguments.output)
+    chosen.model.save(arguments.output)
     write_card(chosen.model, arguments.output)
     note(f"{arguments.output}: {chosen.model.alarm_text()}")
     if arguments.plots is not None:
@@ -177,7 +176,7 @@ def _plot(folder: Path, learned: list[TrainedClassifier], chosen: TrainedClassif
     ]
     matrices(folder / "confusion.png", summary)
     for item in learned:
-        if isinstance(item.model.estimator, PathDetector):
+        if isinstance(item.model.detector, PathDetector):
             labels = whole.run_labels()
             some = [numbers[:3] for numbers in _by_label(labels)]
             named = [
@@ -185,7 +184,7 @@ def _plot(folder: Path, learned: list[TrainedClassifier], chosen: TrainedClassif
                 for numbers in some
                 for number in numbers
             ]
-            deviations(folder / f"{item.candidate.name}.png", item.model.estimator, named)
+            deviations(folder / f"{item.candidate.name}.png", item.model.detector, named)
 
 
 def _by_label(labels: list[int]) -> list[list[int]]:
@@ -219,10 +218,10 @@ def _add_operate(parts: Commands) -> None:
 def run_operate(arguments: Namespace) -> int:
     """Judge until all runs are evaluated, the bag ends, or Ctrl-C. Returns 1 if a run was anomalous."""
     settle(arguments, "model")
-    from fame.monitor.anomaly.model import load_model
+    from fame.monitor.anomaly.model import Model
     from fame.monitor.anomaly.nodes import OperateNode
 
-    model = load_model(arguments.model)
+    model = Model.load(arguments.model)
     note(f"{arguments.model}: {model.alarm_text(arguments.threshold)}")
 
     def make(middleware: Middleware, scheduler: Scheduler) -> OperateNode:

@@ -28,57 +28,86 @@ _EXCHANGEABLE = ("The promise holds for runs like those of the training: same ta
 
 def load_any(path: str | Path) -> TrainedModel | Model:
     """Read a model of ``fame monitor train`` or ``adm learn``. Raises ConfigError for any other file."""
-    from fame.monitor.anomaly import model as anomaly
-    from fame.monitor.pipeline.trained_model import FIRST_FORMAT, FORMAT, TrainedModel, trained_from_plain
+    from fame.monitor.anomaly.model import Model
+    from fame.monitor.pipeline.trained_model import TrainedModel
     from fame.monitor.storage import read_model
 
     if Path(path).suffix == ".onnx":
         return TrainedModel.load(path)
-    content = read_model(Path(path), "fame monitor train or adm learn", (FORMAT, anomaly.FORMAT), (FIRST_FORMAT,))
-    if content["format"] == anomaly.FORMAT:
-        return anomaly.model_from_plain(content, str(path))
-    return trained_from_plain(content, str(path))
+    content = read_model(Path(path), "fame monitor train or adm learn")
+    return Model.of(content, str(path)) if content.get("kind") == Model.kind else TrainedModel.of(content, str(path))
 
 
 def card_of(model: TrainedModel | Model) -> Card:
     """Give the card of a model."""
     from fame.monitor.pipeline.trained_model import TrainedModel
 
-    return _trained_card(model) if isinstance(model, TrainedModel) else _anomaly_card(model)
+    return _of_windows(model) if isinstance(model, TrainedModel) else _of_points(model)
 
 
-def _trained_card(model: TrainedModel) -> Card:
+def _of_windows(model: TrainedModel) -> Card:
     from fame.monitor.pipeline.detectors import detector_name
     from fame.monitor.pipeline.train import warnings_of
 
     conditions, calibration = model.conditions, model.calibration
-    alarms = {"promise": "none: trained by an earlier version"} if calibration is None else _alarms(calibration)
+    window = f"{model.window / model.rate:.3g} s"
+    promised = calibration is not None and calibration.promised is not None
     largest = model.metrics["training_max"]
     return {
         "Model": {
-            "made by": "fame monitor train", "detector": detector_name(model.detector), "channels": len(model.columns),
-            "window": f"{model.window} samples, {model.window / model.rate:.3g} s", "rate": f"{model.rate:.4g} Hz",
+            "made by": model.maker, "detector": detector_name(model.detector), "channels": len(model.columns),
+            "window": f"{model.window} samples, {window}", "rate": f"{model.rate:.4g} Hz",
         },
         "Data": {
             "sha256": model.data, "files": conditions.get("files", []), "runs": conditions.get("runs"),
             "samples": conditions.get("samples"), "seconds per run": conditions.get("seconds"),
         },
-        "False alarms": alarms,
+        "False alarms": _alarms(calibration, "trained by an earlier version"),
         "Thresholds": {
             name: f"{threshold:.4g} (largest in training: {most:.4g})"
             for name, threshold, most in zip(model.columns, model.thresholds, largest, strict=True)
         },
         "Limits": [
-            *warnings_of(model),
-            *(_EXCHANGEABLE if calibration is not None and calibration.promised is not None else ()),
-            f"An anomaly shorter than a window ({model.window / model.rate:.3g} s) is averaged over it.",
+            *warnings_of(model), *(_EXCHANGEABLE if promised else ()),
+            f"An anomaly shorter than a window ({window}) is averaged over it.",
         ],
         "Settings": dict(conditions.get("settings", {})),
         "Versions": dict(model.versions),
     }  # fmt: skip
 
 
-def _alarms(calibration: Calibration) -> dict[str, Any]:
+def _of_points(model: Model) -> Card:
+    from fame.monitor.anomaly.paths import PathDetector
+    from fame.monitor.pipeline.detectors import Several
+
+    detector = type(getattr(model.detector, "classifier", model.detector)).__name__
+    if isinstance(model.detector, Several):
+        detector = f"{model.detector.rule} {', '.join(model.parts)}"
+    return {
+        "Model": {
+            "made by": model.maker, "detector": f"{model.name} ({detector})",
+            "joints": ", ".join(model.joints), "usual run": f"{model.nominal} points",
+        },
+        "Data": {"sha256": model.data},
+        "False alarms": _alarms(model.calibration, "learned without FalseAlarms"),
+        "Threshold": {"score": model.threshold, "in points": model.alarm_text()},
+        "Limits": [
+            "Points are scored against runs of the training: a changed task, load or speed needs a new model.",
+            "Stamps are made up at the usual rate where messages have none.",
+            *(
+                part.limits_text() if isinstance(part, PathDetector)
+                else f"{name} sees single points: their order and time do not count."
+                for name, part in model.parts.items()
+            ),
+        ],
+        "Versions": dict(model.versions),
+    }  # fmt: skip
+
+
+def _alarms(calibration: Calibration | None, none: str) -> dict[str, Any]:
+    """Describe what is promised; `none`: why nothing is, without a calibration."""
+    if calibration is None:
+        return {"promise": f"none: {none}"}
     return {
         "asked": f"{calibration.asked:g} per run", "promise": calibration.text,
         "promised per run": calibration.promised,
@@ -98,42 +127,6 @@ def _measured(calibration: Calibration) -> dict[str, Any]:
         "measured per run": count / calibration.runs,
         "95 % interval": [round(low, 4), round(high, 4)],
     }
-
-
-def _anomaly_card(model: Model) -> Card:
-    from fame.monitor.anomaly.paths import PathDetector
-    from fame.monitor.anomaly.scoring import Ensemble
-
-    limits = [
-        "Points are scored against runs of the training: a changed task, load or speed needs a new model.",
-        "Stamps are made up at the usual rate where messages have none.",
-    ]
-    members = model.estimator.members if isinstance(model.estimator, Ensemble) else (model,)
-    for each in members:
-        if isinstance(each.estimator, PathDetector):
-            limits.append(each.estimator.limits_text())
-        else:
-            limits.append(f"{each.name} sees single points: their order and time do not count.")
-    detector = type(getattr(model.estimator, "classifier", model.estimator)).__name__
-    if isinstance(model.estimator, Ensemble):
-        detector = f"{model.estimator.rule} {', '.join(each.name for each in members)}"
-    alarms = (
-        {"promise": "none: learned without FalseAlarms"} if model.calibration is None else _alarms(model.calibration)
-    )
-    return {
-        "Model": {
-            "made by": "fame monitor adm learn", "detector": f"{model.name} ({detector})",
-            "joints": ", ".join(model.joints), "usual run": f"{model.nominal} points",
-        },
-        "Data": {"sha256": model.data},
-        "False alarms": alarms,
-        "Threshold": {
-            "score": model.threshold,
-            "in points": model.alarm_text(),
-        },
-        "Limits": limits,
-        "Versions": dict(model.versions),
-    }  # fmt: skip
 
 
 def to_markdown(card: Card, title: str = "Model card") -> str:

@@ -183,13 +183,13 @@ class CollectService:
 
 
 def _adm_operate(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
-    from fame.monitor.anomaly.model import load_model
+    from fame.monitor.anomaly.model import Model
     from fame.monitor.anomaly.nodes import OperateNode
 
     threshold = variable(variables, "threshold", type=float) if variables.get("threshold") is not None else None
     if threshold is not None and not 0 <= threshold < 1:
         raise ConfigError(f"variable threshold: expected a number from 0 to 1, got {threshold:g}")
-    model = load_model(context.folder / variable(variables, "model", type=str))
+    model = Model.load(context.folder / variable(variables, "model", type=str))
     node = OperateNode(
         context.middleware, context.scheduler, model, threshold=threshold, rule=_rule(variables),
         cycle=variable(variables, "points", 0, type=int),

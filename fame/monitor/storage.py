@@ -1,19 +1,23 @@
 """Models on disk: stored with skops, which holds data and never code; dataclasses as plain data and back.
 
+A file is a mapping: its format, the versions of the packages that made it, the kind of the model and its fields
+(`StoredModel`). Files of earlier formats are read (`fame.monitor.earlier_models`).
+
 What is refused, each with its reason: a file that does not exist or is corrupt, one that would unpack to far more than
-its size, and one that holds anything beyond plain data, numpy and classes of scikit-learn (it could be code).
+its size, one that holds anything beyond plain data, numpy and classes of scikit-learn (it could be code), a model of
+another kind, one that needs another scikit-learn, and one whose parts do not fit each other.
 """
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
 from types import UnionType
-from typing import IO, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import IO, Any, ClassVar, Self, TypeVar, get_args, get_origin, get_type_hints
 from zipfile import BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
@@ -107,13 +111,87 @@ def read_artefact(path: Path, maker: str) -> Any:
         raise ConfigError(f"is corrupt ({type(error).__name__}: {error})", file=str(path)) from None
 
 
-def read_model(path: Path, maker: str, formats: Sequence[str], older: Sequence[str] = ()) -> dict[str, Any]:
-    """Read a model of one of some formats. Raises ConfigError for any other file."""
+FORMAT = "fame-monitor-3"
+"""Of stored models."""
+_PARTS_DO_NOT_FIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+
+
+class StoredModel:
+    """What every model has: a detector that is stored with it, the versions of the packages that made it.
+
+    maker       the command that makes it
+    estimators  whether its detector may be one of scikit-learn's, which another version of it cannot read
+    detectors   kinds of detectors that it may have, by name
+    """
+
+    __slots__ = ()
+    kind: ClassVar[str]
+    maker: ClassVar[str]
+    estimators: ClassVar[bool] = False
+    detectors: ClassVar[Mapping[str, Any]]
+
+    def check(self) -> None:
+        """Raises ValueError or another error if its parts do not fit each other."""
+
+    def to_plain(self) -> dict[str, Any]:
+        """Give all values as plain data and arrays, as they are stored."""
+        plain = to_plain(self)
+        return {**plain, "format": FORMAT, "versions": plain["versions"] or versions()}
+
+    def save(self, path: str | Path) -> None:
+        """Store it. Raises ConfigError for what could not be read back."""
+        write_artefact(self.to_plain(), path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a model. Raises ConfigError for each of the reasons above."""
+        return cls.of(read_model(Path(path), cls.maker), str(path))
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any], file: str) -> Self:
+        """Give the model that `to_plain` described. Raises ConfigError for each of the reasons above."""
+        if content.get("kind") != cls.kind:
+            text = f"is a model of another command; expected one of {cls.maker}, which makes it anew"
+            raise ConfigError(text, file=file)
+        if cls.estimators:
+            _refuse_other_estimators(content.get("versions"), cls.maker, file)
+        try:
+            model = from_plain(cls, {**content, "detector": detector_of(content["detector"], cls.detectors)})
+            model.check()
+        except _PARTS_DO_NOT_FIT as error:
+            raise ConfigError(f"is damaged: {error!r}", file=file) from None
+        return model
+
+
+def _refuse_other_estimators(stated: Any, maker: str, file: str) -> None:
+    """Raise ConfigError for estimators of another scikit-learn than the one here."""
+    made = stated.get("scikit-learn", "unknown") if isinstance(stated, dict) else "unknown"
+    ours = version("scikit-learn")
+    if made.split(".")[:2] != ours.split(".")[:2]:
+        text = f"was made with scikit-learn {made}, here is {ours}: {maker} makes it anew"
+        raise ConfigError(f"{text}, or install scikit-learn {made}", file=file)
+
+
+def detector_of(plain: Mapping[str, Any], kinds: Mapping[str, Any]) -> Any:
+    """Give the detector, or several in one, that `to_plain` described. Raises KeyError, TypeError or ValueError."""
+    parts = {"parts": [detector_of(part, kinds) for part in plain["parts"]]} if "parts" in plain else {}
+    return from_plain(kinds[plain["kind"]], {**plain, **parts})
+
+
+def read_model(path: Path, maker: str) -> dict[str, Any]:
+    """Read the content of a model of any kind, that of an earlier format as it would be stored now. Raises ConfigError
+    for any other file."""
+    from fame.monitor.earlier_models import EARLIER
+
     content = read_artefact(path, maker)
     found = content.get("format") if isinstance(content, dict) else None
-    if found not in (*formats, *older):
-        known = " or ".join(map(repr, formats))
-        text = f"is not a model of {maker}: expected format {known}, got {found!r}; {maker} makes it anew"
+    if found in EARLIER:
+        try:
+            return EARLIER[found](content)
+        except _PARTS_DO_NOT_FIT as error:
+            raise ConfigError(f"is damaged: {error!r}", file=str(path)) from None
+    if found != FORMAT:
+        text = f"is not a model of {maker}: expected format {FORMAT!r}, got {found!r}; {maker} makes it anew"
         raise ConfigError(text, file=str(path))
     return dict(content)
 

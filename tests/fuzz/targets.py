@@ -555,13 +555,9 @@ def read_promise(data: bytes) -> None:
 
 def read_trained_model(data: bytes) -> None:
     """A trained detector, or a model of an arm."""
-    from fame.monitor.anomaly.model import load_model
-    from fame.monitor.pipeline.trained_model import TrainedModel
+    from fame.monitor.model_card import load_any
 
-    path = _file("read.skops", data)
-    with suppress(ConfigError):
-        load_model(path)
-    TrainedModel.load(path)
+    load_any(_file("read.skops", data))
 
 
 def read_table(data: bytes) -> None:

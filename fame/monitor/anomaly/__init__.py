@@ -32,7 +32,6 @@ if TYPE_CHECKING:
         DataPersist as DataPersist,
         DataProcess as DataProcess,
         Model as Model,
-        load_model as load_model,
     )
     from fame.monitor.anomaly.paths import PathDetector as PathDetector
     from fame.monitor.anomaly.recording import Recording as Recording, read_csv as read_csv, write_csv as write_csv
@@ -42,7 +41,7 @@ else:
         {
             "classifiers": ["AnomalyDetector", "OutputMatrix"],
             "learn": ["Interface"],
-            "model": ["DataPersist", "DataProcess", "Model", "load_model"],
+            "model": ["DataPersist", "DataProcess", "Model"],
             "paths": ["PathDetector"],
             "recording": ["Recording", "read_csv", "write_csv"],
         },

@@ -19,9 +19,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from fame.errors import ConfigError, UnavailableError
+from fame.monitor.anomaly.benign_changes import PathParameters
 from fame.monitor.anomaly.learning_file import DEFAULTS as DEFAULTS, Candidate, Learning
 from fame.monitor.anomaly.model import DataProcess, Model, PointClassifier
-from fame.monitor.anomaly.paths import PathDetector
+from fame.monitor.anomaly.paths import MARGIN, PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording
 from fame.monitor.kinematics import load_chain
 
@@ -44,15 +45,14 @@ def make(candidate: Candidate, folder: Path, scaling: str = "minmax") -> PathDet
         chain = parameters.pop("chain", None)
         if chain is None:
             raise candidate.error("parameters", "expected the key chain: the arm's kinematics, for PathDetector")
-        margin = parameters.get("margin", 1.0)
+        margin = parameters.pop("margin", MARGIN)
         if type(margin) not in (int, float) or not 0 < margin < inf:
             raise candidate.error("parameters.margin", f"expected a number above 0, got {margin!r}")
         if not isinstance(chain, dict):
             chain = folder / str(chain)
             if not isfile(chain):
                 raise candidate.error("parameters.chain", f"expected a file, got {str(chain)!r}")
-        detector: PathDetector = _build(PathDetector, candidate, {"chain": load_chain(chain), **parameters})
-        return detector
+        return PathDetector(load_chain(chain), margin, _build(PathParameters, candidate, parameters))
     module = _HOMES.get(candidate.cls.rpartition(".")[2])
     if module is None:
         known = ", ".join(sorted([*_HOMES, "PathDetector"]))

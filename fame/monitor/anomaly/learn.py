@@ -198,7 +198,7 @@ def best(learned: Sequence[TrainedClassifier]) -> TrainedClassifier:
 class _Fitted(NamedTuple):
     """Result of a fit: the classifier (kept of the fit with all data), and the labels that it predicts."""
 
-    estimator: Any
+    detector: Any
     predicted: Any
 
 
@@ -281,12 +281,12 @@ def _learned(
     for item in data.testing:
         known_run = any(data_hash_of_run(run) in known for run in item)
         label = f"{TRAIN if known_run else TEST}: {item.source}"
-        evaluations.append(_evaluate(label, item, final.estimator.predict(item)))
+        evaluations.append(_evaluate(label, item, final.detector.predict(item)))
     benign = whole.select([index for index, label in enumerate(whole.run_labels()) if label == BENIGN])
     model = Model(
         name=candidate.name,
         joints=whole.joints,
-        estimator=final.estimator,
+        detector=final.detector,
         threshold=threshold,
         nominal=int(np.median([len(run) for run in benign])),
         reference=benign.select(range(min(_REFERENCE_RUNS, benign.count))).values,

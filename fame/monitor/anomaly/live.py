@@ -157,7 +157,7 @@ class RunMonitor:
 
     def _clear(self) -> None:
         self._points: list[Point] = []
-        self._counts = [0] * self.model.members
+        self._counts = [0] * len(self.model.parts)
         self._alarmed = False
         self._scorer.reset()
 

@@ -4,20 +4,18 @@
 components are one matrix, the kernel is one product and one exponential over the support vectors. A library's `predict`
 takes several times as long for a single point. The verdicts are equal.
 
-`load_model` refuses a file that is not a model, of another format or of another scikit-learn, or whose parts do not
-fit (`fame.monitor.storage` says what is refused of any file). `DataPersist` stores processed data under the hash of
-the data that it was made from, and returns it for the same data only.
+`DataPersist` stores processed data under the hash of the data that it was made from, and returns it for the same data
+only.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
-from importlib.metadata import version
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -25,13 +23,14 @@ from fame.errors import ConfigError
 from fame.monitor.anomaly.learning_file import SCALINGS
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording, read_csv
-from fame.monitor.anomaly.scoring import Ensemble, EnsembleScorer, PathScorer, PointScorer, Scorer
+from fame.monitor.anomaly.scoring import PathScorer, PointScorer, Scorer, SeveralScorer
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
-from fame.monitor.pipeline.detectors import RULES
-from fame.monitor.storage import from_plain, read_artefact, read_model, to_plain, versions, write_artefact
+from fame.monitor.pipeline.detectors import Several
+from fame.monitor.storage import FORMAT, StoredModel, read_artefact, versions, write_artefact
 
 
+@dataclass(slots=True)
 class DataProcess:
     """Preprocessing of points for a classifier: scaling, then reduction.
 
@@ -39,16 +38,14 @@ class DataProcess:
     scaling    ``minmax`` (each column to 0 ... 1), ``standard`` (mean 0, deviation 1) or ``none``
     """
 
-    reduction: int
-    scaling: str
-    scaler: Any
-    pca: Any
+    reduction: int = 0
+    scaling: str = "minmax"
+    scaler: Any = None
+    pca: Any = None
 
-    def __init__(self, reduction: int = 0, scaling: str = "minmax", scaler: Any = None, pca: Any = None) -> None:
-        if scaling not in SCALINGS:
-            raise ConfigError(f"expected a scaling of {', '.join(SCALINGS)}, got {scaling!r}")
-        self.reduction, self.scaling = reduction, scaling
-        self.scaler, self.pca = scaler, pca
+    def __post_init__(self) -> None:
+        if self.scaling not in SCALINGS:
+            raise ConfigError(f"expected a scaling of {', '.join(SCALINGS)}, got {self.scaling!r}")
 
     def split(self, in_file: str | Path, x_cols: Sequence[int], y_cols: Sequence[int]) -> tuple[Floats, Any]:
         """The input columns (points, inputs) and the label column (points,) of a CSV file; columns count from 0."""
@@ -85,18 +82,25 @@ class DataProcess:
         return np.asarray(self.scaler.transform(values) if self.scaler is not None else values)
 
 
+@dataclass(frozen=True, slots=True)
 class PointClassifier:
     """A classifier with its preprocessing. `unique` leaves repeated points out of what an unsupervised one learns."""
 
-    def __init__(self, classifier: Any, process: DataProcess, *, unique: bool = False) -> None:
+    kind: ClassVar[str] = "classifier"
+    classifier: Any
+    process: DataProcess
+    unique: bool = False
+
+    @property
+    def supervised(self) -> bool:
+        """Whether it learns from points of both kinds."""
         from sklearn.base import is_outlier_detector
 
-        self.classifier, self.process, self._unique = classifier, process, unique
-        self.supervised: bool = not is_outlier_detector(classifier)
+        return not is_outlier_detector(self.classifier)
 
     def fit(self, data: Recording) -> PointClassifier:
         """Learn from points, scaled as `process` has learned to. Raises ConfigError for what scikit-learn refuses."""
-        values = np.unique(data.values, axis=0) if self._unique and not self.supervised else data.values
+        values = np.unique(data.values, axis=0) if self.unique and not self.supervised else data.values
         labels = (data.labels,) if self.supervised else ()
         features = self.process.transform(values)
         try:
@@ -129,10 +133,10 @@ class PointClassifier:
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
-    """A classifier with all that it needs.
+class Model(StoredModel):
+    """A detector of points with all that it needs.
 
-    estimator    a PointClassifier, PathDetector or Ensemble
+    detector     a PointClassifier, PathDetector or several of them
     threshold    a run is anomalous if its score exceeds this
     nominal      points of a usual benign run
     reference    points of some benign runs (points, joints), to find the joint that is off
@@ -141,56 +145,72 @@ class Model:
     calibration  of the threshold, if it promises a rate of false alarms
     """
 
+    kind: ClassVar[str] = "points"
+    maker: ClassVar[str] = "fame monitor adm learn"
+    estimators: ClassVar[bool] = True
+    detectors: ClassVar[Mapping[str, Any]] = {each.kind: each for each in (PathDetector, PointClassifier, Several)}
     name: str
     joints: tuple[str, ...]
-    estimator: Any
+    detector: Any
     threshold: float
     nominal: int
     reference: Floats
     data: str = ""
-    versions: dict[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
     calibration: Calibration | None = None
+
+    def check(self) -> None:
+        """Raises ValueError or another error if its parts do not fit each other."""
+        if self.reference.ndim != 2 or self.reference.shape[1] != len(self.joints):
+            raise ValueError(f"reference of shape {self.reference.shape} for {len(self.joints)} joints")
+        self.scorer().step(self.reference[0].tolist())
 
     def predict(self, recording: Recording) -> Any:
         """Labels (points,): +1 benign, -1 anomalous."""
-        return self.estimator.predict(recording)
+        return self.detector.predict(recording)
 
     def scorer(self) -> Scorer:
         """Return a scorer of single points."""
-        if isinstance(self.estimator, Ensemble):
-            return EnsembleScorer(self.estimator)
-        if isinstance(self.estimator, PathDetector):
-            return PathScorer(self)
-        return PointScorer(self)
+        if isinstance(self.detector, Several):
+            return SeveralScorer(self.detector.rule, list(map(self._scorer, self.detector.parts)))
+        return self._scorer(self.detector)
+
+    def _scorer(self, detector: Any) -> Scorer:
+        if isinstance(detector, PathDetector):
+            return PathScorer(detector, self.worst_joint)
+        return PointScorer(detector.decision(len(self.joints)), self.worst_joint)
 
     @property
-    def members(self) -> int:
-        """The number of models of an ensemble; otherwise 1."""
-        return len(self.estimator.members) if isinstance(self.estimator, Ensemble) else 1
+    def parts(self) -> dict[str, Any]:
+        """The detectors by name: those of several, or the only one."""
+        if isinstance(self.detector, Several):
+            return dict(zip(self.detector.names, self.detector.parts, strict=True))
+        return {self.name: self.detector}
 
     def run_score(self, anomalous: Sequence[int], points: int) -> float:
-        """Give the score of a run from its anomalous points (of each member of an ensemble) and all its points."""
+        """Give the score of a run from its anomalous points (of each of several detectors) and all its points."""
         scores = [count / points for count in anomalous]
-        return float(self.estimator.score(scores)) if isinstance(self.estimator, Ensemble) else scores[0]
+        return self.detector.score(scores) if isinstance(self.detector, Several) else scores[0]
 
     def alarm_text(self, threshold: float | None = None) -> str:
         """The threshold in points and time."""
-        if isinstance(self.estimator, Ensemble):
-            factor = self.threshold if threshold is None else threshold
-            texts = (f"{each.name}: {each.alarm_text(factor * each.threshold)}" for each in self.estimator.members)
-            return f"{self.estimator.rule} {'; '.join(texts)}"
         limit = self.threshold if threshold is None else threshold
+        if not isinstance(self.detector, Several):
+            return self._alarm_text(limit, self.period)
+        own = zip(self.parts.items(), self.detector.usual[:, 0].tolist(), strict=True)
+        texts = (f"{name}: {self._alarm_text(limit * unit, _period(part))}" for (name, part), unit in own)
+        return f"{self.detector.rule} {'; '.join(texts)}"
+
+    def _alarm_text(self, limit: float, period: float) -> str:
         points = math.floor(limit * self.nominal + 1e-9) + 1
-        lasts = f", {points * self.period:.3g} s" if self.period else ""  # if the model knows the time between two
+        lasts = f", {points * period:.3g} s" if period else ""  # if the detector knows the time between two
         many = "1 anomalous point" if points == 1 else f"{points} anomalous points"
         return f"alarm from {many} of a run of {self.nominal} on{lasts}"
 
     @property
     def period(self) -> float:
         """The usual time between two points, s; 0 if it is unknown."""
-        if isinstance(self.estimator, Ensemble):
-            return float(max(each.period for each in self.estimator.members))
-        return self.estimator.period if isinstance(self.estimator, PathDetector) else 0.0
+        return max(map(_period, self.parts.values()))
 
     def worst_joint(self, values: Floats) -> tuple[str, float]:
         """The joint that is farthest from the nearest benign point, and how far (rad)."""
@@ -200,8 +220,8 @@ class Model:
         return self.joints[worst], float(apart[worst])
 
 
-FORMAT = "fame-adm-1"
-"""Of stored models."""
+def _period(detector: Any) -> float:
+    return detector.period if isinstance(detector, PathDetector) else 0.0
 
 
 def data_hash(*recordings: Recording) -> str:
@@ -211,65 +231,6 @@ def data_hash(*recordings: Recording) -> str:
         for part in (recording.values, recording.labels, recording.runs):
             digest.update(np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()
-
-
-def save_model(model: Model, path: str | Path) -> None:
-    """Store a model."""
-    write_artefact({"format": FORMAT, "versions": versions(), **_plain(model)}, path)
-
-
-def _plain(model: Model) -> dict[str, Any]:
-    estimator, process = model.estimator, None
-    if isinstance(estimator, Ensemble):
-        stored: Any = {"rule": estimator.rule, "members": [_plain(each) for each in estimator.members]}
-    elif isinstance(estimator, PathDetector):
-        stored = estimator.to_plain()
-    else:
-        stored, kept = estimator.classifier, estimator.process
-        process = [kept.reduction, kept.scaling, kept.scaler, kept.pca]
-    plain = {item.name: to_plain(getattr(model, item.name)) for item in fields(Model) if item.name != "versions"}
-    return {"name": model.name, "joints": plain["joints"], "estimator": stored, "process": process} | {
-        name: value for name, value in plain.items() if name != "estimator"
-    }
-
-
-def load_model(path: str | Path) -> Model:
-    """Read a stored model. Raises ConfigError, for each of the reasons above."""
-    return model_from_plain(read_model(Path(path), "fame monitor adm learn", (FORMAT,)), str(path))
-
-
-def model_from_plain(content: dict[str, Any], file: str) -> Model:
-    """Give the model of a file. Raises ConfigError if it is of another scikit-learn, or its parts do not fit."""
-    stated = content.get("versions")
-    made = stated.get("scikit-learn", "unknown") if isinstance(stated, dict) else "unknown"
-    ours = version("scikit-learn")
-    if made.split(".")[:2] != ours.split(".")[:2]:
-        text = f"was made with scikit-learn {made}, here is {ours}: fame monitor adm learn makes it anew"
-        text += f", or install scikit-learn {made}"
-        raise ConfigError(text, file=file)
-    try:
-        model = _model(content)
-        model.scorer().step(model.reference[0].tolist())  # its parts fit each other
-        return model
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise ConfigError(f"is damaged: {error!r}", file=file) from None
-
-
-def _model(content: dict[str, Any]) -> Model:
-    estimator, parts = content["estimator"], content["process"]
-    if isinstance(estimator, dict) and "members" in estimator:
-        members = tuple(_model({**part, "versions": content["versions"]}) for part in estimator["members"])
-        estimator = Ensemble(RULES[RULES.index(estimator["rule"])], members)
-    elif isinstance(estimator, dict):
-        estimator = PathDetector.from_plain(estimator)
-    elif parts is None:
-        raise ValueError("a classifier without its process")
-    else:
-        estimator = PointClassifier(estimator, DataProcess(*parts))
-    model = from_plain(Model, {**content, "estimator": estimator})
-    if model.reference.ndim != 2 or model.reference.shape[1] != len(model.joints):
-        raise ValueError(f"reference of shape {model.reference.shape} for {len(model.joints)} joints")
-    return model
 
 
 class DataPersist:

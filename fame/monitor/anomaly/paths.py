@@ -29,8 +29,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -48,7 +48,6 @@ from fame.monitor.anomaly.benign_changes import (
 from fame.monitor.anomaly.recording import Recording
 from fame.monitor.arrays import Floats
 from fame.monitor.kinematics import Chain, Vector
-from fame.monitor.storage import from_plain, to_plain
 
 NEIGHBOURS = 8
 TURN = 0.02
@@ -81,22 +80,22 @@ class Paths:
 _ARRAYS = ("places", "directions", "times", "runs", "turns")
 
 
+@dataclass(slots=True)
 class PathDetector:
-    """Learns from benign runs alone. `limits` is (bins, 4): of deviation, change of lateness, lateness, tilt."""
+    """Learns from benign runs alone: `paths`, and `limits` (bins, 4) of deviation, change of lateness, lateness, tilt.
 
+    `period` is the usual time between two samples (s, 0 without stamps), `noise` the largest of benign runs (m).
+    """
+
+    kind: ClassVar[str] = "paths"
     supervised: ClassVar[bool] = False
     chain: Chain
-    margin: float
-    parameters: PathParameters
-    period: float
-    noise: float
-
-    def __init__(self, chain: Chain, margin: float = MARGIN, **parameters: Any) -> None:
-        """`parameters` are those of `PathParameters`. Raises ConfigError for one that is out of range."""
-        self.chain, self.margin, self.parameters = chain, margin, PathParameters(**parameters)
-        self.period, self.noise = 0.0, math.inf
-        self.paths: Paths | None = None
-        self.limits: Floats = np.zeros((0, 4))
+    margin: float = MARGIN
+    parameters: PathParameters = field(default_factory=PathParameters)
+    period: float = 0.0
+    noise: float = math.inf
+    paths: Paths | None = None
+    limits: Floats = field(default_factory=lambda: np.zeros((0, 4)))
 
     def fit(self, benign: Recording) -> PathDetector:
         """Learn the paths of the benign runs, and the limits by the rule above. Raises ConfigError for too few."""
@@ -166,26 +165,6 @@ class PathDetector:
             f"Tolerated and reported: a speed within {100 * p.speed:g} %, pauses of {p.pause:g} samples in all, "
             f"a start {1000 * p.start:g} mm away, a constant offset of {1000 * p.drift:g} mm."
         )
-
-    # ---- storing ---------------------------------------------------------------------------------------------------
-
-    def to_plain(self) -> dict[str, Any]:
-        """All of it as plain data and arrays."""
-        assert self.paths is not None
-        own = {name: to_plain(getattr(self, name)) for name in ("margin", "parameters", "period", "limits", "noise")}
-        return {"kind": "paths", **to_plain(self.chain), **to_plain(self.paths), **own}
-
-    @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> PathDetector:
-        """Give the detector that `to_plain` described. Raises KeyError, TypeError or ValueError for anything else."""
-        parts = {"turns": np.zeros((0, 4)), **plain, "kind": None}
-        detector = cls(from_plain(Chain, parts), float(plain["margin"]), **plain.get("parameters", {}))
-        detector.period, detector.noise = float(plain["period"]), float(plain.get("noise", math.inf))
-        detector.paths = from_plain(Paths, parts)
-        limits = np.asarray(plain["limits"], dtype=np.float64)
-        missing = 4 - limits.shape[1]  # of a model of an earlier version: the tilt
-        detector.limits = np.pad(limits, ((0, 0), (0, missing)), constant_values=np.inf)
-        return detector
 
 
 class Tracker:

@@ -1,35 +1,29 @@
-"""Scoring of single points by a model, one after the other, as a running node does; several models as one.
+"""Scoring of single points by a model, one after the other, as a running node does; several detectors as one.
 
-Detectors complement each other: one sees small deviations of the path, another what no path shows. Each member of an
-`Ensemble` keeps its own threshold. The score of a run is the largest (any of) or smallest (all of) of its members'
-scores, each divided by the member's threshold; 1 is the threshold. Per point, any or all of the members must call it
-anomalous.
+Detectors complement each other: one sees small deviations of the path, another what no path shows. Several in one keep
+their own thresholds. The score of a run is the largest (any of) or smallest (all of) of their scores, each divided by
+its threshold; 1 is the threshold. Per point, any or all of them must call it anomalous.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from fame.monitor.anomaly.benign_changes import Change
-from fame.monitor.anomaly.recording import ANOMALOUS, Recording
-from fame.monitor.pipeline.detectors import combined
+from fame.monitor.arrays import Floats
 
 if TYPE_CHECKING:
-    from fame.monitor.anomaly.model import Model
-
-
-_LEAST = 1e-9
-"""Smallest threshold that a score is divided by: one of 0 is exceeded by any score."""
+    from fame.monitor.anomaly.paths import PathDetector
 
 
 class Verdict(NamedTuple):
     """The verdict on a point. `magnitude` is in `unit` (``mm`` across the path, ``deg`` turned, ``samples`` late,
     ``rad``); `joint` is the one that is farthest from where it should be; `kind` is ``path``, ``orientation``,
-    ``speed`` or empty. They are set for anomalous points only. `votes` are those of the members of an ensemble."""
+    ``speed`` or empty. They are set for anomalous points only. `votes` are those of several detectors."""
 
     anomalous: bool
     magnitude: float = 0.0
@@ -57,25 +51,29 @@ class Scorer:
         return ()
 
 
-class PointScorer(Scorer):
-    """Scores each point on its own, by a classifier."""
+Worst = Callable[[Floats], tuple[str, float]]
+"""Gives the joint of a point that is farthest from where it should be, and how far (rad)."""
 
-    def __init__(self, model: Model) -> None:
-        self._model, self._benign = model, model.estimator.decision(len(model.joints))
+
+class PointScorer(Scorer):
+    """Scores each point on its own, by what tells whether it is benign."""
+
+    def __init__(self, benign: Callable[[Floats], bool], worst: Worst) -> None:
+        self._benign, self._worst = benign, worst
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
         point = np.asarray(values, dtype=np.float64)
         if self._benign(point):
             return BENIGN_POINT
-        joint, apart = self._model.worst_joint(point)
+        joint, apart = self._worst(point)
         return Verdict(True, apart, "rad", joint)
 
 
 class PathScorer(Scorer):
     """For the detector in task space."""
 
-    def __init__(self, model: Model) -> None:
-        self._model, self._tracker = model, model.estimator.tracker()
+    def __init__(self, detector: PathDetector, worst: Worst) -> None:
+        self._tracker, self._worst = detector.tracker(), worst
 
     def reset(self) -> None:
         self._tracker.reset()
@@ -84,7 +82,7 @@ class PathScorer(Scorer):
         reading = self._tracker.step(values, stamp)
         if not reading.anomalous:
             return BENIGN_POINT
-        joint, _ = self._model.worst_joint(np.asarray(values))
+        joint, _ = self._worst(np.asarray(values))
         if reading.off_path:
             return Verdict(True, 1000 * reading.deviation, "mm", joint, reading.kind)
         if reading.kind == "orientation":
@@ -95,29 +93,11 @@ class PathScorer(Scorer):
         return list(self._tracker.changes())
 
 
-class Ensemble(NamedTuple):
-    """A rule, ``any of`` or ``all of``, and the models that it combines."""
+class SeveralScorer(Scorer):
+    """Scores points by several. The magnitude is that of the first that calls a point anomalous."""
 
-    rule: str
-    members: tuple[Any, ...]
-
-    def score(self, scores: Sequence[float]) -> float:
-        """Combine the scores of a run by each member, in units of their thresholds."""
-        relative = (score / max(member.threshold, _LEAST) for score, member in zip(scores, self.members, strict=True))
-        return float(max(relative) if self.rule == "any of" else min(relative))
-
-    def predict(self, recording: Recording) -> Any:
-        """Labels (points,): +1 benign, -1 anomalous."""
-        votes = np.array([member.predict(recording) == ANOMALOUS for member in self.members])
-        return np.where(combined(self.rule, votes), -1, 1)
-
-
-class EnsembleScorer(Scorer):
-    """Scores points by all members. The magnitude is that of the first member that calls a point anomalous."""
-
-    def __init__(self, ensemble: Ensemble) -> None:
-        self._decide = any if ensemble.rule == "any of" else all
-        self._scorers: list[Scorer] = [member.scorer() for member in ensemble.members]
+    def __init__(self, rule: str, scorers: Sequence[Scorer]) -> None:
+        self._decide, self._scorers = any if rule == "any of" else all, scorers
 
     def reset(self) -> None:
         for scorer in self._scorers:

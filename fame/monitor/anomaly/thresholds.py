@@ -15,9 +15,8 @@ from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import VALIDATION, Evaluation, TrainedClassifier
 from fame.monitor.anomaly.learning_file import Candidate, Learning
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording
-from fame.monitor.anomaly.scoring import Ensemble
 from fame.monitor.calibration import Calibration, calibrate_runs, false_alarm_rate
-from fame.monitor.pipeline.detectors import combined
+from fame.monitor.pipeline.detectors import Several, combined
 
 
 def set_threshold(
@@ -62,20 +61,24 @@ def together(
 ) -> TrainedClassifier:
     """Combine classifiers that have been learned, by ``any of`` or ``all of``. Raises ConfigError."""
     rule, _ = candidate.combined or ("any of", ())
-    ensemble = Ensemble(rule, tuple(item.model for item in chosen))
+    models = [item.model for item in chosen]
+    detector = Several(
+        rule, tuple(each.detector for each in models), np.array([[each.threshold] for each in models]),
+        tuple(each.name for each in models),
+    )  # fmt: skip
     threshold, note, calibration = float(candidate.threshold or 1.0), "", None
-    evaluations = [_together(ensemble, items) for items in zip(*(item.evaluations for item in chosen), strict=True)]
+    evaluations = [_together(detector, items) for items in zip(*(item.evaluations for item in chosen), strict=True)]
     if learning.false_alarms:
         held = next((each for each in evaluations if each.data == VALIDATION), None)
         threshold, note, calibration = _calibrated(learning, whole, held, threshold)
     model = replace(
-        chosen[0].model, name=candidate.name, estimator=ensemble, threshold=threshold, calibration=calibration
+        chosen[0].model, name=candidate.name, detector=detector, threshold=threshold, calibration=calibration
     )
     return TrainedClassifier(candidate, model, tuple(replace(each, threshold=threshold) for each in evaluations), note)
 
 
-def _together(ensemble: Ensemble, items: Sequence[Evaluation]) -> Evaluation:
-    """Combine evaluations of members on the same data."""
-    scores = tuple(ensemble.score(each) for each in zip(*(item.scores for item in items), strict=True))
+def _together(detector: Several, items: Sequence[Evaluation]) -> Evaluation:
+    """Combine evaluations of several detectors on the same data."""
+    scores = tuple(detector.score(each) for each in zip(*(item.scores for item in items), strict=True))
     votes = np.array([np.asarray(item.predicted) == ANOMALOUS for item in items])
-    return replace(items[0], scores=scores, predicted=np.where(combined(ensemble.rule, votes), ANOMALOUS, BENIGN))
+    return replace(items[0], scores=scores, predicted=np.where(combined(detector.rule, votes), ANOMALOUS, BENIGN))

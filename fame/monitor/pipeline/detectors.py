@@ -31,13 +31,14 @@ from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.pipeline.phases import Phases, reduced
-from fame.monitor.storage import from_plain
 
 if TYPE_CHECKING:
     from fame.monitor.pipeline.train import Training
 
 ACTIVATIONS = ("relu", "tanh", "logistic", "identity")
 _TINY = 1e-12
+_LEAST = 1e-9
+"""Smallest threshold that a score is divided by: one of 0 is exceeded by any score."""
 _RIDGE = 1e-5
 """What is added to each variance before it is inverted, relative to the mean variance."""
 
@@ -360,16 +361,25 @@ def _usual_depth(count: Whole) -> Floats:
 @dataclass(frozen=True, slots=True)
 class Several:
     """Several detectors: ``any of`` takes the largest loss, ``all of`` the smallest. `usual` (detectors, channels) are
-    the losses that count as 1."""
+    the losses that count as 1; those of detectors of points are the thresholds on the score of a run."""
 
     kind: ClassVar[str] = "several"
     rule: str
-    parts: tuple[Detector, ...]
+    parts: tuple[Any, ...]
     usual: Floats
+    names: tuple[str, ...] = ()
 
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
         found = [part.loss(windows, times) / usual for part, usual in zip(self.parts, self.usual, strict=True)]
         return np.asarray(combined(self.rule, found))
+
+    def score(self, scores: Sequence[float]) -> float:
+        """Combine the scores of a run by each part, in units of their thresholds."""
+        return float(combined(self.rule, np.asarray(scores) / np.maximum(self.usual[:, 0], _LEAST)))
+
+    def predict(self, recording: Any) -> Any:
+        """Labels (points,): +1 benign, -1 anomalous."""
+        return np.where(combined(self.rule, [part.predict(recording) == -1 for part in self.parts]), -1, 1)
 
     @classmethod
     def fit(cls, rule: str, names: Sequence[str], windows: Floats, settings: Training, times: Floats | None) -> Several:
@@ -386,6 +396,8 @@ _KINDS: dict[str, Any] = {
     kind.kind: kind for kind in (Network, Components, Whitening, Nearest, OneClass, Forest, Phases)
 }
 DETECTORS = tuple(_KINDS)
+STORED: Mapping[str, Any] = {**_KINDS, Several.kind: Several}
+"""Kinds of detectors of windows, as models store them."""
 RULES = ("any of", "all of")
 
 
@@ -429,11 +441,3 @@ def detector_name(detector: Detector) -> str:
     if isinstance(detector, Several):
         return f"{detector.rule} {', '.join(part.kind for part in detector.parts)}"
     return detector.kind
-
-
-def detector_from_plain(plain: Mapping[str, Any]) -> Detector:
-    """Give the detector that `to_plain` described. Raises KeyError, TypeError or ValueError for anything else."""
-    if plain["kind"] == Several.kind:
-        return from_plain(Several, {**plain, "parts": list(map(detector_from_plain, plain["parts"]))})
-    detector: Detector = from_plain(_KINDS[plain["kind"]], plain)
-    return detector

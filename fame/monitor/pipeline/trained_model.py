@@ -1,8 +1,7 @@
 """Trained models: a detector with thresholds and origin, stored and loaded; autoencoders also as ONNX files.
 
-Models are stored with skops as plain arrays and texts, so that a file cannot hold anything that runs on loading, and
-does not depend on the version of scikit-learn. `TrainedModel.load` refuses a file that is not a model, is damaged, or
-was trained on other columns or other data than asked for. It reads the models of all earlier versions.
+Models are stored as `fame.monitor.storage` says; all detectors are plain arrays and texts, which do not depend on the
+version of scikit-learn.
 
 The graph of an ONNX file takes ``windows`` (n, window, channels) in the unit of the data and gives ``loss``
 (n, channels), so that any ONNX runtime can evaluate it without FAME. The metadata hold the remaining values of the
@@ -16,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -24,16 +23,13 @@ from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
-from fame.monitor.pipeline.detectors import ACTIVATIONS, Detector, Network, detector_from_plain, detector_name
-from fame.monitor.storage import from_plain, read_model, to_plain, versions, write_artefact
-
-FORMAT, FIRST_FORMAT = "fame-monitor-2", "fame-autoencoder-1"
-"""Of stored models. The first format had autoencoders only, and no calibration."""
+from fame.monitor.pipeline.detectors import ACTIVATIONS, STORED, Detector, Network, detector_name
+from fame.monitor.storage import StoredModel, read_model
 
 
 @dataclass(frozen=True, slots=True)
-class TrainedModel:
-    """A detector with all that it needs.
+class TrainedModel(StoredModel):
+    """A detector of windows with all that it needs.
 
     columns      names, in the order of the channels
     window       samples
@@ -48,6 +44,9 @@ class TrainedModel:
     conditions   of the training, as plain data: files, runs, settings
     """
 
+    kind: ClassVar[str] = "windows"
+    maker: ClassVar[str] = "fame monitor train"
+    detectors: ClassVar[Mapping[str, Any]] = STORED
     columns: tuple[str, ...]
     window: int
     rate: float
@@ -77,12 +76,6 @@ class TrainedModel:
         """
         return self.detector.loss((np.asarray(windows, dtype=np.float64) - self.mean) / self.scale, times)
 
-    def to_plain(self) -> dict[str, Any]:
-        """Give all values as plain data and arrays, as they are stored."""
-        return {"format": FORMAT, "versions": dict(self.versions) or versions()} | {
-            name: value for name, value in to_plain(self).items() if name != "versions"
-        }
-
     def save(self, path: str | Path, *, single: bool = False) -> None:
         """Store the model: with skops, or autoencoders as ONNX if the name ends in ``.onnx``; `single`: with inputs and
         outputs of 32 bit.
@@ -93,21 +86,34 @@ class TrainedModel:
             _ = self.network  # ONNX files hold autoencoders
             write_onnx(self.to_plain(), path, single=single)
         else:
-            write_artefact(self.to_plain(), path)
+            StoredModel.save(self, path)
 
     @classmethod
     def load(cls, path: str | Path, *, columns: Sequence[str] = (), data: str = "") -> TrainedModel:
         """Read a model, from skops or ONNX (``.onnx``). If given, `columns` and `data` must be those of its training.
 
-        Raises ConfigError for each reason named above.
+        Raises ConfigError for any other file.
         """
-        if str(path).endswith(".onnx"):
-            content = read_onnx(path)
-        else:
-            content = read_model(Path(path), "fame monitor train", (FORMAT,), (FIRST_FORMAT,))
-        model = trained_from_plain(content, str(path))
+        content = read_onnx(path) if str(path).endswith(".onnx") else read_model(Path(path), cls.maker)
+        model = cls.of(content, str(path))
         model.require(path, columns, data)
         return model
+
+    def check(self) -> None:
+        """Raises ValueError or another error if its parts do not fit each other."""
+        channels = len(self.columns)
+        numbers = (self.mean, self.scale, np.array(self.thresholds))
+        if any(part.shape != (channels,) for part in numbers):
+            raise ValueError(f"mean, scale or thresholds not of {channels} columns")
+        if not all(np.isfinite(part).all() for part in numbers) or not (self.scale > 0).all():
+            raise ValueError("values that are not finite")
+        if not (self.rate > 0 and self.cutoff >= 0 and self.before >= 0 and np.isfinite(self.rate)):
+            raise ValueError(f"rate {self.rate:g}, cutoff {self.cutoff:g}, before {self.before:g}")
+        if isinstance(self.detector, Network):
+            _check_network(self.detector, self.window, channels)
+        loss = self.loss(np.zeros((1, self.window, channels)))  # its parts fit each other
+        if loss.shape != (1, channels) or not np.isfinite(loss).all():
+            raise ValueError(f"a loss of shape {loss.shape} for {channels} columns")
 
     def require(self, path: str | Path, columns: Sequence[str] = (), data: str = "") -> None:
         """Check columns and data, each if given. Raises ConfigError if the model was trained on others."""
@@ -117,35 +123,6 @@ class TrainedModel:
         if data and data != self.data:
             text = f"is stale: trained on data {self.data[:12]}, the files hold {data[:12]} now: train again"
             raise ConfigError(text, file=str(path))
-
-
-def trained_from_plain(content: Mapping[str, Any], file: str) -> TrainedModel:
-    """Give the model that `TrainedModel.to_plain` described. Raises ConfigError if its parts do not fit."""
-    try:
-        first = "detector" not in content  # the first format
-        detector = detector_from_plain({**content, "kind": Network.kind} if first else content["detector"])
-        model = from_plain(TrainedModel, {**content, "detector": detector})
-        _check(model)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
-        raise ConfigError(f"is damaged: {error!r}", file=file) from None
-    return model
-
-
-def _check(model: TrainedModel) -> None:
-    """Raises ValueError if its parts do not fit."""
-    channels = len(model.columns)
-    numbers = (model.mean, model.scale, np.array(model.thresholds))
-    if any(part.shape != (channels,) for part in numbers):
-        raise ValueError(f"mean, scale or thresholds not of {channels} columns")
-    if not all(np.isfinite(part).all() for part in numbers) or not (model.scale > 0).all():
-        raise ValueError("values that are not finite")
-    if not (model.rate > 0 and model.cutoff >= 0 and model.before >= 0 and np.isfinite(model.rate)):
-        raise ValueError(f"rate {model.rate:g}, cutoff {model.cutoff:g}, before {model.before:g}")
-    if isinstance(model.detector, Network):
-        _check_network(model.detector, model.window, channels)
-    loss = model.loss(np.zeros((1, model.window, channels)))  # its parts fit each other
-    if loss.shape != (1, channels) or not np.isfinite(loss).all():
-        raise ValueError(f"a loss of shape {loss.shape} for {channels} columns")
 
 
 def _check_network(network: Network, window: int, channels: int) -> None:
@@ -210,13 +187,10 @@ def read_onnx(path: str | Path) -> dict[str, Any]:
     try:
         tensors = {entry.name: onnx.numpy_helper.to_array(entry) for entry in proto.graph.initializer}
         layers = range(sum(name.startswith("weight_") for name in tensors))
-        return {
-            **json.loads(metadata),
-            "mean": tensors["mean"],
-            "scale": tensors["scale"],
-            "weights": [tensors[f"weight_{layer}"] for layer in layers],
-            "biases": [tensors[f"bias_{layer}"] for layer in layers],
-        }
+        weights, biases = ([tensors[f"{part}_{layer}"] for layer in layers] for part in ("weight", "bias"))
+        content = {**json.loads(metadata), "mean": tensors["mean"], "scale": tensors["scale"]}
+        network = {"weights": weights, "biases": biases, "activation": content["activation"], "kind": Network.kind}
+        return {**content, "kind": TrainedModel.kind, "detector": network}
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"is damaged: {error!r}", file=str(path)) from None
 
