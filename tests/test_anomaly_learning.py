@@ -492,7 +492,8 @@ def test_a_combination_is_stored_and_scores_run_by_run_as_before(folder: Path, t
         monitor.begin()
         for row in run.values.tolist():
             monitor.step(0.0, row)
-        report = monitor.end()
+        monitor.end()
+        report = monitor.ended[-1]
         assert report.score == pytest.approx(score)
         assert report.above == (label == -1)
 

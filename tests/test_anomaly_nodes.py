@@ -15,7 +15,7 @@ from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.anomaly.live import Collector
 from fame.monitor.anomaly.model import Model
-from fame.monitor.anomaly.nodes import TYPE, CollectNode, OperateNode
+from fame.monitor.anomaly.nodes import TYPE, OperateNode, RunNode
 from fame.monitor.anomaly.paths import PathDetector
 from robots.arm.sabotage import alter, knots
 from robots.arm.task import MH5
@@ -124,25 +124,25 @@ def test_a_topic_that_stops_is_said_and_goes_on():
     arm = Arm()
     operate = arm.operate()
     arm.play(runs(21)[:5])
-    arm.scheduler.run(arm.scheduler.now + 2 * SECOND)
+    arm.scheduler.run(arm.scheduler.now + 3 * SECOND)
     arm.play(runs(21)[5:6])
     operate.close()
-    assert "no message for 1 s; run 0 waits" in arm.texts[0]
+    assert "no message for 2 s" in arm.texts[0]
     assert "messages arrive again" in arm.texts[1]
 
 
 def test_a_topic_that_stops_while_it_is_recorded_is_said():
     arm = Arm()
-    node = CollectNode(arm.middleware, arm.scheduler, Collector(1, "count", cycle=9), report=arm.texts.append)
-    arm.scheduler.run(2 * SECOND)
+    node = RunNode(arm.middleware, arm.scheduler, Collector(1, "count", cycle=9), report=arm.texts.append)
+    arm.scheduler.run(3 * SECOND)
     arm.play(np.ones((2, 6)))
-    arm.scheduler.run(arm.scheduler.now + 2 * SECOND)
+    arm.scheduler.run(arm.scheduler.now + 3 * SECOND)
     node.close()
-    arm.scheduler.run(arm.scheduler.now + 2 * SECOND)
+    arm.scheduler.run(arm.scheduler.now + 3 * SECOND)
     assert arm.texts == [
-        "/joint_states: no message for 1 s; run 0 waits for it",
-        "/joint_states: messages arrive again",
-        "/joint_states: no message for 1 s; run 0 waits for it",
+        "anomaly_collection: /joint_states: no message for 2 s",
+        "anomaly_collection: /joint_states: messages arrive again",
+        "anomaly_collection: /joint_states: no message for 2 s",
     ]
 
 
@@ -150,8 +150,8 @@ def test_a_topic_that_stops_while_it_is_recorded_is_said():
 def test_collecting_stops_after_the_runs_that_are_wanted():
     arm = Arm()
     counted: list[int] = []
-    collector = Collector(-1, limit=2)
-    CollectNode(arm.middleware, arm.scheduler, collector, progress=counted.append)
+    collector = Collector(-1, limit=2, progress=counted.append)
+    RunNode(arm.middleware, arm.scheduler, collector)
     arm.play(runs(21, 23, 25))
     found = collector.recording()
     assert counted == [1, 2]
@@ -164,7 +164,7 @@ def test_collecting_stops_after_the_runs_that_are_wanted():
 def test_cycles_are_counted():
     arm = Arm()
     collector = Collector(1, "count", cycle=4, limit=2)
-    CollectNode(arm.middleware, arm.scheduler, collector)
+    RunNode(arm.middleware, arm.scheduler, collector)
     arm.play(np.ones((11, 6)))
     assert collector.recording().runs.tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
 
@@ -173,7 +173,7 @@ def test_cycles_are_counted():
 def test_an_arm_under_way_is_recorded_from_home_on():
     arm = Arm()
     collector = Collector(1)
-    CollectNode(arm.middleware, arm.scheduler, collector, report=arm.texts.append)
+    RunNode(arm.middleware, arm.scheduler, collector, report=arm.texts.append)
     arm.play(np.vstack([runs(21)[250:], runs(22, 23)]))
     assert [len(run) for run in collector.recording()] == [len(runs(22)), len(runs(23))]
     assert "the arm is moving" in arm.texts[0]
@@ -183,7 +183,7 @@ def test_an_arm_under_way_is_recorded_from_home_on():
 def test_a_run_that_was_cut_off_is_left_out_of_what_is_learned_from():
     arm = Arm()
     collector = Collector(1)
-    CollectNode(arm.middleware, arm.scheduler, collector)
+    RunNode(arm.middleware, arm.scheduler, collector)
     arm.play(np.vstack([runs(21, 22), runs(23)[:200]]))
     found = collector.recording()
     assert found.count == 2
@@ -208,7 +208,7 @@ def test_counting_without_a_count_is_refused():
 def test_signals_delimit_what_is_collected():
     arm = Arm()
     collector = Collector(1, "signal")
-    CollectNode(arm.middleware, arm.scheduler, collector)
+    RunNode(arm.middleware, arm.scheduler, collector)
     arm.play(runs(21)[:50])
     for number in (21, 22):
         arm.signal("/task_start")

@@ -24,12 +24,15 @@ from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import MissionError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fame.cli.anomaly_data import Recorder
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
     from fame.monitor.anomaly.classifiers import TrainedClassifier
     from fame.monitor.anomaly.learn import LearningData
     from fame.monitor.anomaly.live import RunReport
-    from fame.monitor.anomaly.nodes import CollectNode, OperateNode
+    from fame.monitor.anomaly.nodes import OperateNode, RunNode
 
 
 _EXAMPLES = (
@@ -78,20 +81,23 @@ def run_collect(arguments: Namespace) -> int:
     """Collect until all runs are recorded, the bag ends, or Ctrl-C."""
     settle(arguments, "label", "output")
     from fame.monitor.anomaly.live import Collector
-    from fame.monitor.anomaly.nodes import CollectNode
+    from fame.monitor.anomaly.nodes import RunNode
     from fame.monitor.anomaly.recording import write_csv
 
     writable(arguments.output)
-    collector = Collector(arguments.label, arguments.rule, cycle=arguments.points, limit=arguments.runs)
     of = f" of {arguments.runs}" if arguments.runs else ""
+    collector = Collector(
+        arguments.label, arguments.rule, cycle=arguments.points, limit=arguments.runs,
+        progress=lambda count: note(f"{count}{of} runs"),
+    )  # fmt: skip
 
-    def make(middleware: Middleware, scheduler: Scheduler) -> CollectNode:
-        return CollectNode(
-            middleware, scheduler, collector, topic=arguments.topic, field=arguments.field,
-            report=note, progress=lambda count: note(f"{count}{of} runs"), done=scheduler.stop,
+    def make(middleware: Middleware, scheduler: Scheduler) -> RunNode:
+        return RunNode(
+            middleware, scheduler, collector, topic=arguments.topic, field=arguments.field, report=note,
+            done=scheduler.stop,
         )  # fmt: skip
 
-    drive(arguments, make)
+    _drive(arguments, make)
     recording = collector.recording()
     write_csv(arguments.output, recording)
     print_written(arguments, recording)
@@ -231,10 +237,20 @@ def run_operate(arguments: Namespace) -> int:
             done=scheduler.stop,
         )  # fmt: skip
 
-    runs: list[RunReport] = drive(arguments, make).runs
+    runs = _drive(arguments, make).runs
     if not runs and arguments.bag is not None:
         raise MissionError(f"{arguments.bag}: no run was evaluated: none began that the model fits (--rule, --topic)")
     return _print_runs(runs, arguments.json)
+
+
+def _drive(arguments: Namespace, make: Callable[[Middleware, Scheduler], Recorder]) -> Recorder:
+    """Let the node of one of the commands work. Raises MissionError for a bag without joint states."""
+    from fame.monitor.anomaly.nodes import bag_topics
+
+    node = drive(arguments, make, bag_topics(arguments.topic, arguments.rule))
+    if arguments.bag is not None and not node.rows:
+        raise MissionError(f"{arguments.bag}: {arguments.topic} holds no messages")
+    return node
 
 
 def _print_runs(runs: Sequence[RunReport], json: bool) -> int:

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import signal
 from argparse import Namespace
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from fame.cli.arguments import Commands, Parser, add_json, command, natural, positive
-from fame.cli.network import connected
 from fame.cli.output import note, print_json
-from fame.errors import ConfigError, MissionError
+from fame.cli.pipelines import listen
+from fame.errors import ConfigError
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
-
-    Make: TypeAlias = Callable[[Middleware, Scheduler], Any]
-    """Makes the node that receives the data; the node has a `close`."""
     from fame.monitor.anomaly.recording import Recording
+    from fame.monitor.pipeline.recording import RecordingNode
+
+    Recorder = TypeVar("Recorder", bound=RecordingNode)
 
 
 FIELDS, RULES = ("position", "velocity", "effort"), ("home", "signal", "count")
@@ -75,46 +74,14 @@ def writable(path: Path) -> None:
         raise ConfigError("expected a file, got a folder", file=str(path))
 
 
-def drive(arguments: Namespace, make: Make) -> Any:
-    """Make the node and let it work, until the bag ends, its work is done or it is interrupted. Returns the node."""
-    if arguments.bag is not None:
-        return _play(arguments, make)
-    with connected(arguments) as (scheduler, middleware):
-        node = make(middleware, scheduler)
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # whoever ends it wants what has come, too
-        try:
-            scheduler.run()
-        except KeyboardInterrupt:
-            note("interrupted: the data so far are used")
-        finally:
-            node.close()
-        return node
+def drive(
+    arguments: Namespace, make: Callable[[Middleware, Scheduler], Recorder], topics: Mapping[str, str]
+) -> Recorder:
+    """Make the node and let it work, until the bag with the `topics` (name -> type) ends, its work is done or it is
+    interrupted. Returns the node."""
+    from fame.monitor.pipeline.recording import play
 
-
-def _play(arguments: Namespace, make: Make) -> Any:
-    """Give the messages of a bag to the node, in the time of the bag."""
-    from fame.clock import SECOND, Scheduler
-    from fame.middleware.local import LocalMiddleware
-    from fame.monitor.anomaly.nodes import EMPTY, END, START, TYPE
-    from fame.monitor.data_files import read_bag
-
-    scheduler = Scheduler()
-    node = make(LocalMiddleware(scheduler), scheduler)
-    takes = {arguments.topic: node.on_message}
-    if arguments.rule == "signal":
-        takes |= {START: node.begin, END: node.end}
-    first, empty = None, True
-    for time, topic, message in read_bag(arguments.bag, dict.fromkeys(takes, EMPTY) | {arguments.topic: TYPE}):
-        first = time if first is None else first
-        scheduler.run(round((time - first) * SECOND))
-        takes[topic](message)
-        empty &= topic != arguments.topic
-        if node.done:
-            break
-    if empty:
-        raise MissionError(f"{arguments.bag}: {arguments.topic} holds no messages")
-    node.close()
-    return node
+    return play(arguments.bag, make, topics) if arguments.bag is not None else listen(arguments, make)
 
 
 def add_labelled_files(parts: Commands) -> None:

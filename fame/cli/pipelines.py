@@ -9,20 +9,23 @@ import sys
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from fame.cli.arguments import Commands, add_json, add_types, command, positive
 from fame.cli.network import add_network
 from fame.cli.output import note, print_json, progress_line, table
 
 if TYPE_CHECKING:
-    from fame.clock import WallScheduler
+    from fame.clock import Scheduler, WallScheduler
     from fame.middleware.interface import Middleware
     from fame.monitor.pipeline.compare import Compared
     from fame.monitor.pipeline.configuration import Configuration
     from fame.monitor.pipeline.recording import RecordingNode
     from fame.monitor.pipeline.train import Training
     from fame.monitor.pipeline.trained_model import TrainedModel
+    from fame.scenario.process import Component
+
+    Listening = TypeVar("Listening", bound=Component)
 
 
 _PROCESS_EXAMPLES = (
@@ -86,12 +89,26 @@ class Nodes:
             node.close()
 
 
+def listen(arguments: Namespace, make: Callable[[Middleware, Scheduler], Listening]) -> Listening:
+    """Make a node and let it work until it is interrupted or its scheduler is stopped. Returns it, closed."""
+    from fame.clock import SECOND
+    from fame.scenario import serve
+
+    made: list[Listening] = []
+
+    def build(scheduler: WallScheduler, middleware: Middleware) -> Listening:
+        scheduler.run(scheduler.now + SECOND // 2)  # until others are found, and with them the types of topics
+        made.append(make(middleware, scheduler))
+        return made[0]
+
+    serve(arguments.middleware, arguments.network, build)
+    return made[0]
+
+
 def run_process(arguments: Namespace) -> int:
     """Serve until interrupted."""
-    from fame.clock import SECOND
     from fame.monitor.pipeline.node import ProcessingNode
     from fame.monitor.pipeline.processors import assign, make_processors
-    from fame.scenario import serve
 
     configurations = [_configured(path, arguments) for path in arguments.configurations]
     if arguments.graph is not None:
@@ -103,8 +120,7 @@ def run_process(arguments: Namespace) -> int:
     for chain, configuration in zip(chains, configurations, strict=True):
         assign(chain, configuration)
 
-    def build(scheduler: WallScheduler, middleware: Middleware) -> Nodes:
-        scheduler.run(scheduler.now + SECOND // 2)  # until others are found, and with them the types of topics
+    def make(middleware: Middleware, scheduler: Scheduler) -> Nodes:
         nodes = []
         for chain, configuration in zip(chains, configurations, strict=True):
             node = ProcessingNode(
@@ -117,7 +133,7 @@ def run_process(arguments: Namespace) -> int:
                  f"at {configuration.frequency:g} Hz")  # fmt: skip
         return Nodes(nodes)
 
-    serve(arguments.middleware, arguments.network, build)
+    listen(arguments, make)
     return 0
 
 
@@ -181,32 +197,27 @@ def add_record(commands: Commands) -> None:
 
 def run_record(arguments: Namespace) -> int:
     """Record until interrupted, or until the bag ends."""
-    from fame.clock import SECOND
     from fame.errors import MissionError
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.recording import RecordingNode, record_bag
-    from fame.scenario import serve
 
     configuration = load(arguments.configuration)
     options = {
         "namespace": arguments.namespace, "append": arguments.append, "run_topic": arguments.run_topic, "report": note,
     }  # fmt: skip
-    nodes: list[RecordingNode] = []
 
-    def build(scheduler: WallScheduler, middleware: Middleware) -> RecordingNode:
-        scheduler.run(scheduler.now + SECOND // 2)  # until others are found
+    def make(middleware: Middleware, scheduler: Scheduler) -> RecordingNode:
         node = RecordingNode(middleware, scheduler, configuration, arguments.output, **options)
-        nodes.append(node)
         note(f"{configuration.name}: recording to {', '.join(arguments.output)}")
         if arguments.duration:
             node.end_after(arguments.duration, scheduler.stop)
         return node
 
     if arguments.bag is not None:
-        nodes.append(record_bag(arguments.bag, configuration, arguments.output, **options))
+        node = record_bag(arguments.bag, configuration, arguments.output, **options)
     else:
-        serve(arguments.middleware, arguments.network, build)
-    rows, runs = nodes[0].rows, nodes[0].run + bool(nodes[0].rows)
+        node = listen(arguments, make)
+    rows, runs = node.rows, node.run + bool(node.rows)
     if not rows:
         raise MissionError("nothing was recorded: its topics were silent")
     if arguments.json:

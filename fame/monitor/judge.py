@@ -7,9 +7,11 @@ is its onset: latency counts from there, and an alarm that ended before it does 
 from __future__ import annotations
 
 import csv
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -361,26 +363,23 @@ def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str 
 
 def _joint_states(model: Model, path: Path, topic: str) -> Recording:
     """Read the joint states of a bag, in runs that begin and end at home as in CSV files. Raises ConfigError."""
-    from fame.monitor.anomaly.nodes import TYPE, values_of
+    from fame.monitor.anomaly.live import Collector
+    from fame.monitor.anomaly.nodes import RunNode, bag_topics
     from fame.monitor.anomaly.recording import Recording, number_runs
-    from fame.monitor.data_files import read_bag
-    from fame.monitor.pipeline.fields import UnusableMessage, stamp_of
+    from fame.monitor.pipeline.recording import play
 
-    rows, stamps, notes = [], [], []
-    for time, _, message in read_bag(path, {topic: TYPE}):
-        try:
-            rows.append(values_of(message, model.joints))
-            stamps.append(stamp_of(message) or time)
-        except UnusableMessage as reason:
-            notes.append(f"{path}: a message is left out: {reason}")
-    if not rows:
-        text = notes[0] if notes else f"has no messages on {topic}"
-        raise ConfigError(text, file="" if notes else str(path))
-    values = np.array(rows)
-    labels = np.ones(len(values), dtype=np.int64)
-    kept, runs = number_runs(values, labels)
-    times, told = np.array(stamps)[kept], tuple(dict.fromkeys(notes))
-    return Recording(model.joints, values[kept], labels[kept], runs, times, str(path), told, labelled=False)
+    collector, notes = Collector(1, "count", cycle=sys.maxsize), list[str]()
+    collector.joints = model.joints
+    make = partial(RunNode, runs=collector, topic=topic, report=notes.append)
+    play(path, make, bag_topics(topic, "count"))
+    if not collector.rows:
+        raise ConfigError(notes[0] if notes else f"has no messages on {topic}", file=str(path))
+    stamps, values = (np.array(part) for part in zip(*collector.rows, strict=True))
+    kept, runs = number_runs(values, np.ones(len(values), dtype=np.int64))
+    return Recording(
+        model.joints, values[kept], np.ones(len(runs), dtype=np.int64), runs, stamps[kept], str(path), tuple(notes),
+        labelled=False,
+    )  # fmt: skip
 
 
 def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> JudgedRun:
@@ -394,7 +393,8 @@ def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> 
     times = stamps.tolist() if timed else [0.0] * len(run)
     steps = (monitor.step(*point) for point in zip(times, run.values.tolist(), strict=True))
     points = [point for point in steps if point is not None]
-    report = monitor.end()
+    monitor.end()
+    report = monitor.ended[0] if monitor.ended else None
     scores = np.array([[point.score / model.threshold if model.threshold else float(point.verdict.anomalous)]
                        for point in points])  # fmt: skip
     found = [point for point in points if point.verdict.anomalous]

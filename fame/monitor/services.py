@@ -149,7 +149,7 @@ class CollectService:
 
     def __init__(self, context: ServiceContext, variables: Mapping[str, Any]) -> None:
         from fame.monitor.anomaly.live import Collector
-        from fame.monitor.anomaly.nodes import CollectNode
+        from fame.monitor.anomaly.nodes import RunNode
 
         self._output = context.folder / variable(variables, "output", type=str)
         label = variable(variables, "label", type=int)
@@ -158,7 +158,7 @@ class CollectService:
         points, runs = variable(variables, "points", 0, type=int), variable(variables, "runs", 0, type=int)
         self._collector = Collector(label, _rule(variables), cycle=points, limit=runs)
         self._report = context.report
-        self._node = CollectNode(
+        self._node = RunNode(
             context.middleware, context.scheduler, self._collector,
             topic=variable(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),
             namespace=context.namespace, report=context.report, done=context.changed,

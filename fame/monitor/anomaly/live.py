@@ -9,18 +9,23 @@ During a run its score is its anomalous points divided by the points of a nomina
 from __future__ import annotations
 
 import math
+import re
+from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.benign_changes import Change
 from fame.monitor.anomaly.model import Model
-from fame.monitor.anomaly.recording import NEAR, STILL, WHOLE, Recording, Rule, RunSegmenter
+from fame.monitor.anomaly.recording import JUMP, NEAR, STILL, WHOLE, Recording, Rule, RunSegmenter
 from fame.monitor.anomaly.scoring import Verdict
+from fame.monitor.pipeline.fields import UnusableMessage
+
+_DEFAULT_NAME = re.compile(r"joint_\d+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,54 +65,104 @@ class RunReport(NamedTuple):
         return f"run {self.run}: {verdict}, score {self.score:.4f} ({points}){cut}{changed}"
 
 
-class RunMonitor:
-    """Scores points as they come, run by run, until `limit` runs have ended (0: always).
+class Runs(ABC):
+    """Takes joint states and cuts them into runs, until `limit` runs have ended (0: always).
 
-    `ended` collects the reports of runs, `run` is the number of this one; `waiting` until the first begins, `late`
-    if the arm was moving away from home meanwhile.
+    joints  names, in the order of the values of a point; empty: that of the first message
+    run     the number of this run
+    late    whether the arm is moving away from home, so that its runs begin later; `moving` is what to say of that
+    name    of the node that gives it the joint states
     """
 
-    model: Model
-    joints: tuple[str, ...]
-    threshold: float
-    run: int
-    waiting: bool
-    late: bool
+    name: ClassVar[str]
+    moving: ClassVar[str]
+    joints: tuple[str, ...] = ()
+    late: bool = False
+    run: int = 0
 
-    def __init__(
-        self, model: Model, threshold: float | None = None, rule: Rule = "home", cycle: int = 0, limit: int = 0
-    ) -> None:
-        self.model, self.joints = model, model.joints
-        self.threshold = model.threshold if threshold is None else threshold
-        self.ended: list[RunReport] = []
-        self._limit = limit
-        self._scorer = model.scorer()
-        self._segmenter = RunSegmenter(rule, cycle or model.nominal)
-        self._recent: deque[tuple[float, Sequence[float]]] = deque(maxlen=2 * model.nominal)
-        self.run = 0
-        self._counts: list[int] = []
-        self._alarmed: bool = False
+    def __init__(self, rule: Rule, cycle: int, limit: int) -> None:
+        self.rule, self.limit = rule, limit
+        self._segmenter = RunSegmenter(rule, cycle)
         self._running = rule != "signal"
-        self.waiting = rule == "home"
-        self.late = False
-        self._before: tuple[float, Sequence[float]] | None = None
-        self._clear()
-
-    def begin(self) -> None:
-        """Begin a run (rule ``signal``), and end the current one."""
-        self.end()
-        self._running = not self.done
-        self._clear()
+        self._last: list[float] = []
 
     @property
     def done(self) -> bool:
         """Whether as many runs have ended as were wanted."""
-        return 0 < self._limit <= self.run
+        return 0 < self.limit <= self.run
 
-    def end(self) -> RunReport | None:
-        """The run ends. None if there was none."""
+    def put(self, stamp: float, values: list[float], names: Sequence[str]) -> None:
+        """Take a joint state and the names of its joints, if they are known. Raises UnusableMessage."""
+        values = in_order(values, names, self.joints)
+        if self._last and not any(values) and max(map(abs, self._last)) > JUMP:
+            raise UnusableMessage("all joints are 0 at once while the arm is away from home")
+        self._last, self.joints = values, self.joints or tuple(names)
+        self.step(stamp, values)
+
+    @abstractmethod
+    def begin(self) -> None:
+        """Begin a run (rule ``signal``)."""
+
+    @abstractmethod
+    def end(self) -> None:
+        """End the run."""
+
+    @abstractmethod
+    def step(self, stamp: float, values: list[float]) -> object:
+        """Take one more point: its time (s) and the values of the joints in their order."""
+
+
+def in_order(values: list[float], names: Sequence[str], joints: Sequence[str]) -> list[float]:
+    """Give the values of `joints`, in their order; all, in the order of the message, if `joints` is empty.
+
+    Joints of a headerless file have default names (``joint_1`` ...) and are taken by position if no name fits.
+    Raises UnusableMessage.
+    """
+    if not joints:
+        return values
+    if set(joints) <= set(names):
+        return [values[names.index(joint)] for joint in joints]
+    if len(values) == len(joints) and all(map(_DEFAULT_NAME.fullmatch, joints)):
+        return values
+    missing = [joint for joint in joints if joint not in names]
+    lack = f", without {', '.join(missing)}"
+    raise UnusableMessage(
+        f"it has {len(values)} joints ({', '.join(names) or 'unnamed'}){lack}; the model has {len(joints)}"
+    )
+
+
+class RunMonitor(Runs):
+    """Scores points as they come. `ended` collects the reports of runs; `waiting` until the first begins; `latest` is
+    the point that was taken last, None if it was not scored."""
+
+    name = "anomaly_detection"
+    moving = "the arm is moving; its runs are scored from its next rest at home on"
+
+    def __init__(
+        self, model: Model, threshold: float | None = None, rule: Rule = "home", cycle: int = 0, limit: int = 0
+    ) -> None:
+        super().__init__(rule, cycle or model.nominal, limit)
+        self.model, self.joints = model, model.joints
+        self.threshold: float = model.threshold if threshold is None else threshold
+        self.ended: list[RunReport] = []
+        self.latest: Point | None = None
+        self._scorer = model.scorer()
+        self._recent: deque[tuple[float, Sequence[float]]] = deque(maxlen=2 * model.nominal)
+        self._points: list[Point] = []
+        self._counts: list[int] = []
+        self._alarmed: bool = False
+        self.waiting: bool = rule == "home"
+        self._before: tuple[float, Sequence[float]] | None = None
+        self._clear()
+
+    def begin(self) -> None:
+        self.end()
+        self._running = not self.done
+        self._clear()
+
+    def end(self) -> None:
         if not self._points:
-            return None
+            return
         points = self._points
         count = sum(point.verdict.anomalous for point in points)
         votes = [point.verdict.votes or (point.verdict.anomalous,) for point in points]
@@ -119,13 +174,16 @@ class RunMonitor:
         report = RunReport(self.run, len(points), count, score, score > self.threshold, whole, first, alarm, changes)
         self.ended.append(report)
         self.run += 1
-        if self._segmenter.rule == "signal":
+        if self.rule == "signal":
             self._running = False
         self._clear()
-        return report
 
     def step(self, stamp: float, values: Sequence[float]) -> Point | None:
-        """One more point: its time (s) and the joints in the model's order. None between runs and before the first."""
+        """Score one more point. None between runs and before the first."""
+        self.latest = self._step(stamp, values)
+        return self.latest
+
+    def _step(self, stamp: float, values: Sequence[float]) -> Point | None:
         if not self._running or self.done:
             return None
         own = self._segmenter.feed(values)
@@ -156,7 +214,7 @@ class RunMonitor:
         return point
 
     def _clear(self) -> None:
-        self._points: list[Point] = []
+        self._points = []
         self._counts = [0] * len(self.model.parts)
         self._alarmed = False
         self._scorer.reset()
@@ -167,68 +225,69 @@ def _rests(before: Sequence[float], values: Sequence[float]) -> bool:
     return math.hypot(*values) < NEAR and max(abs(a - b) for a, b in zip(values, before, strict=True)) < STILL
 
 
-class Collector:
-    """Gathers points, run by run, and stops taking them after `limit` whole runs (0: never).
+class Collector(Runs):
+    """Gathers points.
 
     With the rule ``home`` an arm that is under way at first (`late`) is recorded from its next pass of home on. Runs
     that were cut off, shorter than `WHOLE` of the usual, are left out of the recording, and noted in it.
+    `progress` gets the number of runs when one has ended.
     Raises ConfigError for the rule ``count`` without a `cycle`.
     """
 
-    label: int
-    limit: int
-    done: bool
-    run: int
+    name = "anomaly_collection"
+    moving = "the arm is moving; it is recorded from its next pass of home on"
 
-    def __init__(self, label: int, rule: Rule = "home", *, cycle: int = 0, limit: int = 0) -> None:
+    def __init__(
+        self,
+        label: int,
+        rule: Rule = "home",
+        *,
+        cycle: int = 0,
+        limit: int = 0,
+        progress: Callable[[int], object] = lambda runs: None,
+    ) -> None:
         if rule == "count" and cycle < 1:
             raise ConfigError(f"expected 1 or more points of a run with the rule count, got {cycle}")
-        self.label, self.limit = label, limit
-        self.late: bool | None = None if rule == "home" else False
-        self.joints: tuple[str, ...] = ()
-        self.done = False
-        self.run = 0
-        self._rule, self._segmenter = rule, RunSegmenter(rule, cycle)
-        self._running = rule != "signal"
-        self._rows: list[tuple[float, list[float]]] = []
+        super().__init__(rule, cycle, limit)
+        self.label, self._progress = label, progress
+        self._first = rule == "home"
+        self.rows: list[tuple[float, list[float]]] = []
         self._bounds: list[int] = []  # the rows that runs end before
 
     def begin(self) -> None:
-        """A run begins (rule ``signal``)."""
         self._running = not self.done
 
     def end(self) -> None:
-        """It ends."""
         if self._running:
             self._running = False
-            self._another(len(self._rows))
+            self._another(len(self.rows))
 
     def step(self, stamp: float, values: list[float]) -> None:
         """One more point."""
         if not self._running or self.done:
             return
-        if self.late is None:
-            self.late = math.hypot(*values) >= NEAR
-        self._rows.append((stamp, values))
+        if self._first:
+            self._first, self.late = False, math.hypot(*values) >= NEAR
+        self.rows.append((stamp, values))
         own = self._segmenter.feed(values)
         if own is None:
             return
-        begin = len(self._rows) - own
+        begin = len(self.rows) - own
         if self.late:
             self.late = False
-            del self._rows[:begin]
+            del self.rows[:begin]
             return
         self._another(begin)
         if self.done:
-            del self._rows[begin:]
+            del self.rows[begin:]
 
     def recording(self) -> Recording:
         """Give what was collected. Raises MissionError if there is nothing."""
         if self.late:
             raise MissionError("nothing was collected: the arm never passed home, where all joints are near 0")
-        if not self._rows:
+        if not self.rows:
             raise MissionError("nothing was collected: no run began, or the topic was silent")
-        stamps, values = zip(*self._rows, strict=True)
+        stamps, values = zip(*self.rows, strict=True)
         recording = Recording(
             self.joints or tuple(f"joint_{number + 1}" for number in range(len(values[0]))),
             np.array(values),
@@ -241,7 +300,7 @@ class Collector:
     def _another(self, end: int) -> None:
         self._bounds.append(end)
         self.run += 1
-        self.done = 0 < self.limit <= self.run
+        self._progress(self.run)
 
 
 def _whole(recording: Recording) -> Recording:

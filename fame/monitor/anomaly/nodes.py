@@ -1,7 +1,8 @@
-"""The two nodes of anomaly detection: `OperateNode` watches an arm, `CollectNode` records it. Both read joint states.
+"""The nodes of anomaly detection, recording nodes of joint states: `RunNode` collects runs of an arm, `OperateNode`
+watches it.
 
 A message that cannot be used (too few joints, values that are not finite, zeros away from home) is left out and
-reported once per reason. A topic that stops is reported; the run waits, and continues with the topic.
+reported. A topic that stops is reported; the run waits, and continues with the topic.
 
 `OperateNode` publishes for each joint state, relative to its namespace, ``anomaly_score`` (std_msgs/msg/Float64, the
 score of the run so far) and ``anomaly_point`` (std_msgs/msg/Bool, whether the point is anomalous). When the score of a
@@ -13,161 +14,85 @@ pose, a drift, missing stamps) in words on ``/process_change`` (std_msgs/msg/Str
 
 from __future__ import annotations
 
-import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, TypedDict, Unpack
+from pathlib import Path
+from typing import Any
 
-from fame.clock import SECOND, Scheduler
+from fame.clock import Scheduler
 from fame.middleware import messages
-from fame.middleware.interface import SENSOR_DATA, Middleware, Node
-from fame.monitor.anomaly.live import Collector, Point, RunMonitor, RunReport
+from fame.middleware.interface import SENSOR_DATA, Middleware, resolve
+from fame.monitor.anomaly.live import Point, RunMonitor, RunReport, Runs
 from fame.monitor.anomaly.model import Model
-from fame.monitor.anomaly.recording import JUMP, Rule
-from fame.monitor.pipeline.fields import UnusableMessage, stamp_of
-from fame.monitor.pipeline.subscriptions import SilenceWatch
+from fame.monitor.anomaly.recording import Rule
+from fame.monitor.pipeline.configuration import Configuration, Port
+from fame.monitor.pipeline.recording import EMPTY, RecordingNode
 
 TYPE = "sensor_msgs/msg/JointState"
-EMPTY = "std_msgs/msg/Empty"
 START, END, ALARM, CHANGE = "/task_start", "/task_end", "/anomaly", "/process_change"
-SILENCE = 1.0
-"""A topic without a message for this time (s) is silent."""
 
 
-def values_of(message: Any, joints: Sequence[str], field: str = "position") -> list[float]:
-    """Give the values of `joints`, in their order; of all, in the message's order, if `joints` is empty.
+def bag_topics(topic: str, rule: str) -> dict[str, str]:
+    """Give the topics of a bag that such a node takes, with their types."""
+    return {resolve(topic, ""): TYPE} | (dict.fromkeys((START, END), EMPTY) if rule == "signal" else {})
 
-    Joints of a headerless file have default names (``joint_1`` ...) and are taken by position if no name fits.
-    Raises UnusableMessage.
+
+class RunNode(RecordingNode):
+    """Gives joint states to what judges or collects `runs`.
+
+    topic, field  what it reads: the topic, the field of its messages
+    report        gets a line for everything unusual; `done` is called after the last run that is wanted
     """
-    values = [float(value) for value in getattr(message, field)]
-    names = [str(name) for name in message.name]
-    if not values:
-        raise UnusableMessage(f"its {field} is empty")
-    if joints and set(joints) <= set(names) and len(names) == len(values):
-        values = [values[names.index(joint)] for joint in joints]
-    elif joints and (len(values) != len(joints) or not _are_default_names(joints)):
-        missing = [joint for joint in joints if joint not in names]
-        lack = f", without {', '.join(missing)}" if missing else ""
-        raise UnusableMessage(
-            f"it has {len(values)} joints ({', '.join(names) or 'unnamed'}){lack}; the model has {len(joints)}"
-        )
-    if not all(map(math.isfinite, values)):
-        raise UnusableMessage(f"its {field} holds a value that is not finite")
-    return values
-
-
-def _are_default_names(joints: Sequence[str]) -> bool:
-    return all(joint.startswith("joint_") and joint.removeprefix("joint_").isdecimal() for joint in joints)
-
-
-class NodeOptions(TypedDict, total=False):
-    """What a node reads: the topic, the field of its messages, the namespace of the node; `report` gets a line for
-    everything unusual, `done` is called after the last run that is wanted."""
-
-    topic: str
-    field: str
-    namespace: str
-    report: Callable[[str], object]
-    done: Callable[[], object]
-
-
-class _JointStateNode(ABC):
-    """A node that reads joint states and gives them to what judges or collects `runs`; it reports what it cannot use,
-    and when they stop. It lives until `close`."""
-
-    name: ClassVar[str]
-    moving: ClassVar[str]
-    """What is reported of an arm that is under way at first."""
-    scheduler: Scheduler
-    node: Node
-    topic: str
 
     def __init__(
         self,
         middleware: Middleware,
         scheduler: Scheduler,
-        runs: RunMonitor | Collector,
+        runs: Runs,
         *,
-        signals: bool,
         topic: str = "/joint_states",
         field: str = "position",
         namespace: str = "",
         report: Callable[[str], object] = lambda text: None,
         done: Callable[[], object] = lambda: None,
     ) -> None:
-        self.scheduler, self._runs, self._field, self._report, self._done = scheduler, runs, field, report, done
-        self._reported: set[str] = set()
-        self._last: list[float] = []
-        self.node = middleware.node(self.name, namespace)
-        self.topic = self.node.subscription(topic, TYPE, self.on_message, SENSOR_DATA).topic
-        if signals:
-            self.node.subscription(START, EMPTY, self.begin)
-            self.node.subscription(END, EMPTY, self.end)
-        self._watch = SilenceWatch(
-            scheduler, self.topic, SILENCE, report, lambda received: f"; run {runs.run} waits for it"
-        )
-
-    @property
-    def done(self) -> bool:
-        """Whether there are as many runs as were wanted."""
-        return self._runs.done
+        self._runs, self._say, self._done, self._told_late = runs, report, done, False
+        port = Port("joint", topic, TYPE, (field,), SENSOR_DATA)
+        begin, end = (START, END) if runs.rule == "signal" else ("", "")
+        super().__init__(
+            middleware, scheduler, Configuration(Path(runs.name), runs.name, (port,), ()), name=runs.name,
+            namespace=namespace, run_topic=begin, end_topic=end, ordered=False, report=report,
+        )  # fmt: skip
 
     def begin(self, message: Any = None) -> None:
         """Begin a run."""
         self._runs.begin()
-        self._tell()
+        self._update()
 
     def end(self, message: Any = None) -> None:
         """End the current run."""
         self._runs.end()
-        self._tell()
+        self._update()
 
-    def close(self) -> None:
-        """Close all endpoints."""
-        self._watch.close()
-        self.node.close()
-
-    def on_message(self, message: Any) -> None:
-        """Take a joint state. One that cannot be used is reported."""
+    def _on_sample(self, ports: Sequence[Port], stamp: float, values: Sequence[Any], names: Any) -> None:
+        self.rows += 1
         if self._runs.done:
             return
-        self._watch.on_message()
-        try:
-            values = values_of(message, self._runs.joints, self._field)
-            if self._last and not any(values) and max(map(abs, self._last)) > JUMP:
-                raise UnusableMessage("all joints are 0 at once while the arm is away from home")
-        except UnusableMessage as reason:
-            self._report_once(f"a message is left out: {reason}")
-            return
-        self._last = values
-        if not self._runs.joints and len(message.name) == len(values):
-            self._runs.joints = tuple(message.name)
-        point = self._runs.step(stamp_of(message) or self.scheduler.now / SECOND, values)
-        self._tell(point)
-        if self._runs.late:
-            self._report_once(self.moving)
+        self._runs.put(stamp, values[0].tolist(), [name.removeprefix("joint.") for name in names[0]])
+        self._update()
+        if self._runs.late and not self._told_late:
+            self._told_late = True
+            self._say(self._runs.moving)
 
-    def _tell(self, point: Point | None = None) -> None:
-        self._update(point)
+    def _update(self) -> None:
+        """Tell what has become of the runs."""
         if self._runs.done:
+            self.done = True
             self._done()
 
-    @abstractmethod
-    def _update(self, point: Point | None = None) -> None:
-        """Report what has become of the runs, and publish the verdict on a point."""
 
-    def _report_once(self, text: str) -> None:
-        if text not in self._reported:
-            self._reported.add(text)
-            self._report(f"{self.topic}: {text}")
-
-
-class OperateNode(_JointStateNode):
+class OperateNode(RunNode):
     """Watches an arm with a stored model, and raises the signal `anomaly`. `report` gets a line for every run too."""
 
-    name = "anomaly_detection"
-    moving = "the arm is moving; its runs are scored from its next rest at home on"
     runs: list[RunReport]
 
     def __init__(
@@ -180,11 +105,11 @@ class OperateNode(_JointStateNode):
         rule: Rule = "home",
         cycle: int = 0,
         limit: int = 0,
-        **options: Unpack[NodeOptions],
+        **options: Any,
     ) -> None:
-        monitor = RunMonitor(model, threshold, rule, cycle, limit)
-        self.runs, self._reported_runs = monitor.ended, 0
-        super().__init__(middleware, scheduler, monitor, signals=rule == "signal", **options)
+        self._monitor = RunMonitor(model, threshold, rule, cycle, limit)
+        self.runs, self._reported_runs = self._monitor.ended, 0
+        super().__init__(middleware, scheduler, self._monitor, **options)
         self._score = self.node.publisher("anomaly_score", "std_msgs/msg/Float64")
         self._point = self.node.publisher("anomaly_point", "std_msgs/msg/Bool")
         self._alarm = self.node.publisher(ALARM, TYPE)
@@ -195,43 +120,24 @@ class OperateNode(_JointStateNode):
         self.end()
         super().close()
 
-    def _update(self, point: Point | None = None) -> None:
+    def _update(self) -> None:
+        self._publish()
+        super()._update()
+
+    def _publish(self) -> None:
         for report in self.runs[self._reported_runs :]:
-            self._report(report.text)
+            self._say(report.text)
             for change in report.changes:
                 self._change.publish(messages.create("std_msgs/msg/String", change.text))
         self._reported_runs = len(self.runs)
+        point, self._monitor.latest = self._monitor.latest, None
         if point is None:
             return
         self._score.publish(messages.create("std_msgs/msg/Float64", point.score))
         self._point.publish(messages.create("std_msgs/msg/Bool", point.verdict.anomalous))
         if point.alarm:
             self._alarm.publish(alarm_message(point))
-            self._report(alarm_text(point))
-
-
-class CollectNode(_JointStateNode):
-    """Records joint states. `progress` gets the number of complete runs."""
-
-    name = "anomaly_collection"
-    moving = "the arm is moving; it is recorded from its next pass of home on"
-
-    def __init__(
-        self,
-        middleware: Middleware,
-        scheduler: Scheduler,
-        collector: Collector,
-        *,
-        progress: Callable[[int], object] = lambda runs: None,
-        **options: Unpack[NodeOptions],
-    ) -> None:
-        self._collector, self._progress, self._told = collector, progress, 0
-        super().__init__(middleware, scheduler, collector, signals=True, **options)
-
-    def _update(self, point: Point | None = None) -> None:
-        if self._collector.run > self._told:
-            self._told = self._collector.run
-            self._progress(self._told)
+            self._say(alarm_text(point))
 
 
 def alarm_message(point: Point) -> Any:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import inf
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError
@@ -37,9 +37,12 @@ class RecordingNode:
 
     outputs    where to: ``.csv``; a folder, which becomes a bag of ROS 2; ``.mcap``; ``http://host:8086/database``
     append     go on with a CSV file that is there
-    run_topic  a message on it (std_msgs/msg/Empty) begins the next run
+    run_topic  a message on it (std_msgs/msg/Empty) begins the next run; one on `end_topic` ends it
+    ordered    leave out messages whose stamps do not grow
     """
 
+    done: bool = False
+    """Whether nothing more is wanted."""
     rows: int
     run: int
     report: ThrottledReport
@@ -51,11 +54,14 @@ class RecordingNode:
         middleware: Middleware,
         scheduler: Scheduler,
         configuration: Configuration,
-        outputs: Sequence[str | Path],
+        outputs: Sequence[str | Path] = (),
         *,
         namespace: str = "",
+        name: str = "",
         append: bool = False,
         run_topic: str = "",
+        end_topic: str = "",
+        ordered: bool = True,
         report: Callable[[str], object] = lambda text: None,
     ) -> None:
         if not configuration.inputs:
@@ -68,21 +74,27 @@ class RecordingNode:
         ports = configuration.inputs
         topics = [resolve(port.topic, namespace) for port in ports]
         check_types(middleware, list(zip(topics, (port.type for port in ports), strict=True)), [])
-        self.node = middleware.node(f"{configuration.name}_recorder", namespace)
+        self.node = middleware.node(name or f"{configuration.name}_recorder", namespace)
         self._sinks: list[Sink] = []
         self._bags: list[BagWriter] = []
         try:
             self._open(configuration, outputs, topics, append)
-            self.subscriptions = Subscriptions(middleware, self.node, scheduler, ports, self.report, self._on_sample)
+            self.subscriptions = Subscriptions(
+                middleware, self.node, scheduler, ports, self.report, self._on_sample, ordered=ordered
+            )
+            self.handlers: dict[str, Callable[[Any], object]] = {
+                each.topic: partial(self.subscriptions.on_message, each) for each in self.subscriptions.streams
+            }
             for topic, port in dict(zip(topics, ports, strict=True)).items() if self._bags else ():
                 self.node.subscription(topic, port.type, partial(self._message, topic), port.qos)
-            if run_topic:
-                self.node.subscription(run_topic, EMPTY, lambda message: self.begin())
+            for topic, handler in ((run_topic, self.begin), (end_topic, self.end)):
+                if topic:
+                    self.handlers[self.node.subscription(topic, EMPTY, handler).topic] = handler
         except BaseException:
             self._close_all()
             raise
-        self._entry: Entry = scheduler.after(round(FLUSH * SECOND), self._flush, Kind.TIMER)
-        self._watched = scheduler.now
+        self._files, self._watched = bool(outputs), scheduler.now
+        self._entry = self._flush_later()
 
     def end_after(self, seconds: float, stop: Callable[[], object]) -> None:
         """Call `stop` when stamps of that length have been recorded, or when nothing has come for as long."""
@@ -95,16 +107,19 @@ class RecordingNode:
         else:
             self._scheduler.after(round(seconds * SECOND), partial(self._look, self.rows, seconds), Kind.TIMER)
 
-    def begin(self) -> None:
+    def begin(self, message: Any = None) -> None:
         """Begin the next run."""
         self.run += self._begun
         self._begun = False
+
+    def end(self, message: Any = None) -> None:
+        """The run ends; what comes until the next is recorded with it."""
 
     def wait(self, until: int) -> None:
         """Let simulated time pass without messages. It may be years: once silence is reported, nothing is done."""
         if until - self._scheduler.now > _PAUSE:
             self._scheduler.run(self._scheduler.now + _PAUSE)
-            self._entry.cancel()
+            self._stop_flushing()
             self._scheduler.run(until)
             self._flush()
         self._scheduler.run(until)
@@ -115,7 +130,7 @@ class RecordingNode:
 
     def close(self) -> None:
         """Write what is left and close all endpoints."""
-        self._entry.cancel()
+        self._stop_flushing()
         self.subscriptions.close()
         self._close_all()
 
@@ -168,44 +183,50 @@ class RecordingNode:
         if self._scheduler.now - self._watched >= SECOND:
             self._watched = self._scheduler.now
             self.subscriptions.check_rates()
-        self._entry = self._scheduler.after(round(FLUSH * SECOND), self._flush, Kind.TIMER)
+        self._entry = self._flush_later()
+
+    def _flush_later(self) -> Entry | None:
+        """Nothing is due for a node without files: simulated time without messages may then end."""
+        return self._scheduler.after(round(FLUSH * SECOND), self._flush, Kind.TIMER) if self._files else None
+
+    def _stop_flushing(self) -> None:
+        if self._entry is not None:
+            self._entry.cancel()
 
 
 def record_bag(
-    bag: Path,
-    configuration: Configuration,
-    outputs: Sequence[str | Path],
-    *,
-    namespace: str = "",
-    append: bool = False,
-    run_topic: str = "",
-    report: Callable[[str], object] = lambda text: None,
+    bag: Path, configuration: Configuration, outputs: Sequence[str | Path], *, run_topic: str = "", **options: Any
 ) -> RecordingNode:
     """Record from a bag, as fast as it can be read. Returns the node, which is closed. Raises ConfigError."""
+
+    def make(middleware: Middleware, scheduler: Scheduler) -> RecordingNode:
+        return RecordingNode(middleware, scheduler, configuration, outputs, run_topic=run_topic, **options)
+
+    if any(Path(output).suffix != ".csv" and "://" not in str(output) for output in outputs):
+        raise ConfigError("with --bag, expected a .csv file or a database as output", file=str(bag))
+    topics = {port.topic: port.type for port in configuration.inputs} | ({run_topic: EMPTY} if run_topic else {})
+    return play(bag, make, {resolve(topic, options.get("namespace", "")): type for topic, type in topics.items()})
+
+
+Recorder = TypeVar("Recorder", bound=RecordingNode)
+
+
+def play(bag: Path, make: Callable[[Middleware, Scheduler], Recorder], topics: Mapping[str, str]) -> Recorder:
+    """Give the messages of a bag on some topics (full name -> type) to a node, in the time of the bag, until it is
+    done. Returns the node, which is closed. Raises ConfigError."""
     from fame.monitor.data_files import read_bag
 
-    topics = {resolve(port.topic, namespace): port.type for port in configuration.inputs}
-    if run_topic:
-        topics[resolve(run_topic, namespace)] = EMPTY
     messages = read_bag(bag, topics)
     first = next(messages, None)  # before any file is made: what is wrong with the bag is known now
     scheduler = Scheduler()
     scheduler.now = round(first[0] * SECOND) if first is not None else 0
-    if any(Path(output).suffix != ".csv" and "://" not in str(output) for output in outputs):
-        raise ConfigError("with --bag, expected a .csv file or a database as output", file=str(bag))
-    node = RecordingNode(
-        LocalMiddleware(scheduler), scheduler, configuration, outputs,
-        namespace=namespace, append=append, run_topic="", report=report,
-    )  # fmt: skip
-    handlers = {each.topic: partial(node.subscriptions.on_message, each) for each in node.subscriptions.streams}
-    begins = resolve(run_topic, namespace) if run_topic else None
+    node = make(LocalMiddleware(scheduler), scheduler)
     try:
         for time, topic, message in (first, *messages) if first is not None else ():
             node.wait(until=round(time * SECOND))
-            if topic == begins:
-                node.begin()
-            else:
-                handlers[topic](message)
+            node.handlers[topic](message)
+            if node.done:
+                break
     finally:
         node.close()
     return node

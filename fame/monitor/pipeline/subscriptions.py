@@ -138,9 +138,12 @@ class Subscriptions:
         ports: Sequence[Port],
         report: ThrottledReport,
         on_sample: Callable[[Sequence[Port], float, Sequence[Any], Sequence[tuple[str, ...]]], object] | None = None,
+        *,
+        ordered: bool = True,
     ) -> None:
-        """Subscribe. `on_sample`, if given, gets every sample at once, and nothing is kept for `take`."""
-        self._scheduler, self._report, self._on_sample = scheduler, report, on_sample
+        """Subscribe. `on_sample`, if given, gets every sample at once, and nothing is kept for `take`; it may raise
+        UnusableMessage. Without `ordered`, stamps need not grow."""
+        self._scheduler, self._report, self._on_sample, self._ordered = scheduler, report, on_sample, ordered
         self.streams: list[_Stream] = []
         for topic in dict.fromkeys(port.topic for port in ports):
             stream = _Stream([port for port in ports if port.topic == topic])
@@ -178,7 +181,7 @@ class Subscriptions:
         now, topic = self._scheduler.now / SECOND, stream.topic
         stream.silence.on_message()
         stamp = (stamp_of(message) if stream.stamped else 0.0) or now
-        if not stamp > stream.last:
+        if self._ordered and not stamp > stream.last:
             what = "a second sample" if stamp == stream.last else f"a sample {stream.last - stamp:.3g} s older"
             self._report(
                 f"order {topic}", f"{topic}: left out: {what} of stamp {stamp:.3f} s after {stream.last:.3f} s"
@@ -186,6 +189,8 @@ class Subscriptions:
             return
         try:
             values = self._read(stream, message)
+            if self._on_sample is not None:
+                self._on_sample(stream.ports, stamp, values, stream.names)
         except UnusableMessage as reason:
             self._report(f"unusable {topic} {reason}", f"{topic}: a message is left out: {reason}")
             return
@@ -198,7 +203,6 @@ class Subscriptions:
             text = f"{topic}: late: a message took {delay - stream.quickest:.3g} s longer than others"
             self._report(f"late {topic}", text)
         if self._on_sample is not None:
-            self._on_sample(stream.ports, stamp, values, stream.names)
             return
         stream.stamps.append(stamp)
         for kept, value in zip(stream.values, values, strict=True):
