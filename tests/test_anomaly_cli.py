@@ -1,16 +1,17 @@
 """`fame monitor adm` on bags and files, through the handlers of the command line."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from arm_data import BENIGN, needs_data, recording
+from monitor_runs import write_bag
 
 from fame.cli import parser
 from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.recording import of_runs, read_csv, write_csv
-from fame.monitor.kinematics import Chain
 from robots.arm.sabotage import alter, knots
 from robots.arm.task import FILE, MH5
 
@@ -29,30 +30,9 @@ def adm(*words: object) -> int:
     return code
 
 
-def write_bag(path: Path, values: np.ndarray, chain: Chain = MH5, signals: tuple[int, int] | None = None) -> Path:
-    """Joint states every 25 ms; `signals` are the rows before which the task starts and ends."""
-    from rosbags.rosbag2 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types = store.types
-    names = ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-    state, header, time = (types[name] for name in names)
-    with Writer(path, version=9) as writer:
-        connection = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
-        told = {
-            row: writer.add_connection(topic, "std_msgs/msg/Empty", typestore=store)
-            for row, topic in zip(signals or (), ("/task_start", "/task_end"), strict=False)
-        }
-        empty = types["std_msgs/msg/Empty"]()
-        for number, row in enumerate(values):
-            stamp = 1_000_000_000 + number * 25_000_000
-            if number in told:
-                writer.write(told[number], stamp - 1, store.serialize_cdr(empty, "std_msgs/msg/Empty"))
-            head = header(time(stamp // 10**9, stamp % 10**9), "")
-            message = state(head, list(chain.joints), row, np.zeros(0), np.zeros(0))
-            writer.write(connection, stamp, store.serialize_cdr(message, "sensor_msgs/msg/JointState"))
-    return path
+def bag_of(path: Path, values: np.ndarray, signals: Sequence[int] = ()) -> Path:
+    """Joint states of the MH5 every 25 ms."""
+    return write_bag(path, MH5.joints, 1 + 0.025 * np.arange(len(values)), values, signals=signals)
 
 
 def runs(*numbers: int) -> np.ndarray:
@@ -61,7 +41,7 @@ def runs(*numbers: int) -> np.ndarray:
 
 @needs_data
 def test_from_bag_to_alarm(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    bag = write_bag(tmp_path / "benign", runs(*range(20, 27)))
+    bag = bag_of(tmp_path / "benign", runs(*range(20, 27)))
     assert adm("collect", "--bag", bag, "--label", 1, "--runs", 6, "-o", tmp_path / "benign.csv") == 0
     collected = read_csv(tmp_path / "benign.csv")
     assert (collected.joints, collected.run_labels()) == (MH5.joints, [1] * 6)
@@ -70,7 +50,7 @@ def test_from_bag_to_alarm(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     pytest.importorskip("skops")
     assert adm("learn", tmp_path / "learning.yaml", "-o", tmp_path / "m.skops", "--jobs", 1) == 0
     assert "chosen by the data that it learned from" in capsys.readouterr().out
-    bag = write_bag(tmp_path / "wrong", np.vstack([runs(26), alter(runs(27), knots("g", 1.0)).values]))
+    bag = bag_of(tmp_path / "wrong", np.vstack([runs(26), alter(runs(27), knots("g", 1.0)).values]))
     assert adm("operate", "--bag", bag, "--model", tmp_path / "m.skops", "--json") == 1
     told = json.loads(capsys.readouterr().out)
     assert [item["above"] for item in told["runs"]] == [False, True]
@@ -85,14 +65,14 @@ def test_merging_tells_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 @needs_data
 def test_signals_of_a_bag_delimit_its_runs(tmp_path: Path):
-    bag = write_bag(tmp_path / "bag", runs(20), signals=(10, 400))
+    bag = bag_of(tmp_path / "bag", runs(20), signals=(10, 400))
     assert adm("collect", "--bag", bag, "--rule", "signal", "--label", 1, "-o", tmp_path / "x.csv") == 0
     assert len(read_csv(tmp_path / "x.csv")) == 390
 
 
 @needs_data
 def test_fewer_runs_than_asked_for_are_written_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    bag = write_bag(tmp_path / "bag", runs(20, 21))
+    bag = bag_of(tmp_path / "bag", runs(20, 21))
     assert adm("collect", "--bag", bag, "--label", 1, "--runs", 5, "-o", tmp_path / "x.csv") == 1
     assert read_csv(tmp_path / "x.csv").count == 2
     assert "3 of the 5 runs are missing" in capsys.readouterr().err
@@ -107,7 +87,7 @@ def test_a_model_that_could_judge_nothing_is_no_success(tmp_path: Path):
     other = tuple(f"other_{name}" for name in MH5.joints)
     detector = PathDetector(MH5).fit(benign)
     Model("path", other, detector, 0.002, 518, benign.values).save(tmp_path / "m.skops")
-    bag = write_bag(tmp_path / "bag", runs(20)[:30])
+    bag = bag_of(tmp_path / "bag", runs(20)[:30])
     with pytest.raises(MissionError, match="no run was evaluated"):
         adm("operate", "--bag", bag, "--model", tmp_path / "m.skops")
 
@@ -127,6 +107,6 @@ def test_a_result_that_cannot_be_written_is_refused_before_the_work(tmp_path: Pa
 
 @needs_data
 def test_a_topic_that_the_bag_does_not_hold_is_named_with_those_it_holds(tmp_path: Path):
-    bag = write_bag(tmp_path / "bag", runs(20)[:3])
+    bag = bag_of(tmp_path / "bag", runs(20)[:3])
     with pytest.raises(ConfigError, match=r"has no topic /other; it has /joint_states"):
         adm("collect", "--bag", bag, "--topic", "/other", "--label", 1, "-o", tmp_path / "x.csv")

@@ -230,11 +230,6 @@ def test_a_model_of_another_version_is_refused(folder: Path):
         Model.load(stored(folder, versions={"scikit-learn": "0.1.0"}))
 
 
-def test_a_model_of_another_format_is_refused(folder: Path):
-    with pytest.raises(ConfigError, match="got 'other'"):
-        Model.load(stored(folder, format="other"))
-
-
 def test_a_damaged_model_is_refused(folder: Path):
     with pytest.raises(ConfigError, match=r"is damaged: .*reference of shape"):
         Model.load(stored(folder, joints=["a"]))
@@ -267,17 +262,6 @@ def test_a_file_that_would_unpack_to_much_more_than_it_is_is_refused_before(fold
             outer.write(inner, "2.npz")
     with pytest.raises(ConfigError, match="would unpack to 60 MB; at most"):
         Model.load(path)
-
-
-def test_a_corrupt_file_and_a_missing_one_are_refused(folder: Path):
-    (folder / "x.skops").write_bytes(b"nothing")
-    with ZipFile(folder / "y.skops", "w") as archive:
-        archive.writestr("schema.json", "{")
-    for name in ("x.skops", "y.skops"):
-        with pytest.raises(ConfigError, match="is corrupt"):
-            Model.load(folder / name)
-    with pytest.raises(ConfigError, match="there is no such file"):
-        Model.load(folder / "z.skops")
 
 
 # ---- bad input -------------------------------------------------------------------------------------------------------

@@ -111,42 +111,6 @@ def test_a_message_of_too_few_joints_is_left_out_and_said_once():
 
 
 @needs_data
-def test_a_value_that_is_not_finite_is_left_out_and_said():
-    arm = Arm()
-    operate = arm.operate()
-    arm.play(np.full((3, 6), np.nan))
-    operate.close()
-    assert "not finite" in arm.texts[0]
-
-
-@needs_data
-def test_a_topic_that_stops_is_said_and_goes_on():
-    arm = Arm()
-    operate = arm.operate()
-    arm.play(runs(21)[:5])
-    arm.scheduler.run(arm.scheduler.now + 3 * SECOND)
-    arm.play(runs(21)[5:6])
-    operate.close()
-    assert "no message for 2 s" in arm.texts[0]
-    assert "messages arrive again" in arm.texts[1]
-
-
-def test_a_topic_that_stops_while_it_is_recorded_is_said():
-    arm = Arm()
-    node = RunNode(arm.middleware, arm.scheduler, Collector(1, "count", cycle=9), report=arm.texts.append)
-    arm.scheduler.run(3 * SECOND)
-    arm.play(np.ones((2, 6)))
-    arm.scheduler.run(arm.scheduler.now + 3 * SECOND)
-    node.close()
-    arm.scheduler.run(arm.scheduler.now + 3 * SECOND)
-    assert arm.texts == [
-        "anomaly_collection: /joint_states: no message for 2 s",
-        "anomaly_collection: /joint_states: messages arrive again",
-        "anomaly_collection: /joint_states: no message for 2 s",
-    ]
-
-
-@needs_data
 def test_collecting_stops_after_the_runs_that_are_wanted():
     arm = Arm()
     counted: list[int] = []

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import own_data
 import pytest
+from monitor_runs import told, write_runs
 
 from fame.cli import main
 from fame.errors import ConfigError
@@ -37,18 +36,11 @@ def folder(model: TrainedModel, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 
 def write(path: Path, runs: list[Samples], anomalous: tuple[int, ...] | None) -> None:
-    labelled = anomalous is not None
-    lines = [",".join(("stamp", "run", *own_data.NAMES, *(("label",) if labelled else ())))]
-    for number, run in enumerate(runs):
-        for stamp, row in zip(run.stamps, run.values, strict=True):
-            label = -1 if number in (anomalous or ()) and stamp >= own_data.ONSET else 1
-            lines.append(",".join(map(repr, map(float, (stamp, number, *row, *((label,) if labelled else ()))))))
-    path.write_text("\n".join(lines) + "\n")
-
-
-def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, Any]:
-    code = main([*map(str, words), "--json"])
-    return code, json.loads(capsys.readouterr().out)
+    if anomalous is None:
+        write_runs(path, runs)
+    else:
+        onset = own_data.ONSET
+        write_runs(path, runs, lambda run, row: -1 if run in anomalous and runs[run].stamps[row] >= onset else 1)
 
 
 def test_runs_have_verdicts_events_with_channels_and_latency(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

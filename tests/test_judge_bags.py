@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import own_data
@@ -14,8 +11,8 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("skops")
 
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from monitor_runs import told, write_bag
+from rosbags.rosbag2 import StoragePlugin
 
 from fame.cli import main
 from fame.monitor.pipeline.processor import Samples
@@ -23,7 +20,6 @@ from fame.monitor.pipeline.train import Training, fit
 from robots.arm.sabotage import alter, knots
 from robots.arm.task import FILE, MH5, TRIANGLE, cutting_run, simulated
 
-STATE = "sensor_msgs/msg/JointState"
 STORAGES = [StoragePlugin.SQLITE3, StoragePlugin.MCAP]
 CONFIG = """
 Inputs:
@@ -32,27 +28,6 @@ Outputs:
   Unused: {Topic: unused, Field: [effort], MessageType: sensor_msgs/msg/JointState}
 Processor: {Class: LowPass}
 """
-
-
-def write_bag(
-    path: Path, storage: StoragePlugin, names: Sequence[str], stamps: np.ndarray, *, field: str, values: np.ndarray
-) -> Path:
-    """Joint states whose `field` holds the values (n, names)."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    state, header, time = (store.types[name] for name in (STATE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
-    with Writer(path, version=9, storage_plugin=storage) as writer:
-        connection = writer.add_connection("/joint_states", STATE, typestore=store)
-        for stamp, row in zip(stamps, values, strict=True):
-            at = round((100 + stamp) * 1e9)
-            parts = {"position": np.zeros(0), "velocity": np.zeros(0), "effort": np.zeros(0), field: np.array(row)}
-            message = state(header(time(at // 10**9, at % 10**9), ""), list(names), **parts)
-            writer.write(connection, at, store.serialize_cdr(message, STATE))
-    return path
-
-
-def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, Any]:
-    code = main([*map(str, words), "--json"])
-    return code, json.loads(capsys.readouterr().out)
 
 
 # ---- a model of fame monitor train -----------------------------------------------------------------------------------
@@ -74,7 +49,7 @@ def test_a_trained_model_judges_a_bag(
     trained: Path, tmp_path: Path, storage: StoragePlugin, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = own_data.run(5001, "stuck")
-    bag = write_bag(tmp_path / "bag", storage, own_data.NAMES, run.stamps, field="effort", values=run.values)
+    bag = write_bag(tmp_path / "bag", own_data.NAMES, 100 + run.stamps, run.values, field="effort", storage=storage)
     words = ("monitor", "judge", trained / "monitor.skops", bag, "--config", trained / "low_pass.yaml")
     code, found = told(capsys, *words, "-o", tmp_path / "report.html")
     assert code == 1
@@ -90,9 +65,8 @@ def test_a_single_mcap_file_is_judged_as_its_folder(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = own_data.run(1000)
-    folder = write_bag(
-        tmp_path / "bag", StoragePlugin.MCAP, own_data.NAMES, run.stamps, field="effort", values=run.values
-    )
+    options = {"field": "effort", "storage": StoragePlugin.MCAP}
+    folder = write_bag(tmp_path / "bag", own_data.NAMES, 100 + run.stamps, run.values, **options)
     (file,) = folder.glob("*.mcap")
     words = ("--config", trained / "low_pass.yaml")
     found = [told(capsys, "monitor", "judge", trained / "monitor.skops", data, *words) for data in (folder, file)]
@@ -131,8 +105,7 @@ def test_a_learned_model_judges_the_runs_of_a_bag(
     nominal, random = cutting_run(MH5, TRIANGLE, 40.0), np.random.default_rng(8)
     runs = [nominal, alter(nominal, knots("b", 0.5)).values, nominal]
     values = np.concatenate([simulated(run, random, MH5) for run in runs])
-    stamps = 0.025 * np.arange(len(values))
-    bag = write_bag(tmp_path / "bag", storage, MH5.joints, stamps, field="position", values=values)
+    bag = write_bag(tmp_path / "bag", MH5.joints, 100 + 0.025 * np.arange(len(values)), values, storage=storage)
     capsys.readouterr()
     code, found = told(capsys, "monitor", "judge", learned / "path.skops", bag, "-o", tmp_path / "report.html")
     assert code == 1
@@ -144,9 +117,7 @@ def test_a_learned_model_judges_the_runs_of_a_bag(
 
 
 def test_a_bag_without_the_topic_is_one_line(learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bag = write_bag(
-        tmp_path / "bag", StoragePlugin.SQLITE3, ["a"], np.zeros(1), field="position", values=np.ones((1, 1))
-    )
+    bag = write_bag(tmp_path / "bag", ["a"], np.ones(1), np.ones((1, 1)))
     capsys.readouterr()
     assert main(["monitor", "judge", str(learned / "path.skops"), str(bag), "--topic", "/Arm/joint_states"]) == 2
     assert capsys.readouterr().err.endswith("has no topic /Arm/joint_states; it has /joint_states\n")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from monitor_runs import told, write_runs
 
 from fame.cli import main
 from fame.errors import ConfigError
@@ -51,18 +50,6 @@ def test_very_unequal_runs_are_named_and_those_without_a_window_set_no_threshold
     assert "runs last from 0 to 8.99 s" in found
 
 
-def write(path: Path, runs: Sequence[Samples], label: Callable[[int, int], int] | None = None) -> Path:
-    """A file of `fame record`; `label` gives that of a run and row."""
-    rows = [
-        ",".join(map(str, (stamp, number, *values, *([] if label is None else [label(number, row)]))))
-        for number, item in enumerate(runs)
-        for row, (stamp, values) in enumerate(zip(item.stamps.tolist(), item.values.tolist(), strict=True))
-    ]
-    head = ["stamp", "run", "a", "b", "still", *([] if label is None else ["label"])]
-    path.write_text("\n".join([",".join(head), *rows]) + "\n")
-    return path
-
-
 def learning(folder: Path, folds: int = 3) -> Path:
     """A learning file for runs.csv in this folder."""
     (folder / "learning.yaml").write_text(
@@ -88,7 +75,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("models")
     runs = [run(seed) for seed in range(6)]
     fit(runs, QUICK).save(folder / "train.skops")
-    write(folder / "runs.csv", runs, lambda number, row: 1)
+    write_runs(folder / "runs.csv", runs, lambda number, row: 1)
     assert main(["monitor", "adm", "learn", str(learning(folder)), "-o", str(folder / "adm.skops")]) == 0
     return {"train": folder / "train.skops", "adm": folder / "adm.skops"}
 
@@ -97,11 +84,11 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def test_the_same_points_with_two_labels_cannot_be_judged(
     models: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
 ):
-    data = write(tmp_path / "runs.csv", [run(11), run(12), run(11)], lambda number, row: -1 if number == 2 else 1)
+    data = write_runs(tmp_path / "runs.csv", [run(11), run(12), run(11)], lambda number, row: -1 if number == 2 else 1)
     assert "runs 0 and 2 are the same points, but their labels differ" in refusal(
         capsys, "monitor", "judge", models[kind], data
     )
-    data = write(tmp_path / "runs.csv", [run(11), run(12), run(11)], lambda number, row: 1)
+    data = write_runs(tmp_path / "runs.csv", [run(11), run(12), run(11)], lambda number, row: 1)
     assert main(["monitor", "judge", str(models[kind]), str(data)]) == 0
 
 
@@ -110,8 +97,9 @@ def test_runs_without_labels_are_no_benign_ones(
     models: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
 ):
     capsys.readouterr()
-    assert main(["monitor", "judge", str(models[kind]), str(write(tmp_path / "runs.csv", [run(11)])), "--json"]) == 0
-    figures = json.loads(capsys.readouterr().out)["figures"]
+    code, found = told(capsys, "monitor", "judge", models[kind], write_runs(tmp_path / "runs.csv", [run(11)]))
+    figures = found["figures"]
+    assert code == 0
     assert "alarms per hour" in figures
     assert "false alarms" not in figures
 
@@ -121,9 +109,10 @@ def test_runs_of_a_few_rows_get_a_verdict_or_are_named(
     models: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
 ):
     capsys.readouterr()
-    data = write(tmp_path / "runs.csv", [run(1), run(2, 2)])
-    assert main(["monitor", "judge", str(models[kind]), str(data), "--json"]) == 3
-    whole, short = json.loads(capsys.readouterr().out)["runs"]
+    data = write_runs(tmp_path / "runs.csv", [run(1), run(2, 2)])
+    code, found = told(capsys, "monitor", "judge", models[kind], data)
+    whole, short = found["runs"]
+    assert code == 3
     assert (whole["verdict"], short["verdict"]) == ("benign", "not judged")
     assert short["share judged"] < 0.1
     notes = short["notes"]
@@ -135,25 +124,23 @@ def test_an_anomalous_run_wins_over_one_that_is_not_judged(
     models: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
 ):
     strange = run(3)
-    data = write(tmp_path / "runs.csv", [run(1), run(2, 2), strange.replace(strange.values + 3.0)])
-    assert main(["monitor", "judge", str(models[kind]), str(data), "--json"]) == 1
-    assert [each["verdict"] for each in json.loads(capsys.readouterr().out)["runs"]] == [
-        "benign", "not judged", "anomalous"
-    ]  # fmt: skip
+    data = write_runs(tmp_path / "runs.csv", [run(1), run(2, 2), strange.replace(strange.values + 3.0)])
+    code, found = told(capsys, "monitor", "judge", models[kind], data)
+    assert (code, [each["verdict"] for each in found["runs"]]) == (1, ["benign", "not judged", "anomalous"])
 
 
 def test_learning_refuses_one_run_standing_still_and_labels_that_contradict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     command = ("monitor", "adm", "learn", learning(tmp_path), "-o", tmp_path / "m.skops")
-    write(tmp_path / "runs.csv", [run(0)], lambda number, row: 1)
+    write_runs(tmp_path / "runs.csv", [run(0)], lambda number, row: 1)
     assert "has 1 run of one class; at least 3 are needed for Split.folds 3" in refusal(capsys, *command)
     still = [item.replace(np.full_like(item.values, 0.3)) for item in map(run, range(4))]
-    write(tmp_path / "runs.csv", still, lambda number, row: 1)
+    write_runs(tmp_path / "runs.csv", still, lambda number, row: 1)
     assert "no joint ever moves: nothing to learn" in refusal(capsys, *command)
-    write(tmp_path / "runs.csv", [run(0), run(1), run(0)], lambda number, row: -1 if number == 2 else 1)
+    write_runs(tmp_path / "runs.csv", [run(0), run(1), run(0)], lambda number, row: -1 if number == 2 else 1)
     assert "runs 0 and 2 are the same points, one labelled 1, the other -1" in refusal(capsys, *command)
-    write(tmp_path / "runs.csv", [run(0), run(1)], lambda number, row: -1 if row > 100 else 1)
+    write_runs(tmp_path / "runs.csv", [run(0), run(1)], lambda number, row: -1 if row > 100 else 1)
     assert "run 0 has points of both labels" in refusal(capsys, *command)
     assert not (tmp_path / "m.skops").exists()
 

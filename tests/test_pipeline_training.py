@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
+from monitor_runs import write_runs
 
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
@@ -36,16 +38,6 @@ def motion(seed: int, *, push: float = 0.0, n: int = 800, rate: float = 200.0) -
 @pytest.fixture(scope="module")
 def model() -> TrainedModel:
     return fit([motion(seed) for seed in range(6)], QUICK, data="cafe" * 16)
-
-
-def write(path: Path, runs: list[Samples]) -> Path:
-    rows = [
-        ",".join(map(str, (stamp, number, *values)))
-        for number, item in enumerate(runs)
-        for stamp, values in zip(item.stamps, item.values, strict=True)
-    ]
-    path.write_text("\n".join([f"stamp,run,{','.join(JOINTS)}", *rows]) + "\n")
-    return path
 
 
 def monitor(model: TrainedModel, run_: Samples) -> dict[str, Samples]:
@@ -148,6 +140,9 @@ def test_foreign_and_damaged_files_are_refused_with_the_reason(model: TrainedMod
 
     (tmp_path / "pickle.skops").write_bytes(pickle.dumps({"format": "fame-autoencoder-1"}))
     assert "is corrupt, or no model of fame monitor train" in refusal(tmp_path / "pickle.skops")
+    with ZipFile(tmp_path / "half.skops", "w") as archive:
+        archive.writestr("schema.json", "{")
+    assert "is corrupt" in refusal(tmp_path / "half.skops")
     skops.io.dump(PCA(), tmp_path / "pca.skops")
     assert "is not a model of fame monitor train: expected format" in refusal(tmp_path / "pca.skops")
     skops.io.dump({"format": "fame-autoencoder-1", "run": print}, tmp_path / "code.skops")
@@ -188,8 +183,8 @@ def test_a_rate_twice_that_of_the_training_gives_no_loss_and_says_so(model: Trai
 
 
 def test_training_from_files_hashes_them_and_takes_runs_as_they_are(tmp_path: Path) -> None:
-    write(tmp_path / "a.csv", [motion(0), motion(1)])
-    write(tmp_path / "b.csv", [motion(2)])
+    write_runs(tmp_path / "a.csv", [motion(0), motion(1)])
+    write_runs(tmp_path / "b.csv", [motion(2)])
     config = replace(QUICK, files=(str(tmp_path / "a.csv"), str(tmp_path / "b.csv")), columns=("elbow",), epochs=2)
     assert [len(item) for item in read_runs(config.files)] == [800, 800, 800]
     made = train(config)
@@ -259,7 +254,7 @@ def files(pattern: str) -> ConfigValue:
 
 def test_the_files_of_a_training_may_be_a_pattern_anywhere(tmp_path: Path) -> None:
     (tmp_path / "[1]").mkdir()
-    file = write(tmp_path / "[1]" / "runs.csv", [motion(0)])
+    file = write_runs(tmp_path / "[1]" / "runs.csv", [motion(0)])
     assert training_of(files(str(tmp_path / "[[]1]" / "*.csv")), Path("elsewhere")).files == (str(file),)
     assert training_of(files("*.csv"), tmp_path / "[1]").files == (str(file),)
     with pytest.raises(ConfigError, match="no file matches"):
