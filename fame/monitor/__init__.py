@@ -6,7 +6,8 @@ services    the services of both, for service tasks of a mission
 calibration thresholds that promise a rate of false alarms
 judge       `fame monitor judge`, with `judge_report`; drift: slow changes over runs
 model_card  the card of a model
-data_files  CSV tables and bags; `storage`: models on disk
+data_files  CSV tables and bags
+storage     models on disk; `earlier_models`: those of earlier versions
 estimator   `Detector`, an estimator of scikit-learn
 plots       plots of losses, thresholds and alarms
 kinematics  forward kinematics of serial arms

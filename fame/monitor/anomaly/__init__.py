@@ -7,12 +7,12 @@
     paths          PathDetector: deviation and tilt of the tool against the benign paths, and its lateness
     benign_changes speed, pauses, lost samples, start pose, sag and noise of a run as a whole
     model          a stored model; PointClassifier, DataProcess, DataPersist
-    scoring        scores points one by one; several models as one: any of, all of
+    scoring        scores points one by one, by one detector or several
     classifiers    classifiers by name, fitted and evaluated; AnomalyDetector, OutputMatrix
     thresholds     of classifiers: given, between the classes, or promising a rate of false alarms
     learn          fit and evaluate every classifier, choose the best; Interface
-    live           score or record a run while it goes on
-    nodes          the node that records and the node that watches
+    live           Runs: the joint states of an arm cut into runs, scored or collected while they come
+    nodes          recording nodes that give joint states to these
 
 A point is one joint state. Positive means anomalous; labels are +1 benign, -1 anomalous. The anomaly score of a run is
 its anomalous points divided by all its points; a run is anomalous if the score exceeds the threshold. A split into
