@@ -105,9 +105,13 @@ def test_the_first_classifiers_and_ensembles_score_as_they_did(tmp_path: Path):
     for name, votes in zip(found, [*expected, expected[0] | expected[1]], strict=True):
         assert (found[name].predict(of_runs([points], 1, ("a", "b"))) == -1).tolist() == votes.tolist()
     assert found["either"].run_score([5, 5], 50) == 0.1 / 0.2
-    assert (
-        found["either"].alarm_text().startswith("any of one: alarm from 26 anomalous points of a run of 50 on; two: ")
-    )
+    begin = "any of one: alarm from 26 anomalous points of a run of 50 on; two: alarm from 11 "
+    assert found["either"].alarm_text().startswith(begin)
+    plain = found["either"].to_plain()
+    for wrong in ({"rule": "some of"}, {"names": ["one"]}, {"usual": [0.5, 0.2]}):
+        write_artefact(plain | {"detector": plain["detector"] | wrong}, tmp_path / "damaged.skops")
+        with pytest.raises(ConfigError, match="is damaged"):
+            load_any(tmp_path / "damaged.skops")
 
 
 @needs_data
@@ -122,9 +126,9 @@ def test_the_first_path_detector_scores_as_it_did_and_says_what_it_does_not_see(
     assert "does not see the orientation of the tool: fame monitor adm learn makes it anew" in text
 
 
-@pytest.mark.parametrize("format", ["fame-adm-0", "fame-monitor-99", None])
+@pytest.mark.parametrize("format", ["fame-adm-0", "fame-monitor-99", None, ["fame-adm-1"]])
 def test_a_model_of_another_version_is_refused_with_the_command(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], format: str | None
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], format: Any
 ):
     write_artefact({"format": format}, tmp_path / "m.skops")
     assert main(["monitor", "model", "show", str(tmp_path / "m.skops")]) == 2

@@ -185,7 +185,7 @@ def read_model(path: Path, maker: str) -> dict[str, Any]:
 
     content = read_artefact(path, maker)
     found = content.get("format") if isinstance(content, dict) else None
-    if found in EARLIER:
+    if isinstance(found, str) and found in EARLIER:
         try:
             return EARLIER[found](content)
         except _PARTS_DO_NOT_FIT as error:

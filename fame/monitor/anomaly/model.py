@@ -164,6 +164,7 @@ class Model(StoredModel):
         if self.reference.ndim != 2 or self.reference.shape[1] != len(self.joints):
             raise ValueError(f"reference of shape {self.reference.shape} for {len(self.joints)} joints")
         self.scorer().step(self.reference[0].tolist())
+        self.alarm_text()
 
     def predict(self, recording: Recording) -> Any:
         """Labels (points,): +1 benign, -1 anomalous."""

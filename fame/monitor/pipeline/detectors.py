@@ -369,6 +369,10 @@ class Several:
     usual: Floats
     names: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        if self.rule not in RULES:
+            raise ValueError(f"rule {self.rule!r}")
+
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
         found = [part.loss(windows, times) / usual for part, usual in zip(self.parts, self.usual, strict=True)]
         return np.asarray(combined(self.rule, found))
