@@ -24,9 +24,6 @@ from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import MissionError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from fame.cli.anomaly_data import Recorder
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
     from fame.monitor.anomaly.classifiers import TrainedClassifier
@@ -97,7 +94,7 @@ def run_collect(arguments: Namespace) -> int:
             done=scheduler.stop,
         )  # fmt: skip
 
-    _drive(arguments, make)
+    drive(arguments, make)
     recording = collector.recording()
     write_csv(arguments.output, recording)
     print_written(arguments, recording)
@@ -237,20 +234,10 @@ def run_operate(arguments: Namespace) -> int:
             done=scheduler.stop,
         )  # fmt: skip
 
-    runs = _drive(arguments, make).runs
+    runs = drive(arguments, make).runs
     if not runs and arguments.bag is not None:
         raise MissionError(f"{arguments.bag}: no run was evaluated: none began that the model fits (--rule, --topic)")
     return _print_runs(runs, arguments.json)
-
-
-def _drive(arguments: Namespace, make: Callable[[Middleware, Scheduler], Recorder]) -> Recorder:
-    """Let the node of one of the commands work. Raises MissionError for a bag without joint states."""
-    from fame.monitor.anomaly.nodes import bag_topics
-
-    node = drive(arguments, make, bag_topics(arguments.topic, arguments.rule))
-    if arguments.bag is not None and not node.rows:
-        raise MissionError(f"{arguments.bag}: {arguments.topic} holds no messages")
-    return node
 
 
 def _print_runs(runs: Sequence[RunReport], json: bool) -> int:

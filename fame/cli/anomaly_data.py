@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from fame.cli.arguments import Commands, Parser, add_json, command, natural, positive
 from fame.cli.output import note, print_json
 from fame.cli.pipelines import listen
-from fame.errors import ConfigError
+from fame.errors import ConfigError, MissionError
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fame.monitor.anomaly.recording import Recording
     from fame.monitor.pipeline.recording import RecordingNode
 
-    Recorder = TypeVar("Recorder", bound=RecordingNode)
+    Playing = TypeVar("Playing", bound=RecordingNode)
 
 
 FIELDS, RULES = ("position", "velocity", "effort"), ("home", "signal", "count")
@@ -74,14 +74,17 @@ def writable(path: Path) -> None:
         raise ConfigError("expected a file, got a folder", file=str(path))
 
 
-def drive(
-    arguments: Namespace, make: Callable[[Middleware, Scheduler], Recorder], topics: Mapping[str, str]
-) -> Recorder:
-    """Make the node and let it work, until the bag with the `topics` (name -> type) ends, its work is done or it is
-    interrupted. Returns the node."""
+def drive(arguments: Namespace, make: Callable[[Middleware, Scheduler], Playing]) -> Playing:
+    """Make the node and let it work, until the bag ends, its work is done or it is interrupted. Returns the node."""
+    from fame.monitor.anomaly.nodes import bag_topics
     from fame.monitor.pipeline.recording import play
 
-    return play(arguments.bag, make, topics) if arguments.bag is not None else listen(arguments, make)
+    if arguments.bag is None:
+        return listen(arguments, make)
+    node = play(arguments.bag, make, bag_topics(arguments.topic, arguments.rule))
+    if not node.rows:
+        raise MissionError(f"{arguments.bag}: {arguments.topic} holds no messages")
+    return node
 
 
 def add_labelled_files(parts: Commands) -> None:

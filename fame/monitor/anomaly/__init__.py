@@ -11,7 +11,7 @@
     classifiers    classifiers by name, fitted and evaluated; AnomalyDetector, OutputMatrix
     thresholds     of classifiers: given, between the classes, or promising a rate of false alarms
     learn          fit and evaluate every classifier, choose the best; Interface
-    live           Runs: the joint states of an arm cut into runs, scored or collected while they come
+    live           ArmRuns: the joint states of an arm cut into runs, scored or collected while they come
     nodes          recording nodes that give joint states to these
 
 A point is one joint state. Positive means anomalous; labels are +1 benign, -1 anomalous. The anomaly score of a run is

@@ -65,7 +65,7 @@ class RunReport(NamedTuple):
         return f"run {self.run}: {verdict}, score {self.score:.4f} ({points}){cut}{changed}"
 
 
-class Runs(ABC):
+class ArmRuns(ABC):
     """Takes joint states and cuts them into runs, until `limit` runs have ended (0: always).
 
     joints  names, in the order of the values of a point; empty: that of the first message
@@ -131,7 +131,7 @@ def in_order(values: list[float], names: Sequence[str], joints: Sequence[str]) -
     )
 
 
-class RunMonitor(Runs):
+class RunMonitor(ArmRuns):
     """Scores points as they come. `ended` collects the reports of runs; `waiting` until the first begins; `latest` is
     the point that was taken last, None if it was not scored."""
 
@@ -225,7 +225,7 @@ def _rests(before: Sequence[float], values: Sequence[float]) -> bool:
     return math.hypot(*values) < NEAR and max(abs(a - b) for a, b in zip(values, before, strict=True)) < STILL
 
 
-class Collector(Runs):
+class Collector(ArmRuns):
     """Gathers points.
 
     With the rule ``home`` an arm that is under way at first (`late`) is recorded from its next pass of home on. Runs

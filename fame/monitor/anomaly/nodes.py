@@ -21,7 +21,7 @@ from typing import Any
 from fame.clock import Scheduler
 from fame.middleware import messages
 from fame.middleware.interface import SENSOR_DATA, Middleware, resolve
-from fame.monitor.anomaly.live import Point, RunMonitor, RunReport, Runs
+from fame.monitor.anomaly.live import ArmRuns, Point, RunMonitor, RunReport
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.recording import Rule
 from fame.monitor.pipeline.configuration import Configuration, Port
@@ -47,7 +47,7 @@ class RunNode(RecordingNode):
         self,
         middleware: Middleware,
         scheduler: Scheduler,
-        runs: Runs,
+        runs: ArmRuns,
         *,
         topic: str = "/joint_states",
         field: str = "position",

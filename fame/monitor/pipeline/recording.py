@@ -208,10 +208,10 @@ def record_bag(
     return play(bag, make, {resolve(topic, options.get("namespace", "")): type for topic, type in topics.items()})
 
 
-Recorder = TypeVar("Recorder", bound=RecordingNode)
+Playing = TypeVar("Playing", bound=RecordingNode)
 
 
-def play(bag: Path, make: Callable[[Middleware, Scheduler], Recorder], topics: Mapping[str, str]) -> Recorder:
+def play(bag: Path, make: Callable[[Middleware, Scheduler], Playing], topics: Mapping[str, str]) -> Playing:
     """Give the messages of a bag on some topics (full name -> type) to a node, in the time of the bag, until it is
     done. Returns the node, which is closed. Raises ConfigError."""
     from fame.monitor.data_files import read_bag
