@@ -28,6 +28,7 @@ ARGUMENTS = {
     "activate": ["REX", "Task"],
     "abort": ["REX"],
     "retry": ["REX", "Task"],
+    "skip": ["REX", "Task"],
     "set": ["REX", "speed=1"],
     "move": ["REX", "A", "B"],
     "world": ["w.yaml"],

@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from io import TextIOWrapper
+from textwrap import wrap
 from types import FrameType
 
 from fame.cli import output, project
@@ -41,7 +42,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "splitter": "deployment.add_splitter",
         "router": "network.add_router",
         "status": "robots.add_status",
-        **dict.fromkeys(("complete", "activate", "abort", "retry", "set", "move"), "robots.add_requests"),
+        **dict.fromkeys(("complete", "activate", "abort", "retry", "skip", "set", "move"), "robots.add_requests"),
         "world": "worlds.add_world",
         **dict.fromkeys(("pause", "resume"), "worlds.add_time"),
         "keys": "deployment.add_keys",
@@ -178,13 +179,13 @@ class _Top(Parser):
                 "usage: fame [-h] [--version] COMMAND ...",
                 "Run the missions of a team of robots from BPMN 2.0 collaboration diagrams.\n",
                 *("a mission:", *missions),
-                *("a running team, also as fame team COMMAND:", f" {' '.join(_GROUPS['team'])}"),
+                "a running team, also as fame team COMMAND:",
+                *wrap(" ".join(_GROUPS["team"]), 96, initial_indent=" ", subsequent_indent=" "),
                 *("learned models on the data of robots:", f" monitor {' | '.join(_GROUPS['monitor'])}"),
                 *("recordings:", " log record | merge | convert"),
                 *("tools:", f" {' '.join(_GROUPS['tools'])}\n"),
                 "fame COMMAND --help describes a command; fame team, fame monitor and fame log list theirs.",
-                "Exit codes: 0 success, 1 the mission or a check failed, 2 the request was wrong, 3 not known,",
-                "130 after Ctrl-C.\n",
+                "Exit codes: 0 success, 1 the mission or a check failed, 2 wrong request, 3 not known, 130 Ctrl-C.\n",
             ]
         )
 

@@ -60,7 +60,7 @@ def add_options(parser: Parser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--unsigned-tasks", action="store_true",
-        help="with --trust: accept unsigned requests (fame complete, activate, retry, set, move)",
+        help="with --trust: accept unsigned requests (fame complete, activate, retry, skip, set, move)",
     )  # fmt: skip
     parser.add_argument("--insecure", action="store_true", help="accept unsigned processes from other machines")
     parser.add_argument(
@@ -101,7 +101,7 @@ def _add_storage(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--on-error", choices=("fail", "hold"), default="fail",
         help="after an uncaught error: fail the mission, or hold the robot in its safe state until the mission is "
-        "repaired (fame retry, set, move)",
+        "repaired (fame retry, skip, set, move)",
     )  # fmt: skip
     parser.add_argument(
         "--log", type=Path, metavar="DIR",

@@ -1,4 +1,4 @@
-"""Commands for running robots: ``fame status``, ``complete``, ``activate``, ``retry``, ``set``, ``move``, ``abort``."""
+"""Commands for running robots: ``fame status``, ``complete``, ``activate``, ``retry``, ``skip``, ``set``, ``move``."""
 
 from __future__ import annotations
 
@@ -200,6 +200,11 @@ def add_requests(commands: Commands) -> None:
     retrying.add_argument(
         "--set", action="append", default=[], type=value, dest="value", metavar="NAME=VALUE",
         help="set a variable first; repeatable",
+    )  # fmt: skip
+    _add_request(
+        commands, "skip", element="id of the element where the token waits; it is cancelled",
+        examples=("fame skip REX Task_Grip", "fame skip REX Task_Grip --key team.key"),
+        help="let a running robot go on behind an element, without its results, by its default flow if it has one",
     )  # fmt: skip
     setting = _add_request(
         commands, "set", examples=("fame set REX speed=0.5", "fame set REX home='[1, 2]' --key team.key"),

@@ -1,8 +1,8 @@
 """Requests of people to one robot: complete a task, activate an element, repair what runs, abort a deployment.
 
 A `TaskRequest` goes to ``bpmn_task``: a task that waits for somebody is completed, an element of an open ad-hoc
-sub-process activated, an incident retried, a variable set, a token moved. An abort goes to ``bpmn_process``, as a
-sender's would. The answer is on ``bpmn_status``.
+sub-process activated, an incident retried, an element skipped, a variable set, a token moved. An abort goes to
+``bpmn_process``, as a sender's would. The answer is on ``bpmn_status``.
 
 The same request again has no effect but the answer, so a client repeats it until it gets one. Where keys are used
 requests are signed, as an envelope is: for one run of one robot's engine, and for `fame.deploy.signing.FRESH` s.
@@ -34,7 +34,10 @@ SETTLE, REPEAT = 0.02, 0.3
 """Before the first request, and between two (s): see `fame.deploy.sender_protocol`."""
 SIZE = 1_000_000
 """The longest request (characters)."""
-_DONE = {"complete": "completed", "activate": "activated", "retry": "retried", "set": "set", "move": "moved"}
+_DONE = {
+    "complete": "completed", "activate": "activated", "retry": "retried", "skip": "skipped", "set": "set",
+    "move": "moved",
+}  # fmt: skip
 _ANSWERS = 100
 """How many answers a robot remembers."""
 
@@ -44,15 +47,16 @@ class TaskRequest:
     """Complete a task (`element`) with `values` for its variables; `id` names the request.
 
     `act` is ``complete``; ``activate``, where `element` is one of an ad-hoc sub-process and there are no values;
-    ``retry`` of an element with an incident; ``set``, where there is no element; ``move`` of a token at `element` to
-    the element `to`. `who` says whose request it is: what keys prove counts more.
+    ``retry`` of an element with an incident; ``skip`` of an element, which goes on without its results; ``set``, where
+    there is no element; ``move`` of a token at `element` to the element `to`. `who` says whose request it is: what keys
+    prove counts more.
     `robot`, `born`, `issued` and `signature` are there where keys are used: as of `Envelope`.
     """
 
     id: fields.Name
     element: fields.Name
     values: Annotated[Mapping[str, Any], fields.is_object] = field(default_factory=dict)
-    act: Annotated[str, fields.among("complete", "activate", "retry", "set", "move")] = "complete"
+    act: Annotated[str, fields.among("complete", "activate", "retry", "skip", "set", "move")] = "complete"
     to: fields.Name = ""
     who: fields.Name = ""
     robot: fields.Name = ""
@@ -147,8 +151,12 @@ class TaskServer:
                     node.set_variables(request.values, who=who)
                 case "move":
                     node.move(request.element, request.to, who=who)
+                case "skip":
+                    node.skip(request.element, who=who)
                 case _:
                     node.complete(request.element, request.values)
+                    if request.who:
+                        node.note(request.element, f"completed by {who}")
         except FameError as error:
             return "refused", str(error)
         except Exception as error:

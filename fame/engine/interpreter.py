@@ -174,6 +174,12 @@ class Engine(EngineState):
         repair.move(self, source, target)
         self.run()
 
+    def skip(self, element: str) -> str:
+        """Go on behind an element without its results. Returns the id of what comes next. Raises MissionError."""
+        following = repair.skip(self, element)
+        self.run()
+        return following
+
     def restart(self) -> None:
         """Continue after `fame.engine.restore`, once: start scripts again, and tokens that wait for them."""
         for wait in sorted(self.waits.values(), key=attrgetter("key")):

@@ -3,7 +3,7 @@
 An *incident* is a token at an element whose error nothing has caught. If the host wants incidents
 (`EngineState.on_incident`), such an error does not fail its instance: the token waits until a person repairs it. A
 boundary event, or the start of an event sub-process, that cannot be evaluated is one too, without a token.
-`retry` executes the element again; `move` moves a token from one element of a scope to another.
+`retry` executes the element again; `skip` goes on behind it; `move` moves a token to another element of its scope.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from fame.engine import scopes, waiting
 from fame.engine.engine_state import EngineState
 from fame.engine.program import Catch, Node, Trigger, nothing
 from fame.engine.state import Instance, Scope, Wait, scopes_of
+from fame.engine.steps import Branch
 from fame.errors import MissionError
 
 
@@ -91,24 +92,49 @@ def set_variables(engine: EngineState, values: Mapping[str, Any], instance: int 
 
 def move(engine: EngineState, source: str, target: str) -> None:
     """Cancel the work of a token at an element, and start another element of the scope. Raises MissionError."""
-    token = _token_at(engine, source)
-    scope = token.scope if isinstance(token, Wait) else token.parent
-    assert scope is not None
+    token, scope = _token_at(engine, source)
     entry = scope.body.entries.get(target) if scope.body is not None else None
     if entry is None:
         there = ", ".join(sorted(scope.body.entries)) if scope.body is not None else "none"
         raise MissionError(f"is not in the scope of {source}; elements there are: {there}", element=target)
+    _go_on(engine, token, scope, entry)
+
+
+def skip(engine: EngineState, element: str) -> str:
+    """Cancel the work of a token at an element, and go on behind it without results; by the default flow if it splits.
+
+    Returns the id of what comes next. Raises MissionError if there is no token, or no default flow.
+    """
+    token, scope = _token_at(engine, element)
+    node = token.node
+    assert node is not None
+    split = node if isinstance(node.spec, Branch) else node.next
+    branch = split.spec if split is not None and isinstance(split.spec, Branch) and split.id == element else None
+    following = node.next if branch is None or not branch.ways else branch.default
+    if following is None:
+        raise MissionError("cannot be skipped: it has no default flow; move its token", element=element)
+    _go_on(engine, token, scope, following)
+    return following.id
+
+
+def _go_on(engine: EngineState, token: Wait | Scope, scope: Scope, following: Node) -> None:
+    """Cancel the work of a token, and continue it at another node."""
     scope.children.pop(token, None)
     cancelling = scopes.cancel_wait(engine, token) if isinstance(token, Wait) else scopes.kill(engine, token)
-    scopes.proceed(engine, entry, scope, cancelling)
+    scopes.proceed(engine, following, scope, cancelling)
 
 
-def _token_at(engine: EngineState, element: str) -> Wait | Scope:
-    """Return the first token at an element: one that waits, or the scope of an activity. Raises MissionError."""
+def _token_at(engine: EngineState, element: str) -> tuple[Wait | Scope, Scope]:
+    """Return the first token at an element, one that waits or the scope of an activity, and the scope around it.
+
+    Raises MissionError if there is none.
+    """
     found = [token for instance in engine.instances.values() for token in _tokens(instance)]
     for token in found:
         if token.node is not None and token.node.id == element:
-            return token
+            scope = token.scope if isinstance(token, Wait) else token.parent
+            assert scope is not None
+            return token, scope
     there = sorted({token.node.id for token in found if token.node is not None})
     raise MissionError(f"has no token; tokens are at: {', '.join(there) or 'none'}", element=element)
 

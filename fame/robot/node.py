@@ -288,11 +288,16 @@ class RobotNode:
         """Move a token to another element of its scope. Raises MissionError if that is not possible."""
         self._repair(source, f"moved to {target}", who, lambda: self.engine.move(source, target))
 
+    def skip(self, element: str, *, who: str = "") -> None:
+        """Go on behind an element without its results. Raises MissionError if that is not possible."""
+        self._repair(element, "skipped", who, lambda: self.engine.skip(element))
+
     def _repair(self, element: str, text: str, who: str, act: Callable[[], object]) -> None:
-        """Execute a person's request, with a note in journal and event log."""
+        """Execute a person's request, with a note in journal and event log. `act` may say what comes next."""
         note = f"{text} by {who}" if who else text
         self._record_note(element, note)
-        act()
+        if (following := act()) is not None:
+            note = f"{note}, on to {following}"
         self._report(element, note)
         if not self.engine.incidents:
             self.release(INCIDENT)

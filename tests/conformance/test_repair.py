@@ -112,6 +112,37 @@ def test_other_tokens_are_not_touched() -> None:
     assert run.status == "completed"
 
 
+def test_a_skipped_element_is_left_without_results() -> None:
+    run = kept(FAILING, x=0)
+    assert run.node.engine.skip("a") == "a_u"  # the flow, as the run is observed
+    assert (run.waiting, incidents(run)) == (["u"], {})
+    assert run.complete("u").status == "completed"
+    assert "y" not in run.variables
+
+
+def test_a_sub_process_and_its_boundary_events_are_skipped_as_a_whole() -> None:
+    inside = sub("p", start("ps") + script("a", "1 / 0") + path("ps a"))
+    run = kept(start() + inside + boundary("b", "p", signal("stop")) + user("u") + path("s p u"))
+    run.node.engine.skip("p")
+    assert (run.waiting, incidents(run)) == (["u"], {})
+
+
+def test_a_split_is_skipped_by_its_default_flow() -> None:
+    gate = start() + gateway("exclusive", "g", default="g_v") + user("u") + user("v")
+    flows = path("s g") + flow("g", "u", "1 / 0") + flow("g", "v")
+    run = kept(gate + flows)
+    assert list(incidents(run)) == ["g"]
+    run.node.engine.skip("g")
+    assert (run.waiting, incidents(run)) == (["v"], {})
+
+
+def test_a_split_without_a_default_flow_is_not_skipped() -> None:
+    run = kept(start() + gateway("exclusive", "g") + user("u") + path("s g") + flow("g", "u", "1 / 0"))
+    with pytest.raises(MissionError, match="it has no default flow; move its token"):
+        run.node.engine.skip("g")
+    assert list(incidents(run)) == ["g"]
+
+
 def test_variables_are_set_while_it_runs() -> None:
     run = Run(start() + user("u") + script("k", "y = x") + end() + path("s u k e"), {"x": 1}).run()
     run.node.engine.set_variables({"x": 7})
