@@ -177,26 +177,32 @@ def test_signals_are_arrows_between_the_robots(page: Page) -> None:
     assert all(one["from"] <= one["until"] for one in arrows)
 
 
-def test_the_page_fits_its_window_in_both_themes_and_on_a_tablet(chromium: Browser, recording: Path) -> None:
-    with Replay(recording) as replay, opened(chromium, replay) as page:
-        for width, height in ((1280, 720), (1024, 768), (768, 1024), (820, 1180)):
-            page.set_viewport_size({"width": width, "height": height})
+PANELS = {"team": ["team", "needs", "world"], "diagram": ["diagram", "world", "inspector", "time"]}
+"""What is seen at once on a desk."""
+TABS = {"team": ["team"], "needs": ["needs"], "map": ["world"], "diagram": ["diagram"], "log": ["inspector", "time"]}
+"""What is seen of them on phones and tablets."""
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (1024, 768), (820, 1180), (390, 844), (360, 640)])
+def test_the_page_fits_its_window_in_both_themes_and_in_each_tab(page: Page, width: int, height: int) -> None:
+    page.set_viewport_size({"width": width, "height": height})
+    for tab, panels in (PANELS if width > 1100 else TABS).items():
+        page.evaluate(f"fame.tabs.choose('{tab}')")
+        for theme in ("light", "dark"):
+            page.evaluate(f"fame.setTheme('{theme}')")
             page.wait_for_timeout(50)
-            for theme in ("light", "dark"):
-                page.evaluate(f"fame.setTheme('{theme}')")
-                assert page.evaluate(
-                    "document.documentElement.scrollWidth <= innerWidth && document.documentElement.scrollHeight <= innerHeight"
-                )
-                for panel in ("diagram", "world", "inspector", "time"):
-                    box = page.locator(f"#{panel}").bounding_box()
-                    assert box is not None
-                    assert box["width"] > 150
-                    assert box["height"] > 120
-                    assert box["x"] + box["width"] <= width
-                    assert box["y"] + box["height"] <= height
+            root = "document.documentElement"
+            assert page.evaluate(f"{root}.scrollWidth <= innerWidth && {root}.scrollHeight <= innerHeight")
+            for panel in panels:
+                box = page.locator(f"#{panel}").bounding_box()
+                assert box is not None
+                assert box["width"] > 150
+                assert box["height"] > 120
+                assert box["x"] + box["width"] <= width
+                assert box["y"] + box["height"] <= height
 
 
-@pytest.mark.parametrize("width", [1440, 1024, 390])
+@pytest.mark.parametrize("width", [1440, 1024, 390, 360])
 def test_nothing_reaches_beyond_the_window(page: Page, width: int) -> None:
     page.set_viewport_size({"width": width, "height": 844})
     page.evaluate("fame.player.seek(40e9)")

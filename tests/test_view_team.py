@@ -389,9 +389,9 @@ def test_people_retry_set_and_move_with_the_buttons_of_the_page(chromium: Browse
     try:
         with opened(chromium, field.view) as page:
             waits = "[...fame.state.waits.get(0).values()].map((one) => one.element).join()"
-            page.get_by_role("button", name="Retry").click()
-            page.get_by_label("Variables").fill('{"speed": 4}')
-            page.get_by_label("Variables").press("Enter")
+            page.get_by_role("button", name="Set and retry").click()
+            page.get_by_label("Other variables").fill("speed = 4")
+            page.locator("dialog").get_by_role("button", name="Retry").click()
             until(page, f"{waits} === 'Sign'")
             page.get_by_role("button", name="Set", exact=True).click()
             page.get_by_label("Name").fill("load")
@@ -399,7 +399,7 @@ def test_people_retry_set_and_move_with_the_buttons_of_the_page(chromium: Browse
             page.get_by_label("Value").press("Enter")
             until(page, "[...fame.state.variables.values()].some((one) => one.values.get('load')?.[0] === 2.5)")
             page.get_by_role("button", name="Move").click()
-            page.locator("dialog select").select_option("Rest")
+            page.locator("dialog select").select_option(label="a rest")
             page.get_by_role("button", name="Move", exact=True).click()
             until(page, f"{waits} === 'Rest'")
     finally:

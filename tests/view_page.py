@@ -16,13 +16,16 @@ READY = "!!(window.fame && fame.mission.kind && fame.mission.reading >= 1 && fam
 
 
 @contextmanager
-def opened(browser: Browser, source: PageSource, *, blocked: bool = False, **options: Any) -> Iterator[Page]:
-    """A page with everything loaded. Fails if the page had an error or loaded something from elsewhere.
+def opened(
+    browser: Browser, source: PageSource, *, tab: str = "diagram", blocked: bool = False, **options: Any
+) -> Iterator[Page]:
+    """A page with everything loaded, at a tab. Fails if the page had an error or loaded something from elsewhere.
 
     `blocked`: that its policy has blocked a script of a drawing is no error.
     """
     with Server(source) as server:
         context = browser.new_context(viewport={"width": 1280, "height": 720}, reduced_motion="reduce", **options)
+        context.add_init_script(f"sessionStorage.getItem('fame-tab') ?? sessionStorage.setItem('fame-tab', '{tab}')")
         page, wrong = context.new_page(), []
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("console", lambda message: wrong.append(message.text) if _is_error(message, blocked) else None)

@@ -116,6 +116,12 @@ def _add_outputs(parser: ArgumentParser) -> None:
         "--view", action="store_true",
         help="show the run in the browser, at --speed (1), and control it there; Ctrl-C ends the run, then its page",
     )  # fmt: skip
+    parser.add_argument("--paused", action="store_true", help="with --view: the run begins paused")
+    parser.add_argument(
+        "--on-error", choices=("fail", "hold"), default="fail",
+        help="what an uncaught error does: its mission fails (default), or its robot holds until it is repaired on "
+        "the page: retry, skip, move",
+    )  # fmt: skip
 
 
 def run(arguments: Namespace) -> int:
@@ -132,6 +138,10 @@ def run(arguments: Namespace) -> int:
             "--speed needs --view, or --middleware dds, zenoh or ros: a run in one process is as fast as possible, "
             "or in real time with --real-time"
         )
+    if arguments.paused and not arguments.view:
+        raise ConfigError("--paused needs --view")
+    if arguments.on_error == "hold" and not arguments.view:
+        raise ConfigError("--on-error hold needs --view, where somebody repairs what has failed")
     if arguments.state is not None:
         raise ConfigError("--state needs --middleware dds, zenoh or ros; in one process see Simulation.save")
     if arguments.lockstep:
@@ -155,6 +165,7 @@ def run(arguments: Namespace) -> int:
                 strict=arguments.strict,
                 on_interrupt=_note_stopping if page is None else _note_page_stays,
                 pace=page,
+                hold_errors=arguments.on_error == "hold",
             )
             if page is not None:
                 page.end(result.status)

@@ -140,7 +140,10 @@ def viewed(arguments: Namespace, scenario: Scenario) -> Iterator[LiveRun | None]
         return
     from fame.view import LiveRun, RunControl
 
-    live = LiveRun(scenario, RunControl(speed=arguments.speed or 1.0))
+    control = RunControl(speed=arguments.speed or 1.0)
+    if arguments.paused:
+        control.pause("Paused before the first step.")
+    live = LiveRun(scenario, control)
     with _serving(live, arguments):
         yield live
 
@@ -218,7 +221,13 @@ def _branch(arguments: Namespace) -> int:
         same = SameRun(recording, time, live)
         with _serving(live, arguments):
             try:
-                result = scenario.run(observer=live.observer, strict=again.strict, on_interrupt=None, pace=same)
+                result = scenario.run(
+                    observer=live.observer,
+                    strict=again.strict,
+                    on_interrupt=None,
+                    pace=same,
+                    hold_errors=again.on_error == "hold",
+                )
             except FameError as error:  # the page says so, too
                 live.end("failed", str(error))
                 print(f"fame: error: {error}", file=sys.stderr, flush=True)

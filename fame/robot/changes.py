@@ -111,7 +111,8 @@ class ChangeTracker:
         before, now, fresh = self._tokens, dict[Hashable, tuple[object, int]](), list[Mapping[str, Any]]()
         waiting = self._waiting
         for wait in waits:
-            is_simple = not (wait.started or wait.paused or wait.key in waiting.uncorrelated)
+            failed = wait in self._node.engine.incidents
+            is_simple = not (failed or wait.started or wait.paused or wait.key in waiting.uncorrelated)
             state, known = _NO_SCRIPT if is_simple else waiting.state(wait), before.get(wait.key)
             if known is None or known[0] != state:
                 known = state, known[1] if known is not None else waiting.since(wait, time)
@@ -134,6 +135,8 @@ class ChangeTracker:
     def _details(self, wait: Wait, state: object) -> Mapping[str, Any]:
         """What a token waits for."""
         details = self._waiting.details(wait)
+        if (incident := self._node.engine.incidents.get(wait)) is not None:
+            return {**details, "error": incident[1]}
         if state == _NO_SCRIPT:
             self._waits[wait.node] = details
         return details

@@ -57,7 +57,7 @@ class Pace(Protocol):
 class Run:
     """One run of a scenario. `services` gives each robot the Python functions of its service tasks, by name.
 
-    `pace` decides when it goes on; without one it runs as fast as its scheduler does.
+    `pace` decides when it goes on; without one it runs as fast as its scheduler does. `hold_errors`: as `Scenario.run`.
     """
 
     scenario: Plan
@@ -75,8 +75,9 @@ class Run:
         on_interrupt: Callable[[], object] | None = None,
         services: Callable[[str], Mapping[str, ServiceFunction]] | None = None,
         pace: Pace | None = None,
+        hold_errors: bool = False,
     ) -> None:
-        self._pace = pace
+        self._pace, self._hold_errors = pace, hold_errors
         self._random = ModuleRandom(scenario.seed)
         self._seeded = ExitStack()
         self.scenario, self.progress, self.on_interrupt = scenario, progress, on_interrupt
@@ -135,6 +136,7 @@ class Run:
                     epoch=scenario.epoch,
                     random=robot_random(scenario.seed, robot),
                     until=round(scenario.duration * SECOND),
+                    hold_errors=self._hold_errors,
                 ),
             )
             for robot, pool in scenario.cast.items()

@@ -121,16 +121,20 @@ class Scenario(Plan):
         strict: bool = False,
         on_interrupt: Callable[[], object] | None = None,
         pace: Pace | None = None,
+        hold_errors: bool = False,
     ) -> Result:
         """Run the scenario, in simulated time unless `real_time`.
 
         `observer` is called with every event. The first Ctrl-C calls `on_interrupt` and ends the run after the current
-        step; the second ends it at once. `pace` decides when the run goes on.
+        step; the second ends it at once. `pace` decides when the run goes on. With `hold_errors` an uncaught error
+        does not fail a mission: it is an incident, and its robot holds.
 
         Raises ModelError, MessageError and ConfigError for errors before the mission begins; later errors are in the
         result.
         """
-        return Run(self, real_time, observer, progress, strict, on_interrupt, pace=pace).result()
+        return Run(
+            self, real_time, observer, progress, strict, on_interrupt, pace=pace, hold_errors=hold_errors
+        ).result()
 
 
 def _properties(

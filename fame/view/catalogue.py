@@ -12,11 +12,28 @@ from typing import Any, NamedTuple
 
 from fame.bpmn.draw.diagram import Drawing, draw_planes
 from fame.bpmn.library import BUILT_IN, Find
-from fame.bpmn.model import Body, CallActivity, Definitions, Element, FlowNode, Process, SequenceFlow
+from fame.bpmn.model import (
+    Activity,
+    Body,
+    CallActivity,
+    Definitions,
+    Element,
+    FlowNode,
+    Process,
+    SequenceFlow,
+    TimerDefinition,
+)
+from fame.clock import SECOND
 from fame.errors import ModelError
+from fame.iso8601 import parse_duration
 
 NOWHERE = -1
 """The number of a plane or element that does not exist."""
+_PROGRESS = (
+    "distance_remaining", "number_of_poses_remaining", "time_left", "distance_traveled", "angular_distance_traveled",
+    "x_goal",
+)  # fmt: skip
+"""Variables that say how far an activity has come: feedback of actions, and the goal of a way."""
 
 
 class CatalogueEntry(NamedTuple):
@@ -145,6 +162,9 @@ class Catalogue:
         if isinstance(element, FlowNode):
             values["topics"] = [[topic.qualified, "throw" if throws else "catch"] for topic, throws in element.topics()]
             values["script"] = element.script.text if element.script is not None else ""
+            values["uses"] = _progress_names(element)
+            if due := self._due(file, element, body):
+                values["due"] = due
         if called != NOWHERE or (isinstance(element, FlowNode) and element.body is not None):
             values["inside"] = self._plane_inside(number)
         return {key: value for key, value in values.items() if value not in ("", [], NOWHERE)}
@@ -161,6 +181,14 @@ class Catalogue:
         assert isinstance(body, Process)
         inside = (self._plane_of.get(self._number[self.elements[process].file, node.id]) for node in body.body.nodes)
         return next((plane for plane in inside if plane is not None), NOWHERE)
+
+    def _due(self, file: int, node: FlowNode, body: int) -> float:
+        """The seconds until the first interrupting boundary timer of an activity, if that is a literal; else 0."""
+        owner = self.elements[body].element if body != NOWHERE else None
+        inside = owner.body if isinstance(owner, Process | FlowNode) else None
+        events = inside.boundary(node.id) if inside is not None and isinstance(node, Activity) else ()
+        found = [_seconds(timer) for event in events if event.interrupting for timer in event.defined(TimerDefinition)]
+        return min(filter(None, found), default=0.0)
 
     # ---- building ----------------------------------------------------------------------------------------------------
 
@@ -219,6 +247,22 @@ class Catalogue:
             if PurePath(definitions.file).stem == called and len(definitions.processes) == 1:
                 return self._number[place, definitions.processes[0].id]
         return None
+
+
+def _progress_names(node: FlowNode) -> list[str]:
+    """The variables that an element is about, of those that say how far an activity has come."""
+    texts = [expression.text for expression, _ in node.texts()]
+    words = " ".join((*texts, *node.properties.values()))
+    return [name for name in _PROGRESS if name in words]
+
+
+def _seconds(timer: TimerDefinition) -> float:
+    """The seconds of a literal duration without months and years; 0 for other timers."""
+    try:
+        duration = parse_duration(timer.expression.text) if timer.kind == "duration" and timer.expression else None
+    except ValueError:  # an expression
+        return 0.0
+    return duration.rest / SECOND if duration is not None and not duration.months else 0.0
 
 
 def _is_own(definitions: Definitions) -> bool:

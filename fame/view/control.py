@@ -24,7 +24,9 @@ from fame.scenario import Fault
 from fame.scenario.run import Run
 from fame.text import read_json
 
-COMMANDS = ("pause", "resume", "step", "speed", "breakpoint", "complete", "signal", "set", "fault")
+COMMANDS = (
+    "pause", "resume", "step", "speed", "breakpoint", "complete", "retry", "skip", "move", "signal", "set", "fault",
+)  # fmt: skip
 AT_ONCE = 0.0
 """The speed of a run that does not follow the wall clock."""
 _SLICE = 0.02
@@ -191,13 +193,25 @@ class RunControl:
         return ""
 
     def _do_complete(self, run: Run, command: _Command) -> str:
-        node, values = _node(run, command["robot"]), _json(command.get("value", "") or "{}")
-        if not isinstance(values, dict):
-            raise FameError('expected results as a JSON object, as {"approved": true}')
-        element = str(command["element"])
+        node, values, element = _node(run, command["robot"]), _values(command), str(command["element"])
         node.complete(element, values)
         _report(run, node, f"completed by a person: {element}")
         return f"{element} is completed."
+
+    def _do_retry(self, run: Run, command: _Command) -> str:
+        node, values, element = _node(run, command["robot"]), _values(command), str(command["element"])
+        node.retry(element, values, who="a person")
+        return f"{element} is tried again."
+
+    def _do_skip(self, run: Run, command: _Command) -> str:
+        element = str(command["element"])
+        _node(run, command["robot"]).skip(element, who="a person")
+        return f"{element} is skipped."
+
+    def _do_move(self, run: Run, command: _Command) -> str:
+        element, to = str(command["element"]), str(command["to"])
+        _node(run, command["robot"]).move(element, to, who="a person")
+        return f"The token goes on at {to}."
 
     def _do_signal(self, run: Run, command: _Command) -> str:
         topic = str(command["topic"])
@@ -260,6 +274,14 @@ def _report(run: Run, node: RobotNode, text: str) -> None:
     run.reports.append(event)
     if run.observer is not None:
         run.observer(event)
+
+
+def _values(command: _Command) -> dict[str, Any]:
+    """The variables that a command sets. Raises FameError."""
+    values = _json(command.get("value", "") or "{}")
+    if not isinstance(values, dict):
+        raise FameError('expected results as a JSON object, as {"approved": true}')
+    return values
 
 
 def _json(text: str) -> Any:

@@ -39,6 +39,7 @@ class LiveRun(PageSink):
         self._repeats = control.pause_at
         self._missions = 0
         self._time = 0
+        self._lost: dict[str, int] = {}  # robots whose engine is gone, and since when (ns)
         self.observer: Recorder = Recorder(lambda: self)
         self._run: Run | None = None
         self.listen: Callable[[int, str, Mapping[str, Any]], object] | None = None
@@ -50,6 +51,8 @@ class LiveRun(PageSink):
         self._run = run
         self.control_of_run.advance(run, until)
         self._time = run.scheduler.now
+        for robot in run.dead - self._lost.keys():
+            self._lost[robot] = self._time
 
     def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
         super().put(topic, time, data)
@@ -117,6 +120,7 @@ class LiveRun(PageSink):
             "repeats": self._repeats,
             "failure": self._failure,
             "breakpoints": sorted(control.breakpoints),
+            "lost": dict(self._lost),
         }
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -1,7 +1,8 @@
 """The page of a team on the network: the events that its engines publish, as blocks.
 
-Robots may come and go. With control, the page completes and activates tasks, retries elements, sets variables and moves
-tokens, as `fame complete` and the others do; each robot decides whether it obeys.
+Robots may come and go; one that says nothing for some seconds is lost. With control, the page completes and activates
+tasks, retries and skips elements, sets variables and moves tokens, as `fame complete` and the others do; each robot
+decides whether it obeys.
 """
 
 from __future__ import annotations
@@ -9,17 +10,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import Future, InvalidStateError, TimeoutError as NoAnswer
 from contextlib import suppress
+from functools import partial
 from typing import Any
 from uuid import uuid4
 
 from fame.bpmn.reader import read
 from fame.clock import SECOND, Scheduler
 from fame.closing import Closing
-from fame.deploy import Report
+from fame.deploy import STATUS_QOS, STRING, Report
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.errors import FameError, ModelError
 from fame.log.team_recorder import TeamRecorder
-from fame.middleware.interface import Middleware
+from fame.middleware.interface import AnyMessage, Middleware, QoS
 from fame.text import read_json
 from fame.view.catalogue import Catalogue
 from fame.view.mission import mission_json, place_of
@@ -27,7 +29,11 @@ from fame.view.sink import PageSink
 
 _ANSWER = 5.0
 """Seconds that a robot has to answer a command."""
-_ACTS = ("complete", "activate", "retry", "set", "move")
+_ACTS = ("complete", "activate", "retry", "skip", "set", "move")
+_SILENCE = 5 * SECOND
+"""After how long without a status a robot is lost (ns)."""
+_BATTERY = "sensor_msgs/msg/BatteryState"
+_LATEST = QoS(reliability="best_effort", depth=1)
 _DELAY = SECOND // 20
 """How long batches wait for those of other robots (ns): engines send 20 a second."""
 
@@ -52,6 +58,11 @@ class TeamView(PageSink, Closing):
         self._scheduler, self._control, self._key = scheduler, control, key
         self._models: dict[bytes, int] = {}  # source of a model -> number of its file
         self._missions = 0
+        self._middleware = middleware
+        self._heard: dict[
+            str, tuple[int, int]
+        ] = {}  # robot -> when its last status came, and the time of the page then
+        self._charges: dict[str, float] = {}  # of the batteries that are watched, as told last
         self._recorder = TeamRecorder(
             middleware,
             scheduler,
@@ -79,6 +90,33 @@ class TeamView(PageSink, Closing):
             known = len(self._packer.robots)
             super().put(topic, time, data)
             self._missions += len(self._packer.robots) != known
+            for robot in self._packer.robots[known:]:
+                self._heard[robot] = self._scheduler.now, self._packer.end
+                take = partial(self._on_status, robot)
+                self._node.subscription(f"/{robot}/bpmn_status", STRING, take, STATUS_QOS)
+
+    def _on_status(self, robot: str, message: AnyMessage) -> None:
+        """A robot is there; each second is often enough to look at its battery."""
+        with self._lock:
+            self._heard[robot] = self._scheduler.now, self._packer.end
+        topic = f"/{robot}/battery_state"
+        there = any(info.name == topic and _BATTERY in info.types for info in self._middleware.graph())
+        if there and robot not in self._charges:
+            self._charges[robot] = -1.0
+            self._node.subscription(topic, _BATTERY, partial(self._on_battery, robot, topic), _LATEST)
+
+    def _on_battery(self, robot: str, topic: str, message: AnyMessage) -> None:
+        """Show the charge of a robot, if it has changed by a percent."""
+        charge = round(float(message.percentage), 2)
+        with self._lock:
+            if charge != self._charges[robot] and self._packer.blocks:
+                self._charges[robot] = charge
+                self._packer.message(self._packer.end, topic, robot, {"percentage": charge})
+
+    def _lost(self) -> dict[str, int]:
+        """The robots that have left the network, or said nothing for some time, and since when (ns)."""
+        silent, gone = self._scheduler.now - _SILENCE, self._recorder.team.gone
+        return {robot: end for robot, (heard, end) in self._heard.items() if robot in gone or heard < silent}
 
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         """Add the model that a robot runs."""
@@ -125,7 +163,8 @@ class TeamView(PageSink, Closing):
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         with self._lock:
-            status = {"type": "run", "time": self._packer.end, "over": False, "breakpoints": []}
+            lost = self._lost()
+            status = {"type": "run", "time": self._packer.end, "over": False, "breakpoints": [], "lost": lost}
             team = self._recorder.team
             return self.growth(known, status, (self._missions, *team.gaps.items(), *sorted(team.gone)))
 

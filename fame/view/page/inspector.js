@@ -83,7 +83,7 @@ export class Inspector {
   update(state, time) {
     this.picker();
     const { selected, store, plots } = this.app, loaded = this.tab === "log" ? store.version : store.said;
-    const key = [this.tab, selected.robot, selected.element, time, loaded, plots.key, state === null, this.app.controlKey(), this.app.mission.version, isDark()].join();
+    const key = [this.tab, selected.robot, selected.element, time, loaded, plots.key, state === null, this.app.controlKey(), this.app.mission.version, isDark(), this.app.tabs.key].join();
     if (key === this.key) {
       this.finish(state, time);
       return;
@@ -134,7 +134,7 @@ export class Inspector {
   /** The findings of a model, those of the chosen element first. */
   found() {
     const { mission, selected } = this.app, all = mission.findings ?? [], rank = { error: 0, warning: 1, note: 2 };
-    const card = selected.element >= 0 ? this.chosenElement({ counts: [], tokens: new Map() }, 0) : null;
+    const card = selected.element >= 0 ? this.chosenElement({ counts: [], tokens: new Map(), waits: [] }, 0) : null;
     const rows = [...all].sort((a, b) => rank[a.severity] - rank[b.severity]).map((one) => h("li", { cls: `found ${one.severity}` },
       h("div", null, h("b", null, one.severity), " ", one.element >= 0 ? this.element(one.element) : null, h("span", { cls: "quiet" }, ` ${one.where}${one.line ? `:${one.line}` : ""}`)),
       h("div", null, one.text)));
@@ -210,7 +210,7 @@ export class Inspector {
     const conditions = (wait.conditions ?? []).map((condition) => h("div", { cls: "why" }, h("code", null, condition.text),
       (condition.reads ?? []).map((name) => h("div", null, name, " = ", this.valueOf(state, r, wait.scope, name)))));
     return h("li", { dataset: { key: `${r}/${wait.key}` } }, h("div", null, wait.e >= 0 ? this.element(wait.e, openers) : h("b", null, wait.element), wait.suspended ? h("em", null, "suspended") : null,
-      h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`)), h("div", { cls: "reason" }, wait.text), topics, this.lastMessages(wait, time), conditions, this.app.control.forWait(r, wait));
+      h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`)), h("div", { cls: "reason" }, wait.text), topics, this.lastMessages(wait, time), conditions, this.app.acts.buttons(r, wait));
   }
 
   /** Who publishes on a topic that a token waits for. */
@@ -223,28 +223,15 @@ export class Inspector {
   lastMessages(wait, time) {
     if (!wait.topics?.length) return null;
     if (wait.missed) return h("div", { cls: "why" }, "last message ", this.instant(wait.missed.time), ` did not count: ${wait.missed.why}`);
-    const found = wait.topics.map((topic) => this.lastMessage(topic, time)).filter((one) => one !== null);
+    const found = wait.topics.map((topic) => this.app.store.lastMessage(topic, time)).filter((one) => one !== null);
     if (!found.length) return h("div", { cls: "why" }, "no message has come since the token waits");
     return found.map(([at, topic, sender]) => h("div", { cls: "why" }, "last message ", this.instant(at), wait.topics.length > 1 ? ` on ${topic}` : "", sender ? ` from ${sender}` : "",
       at < wait.since ? ", before this token waited: it does not count" : ""));
   }
 
-  lastMessage(topic, time) {
-    const { store } = this.app;
-    for (let number = store.numberAt(time); number >= 0; number -= 1) {
-      const rows = store.blocks[number]?.data?.messages ?? [];
-      for (let at = after(rows, time, ([t]) => t) - 1; at >= 0; at -= 1) if (rows[at][1] === topic) return rows[at];
-    }
-    return null;
-  }
-
   valueOf(state, r, scope, name) {
-    for (let at = scope, left = 64; at !== -1 && left > 0; left -= 1) {
-      const found = state.variables.get(`${r}/${at}`)?.values.get(name);
-      if (found) return h("code", null, brief(found[0]));
-      at = state.scopeOf(r, at)?.parent ?? -1;
-    }
-    return h("em", null, "not set");
+    const value = state.valueOf(r, scope, name);
+    return value === undefined ? h("em", null, "not set") : h("code", null, brief(value));
   }
 
   variables(state, r, time) {
@@ -300,6 +287,7 @@ export class Inspector {
     element.source ? h("div", null, element.source) : null,
     element.topics ? h("div", null, element.topics.map(([topic, way]) => h("div", null, way === "throw" ? "publishes " : "receives ", h("code", null, topic)))) : null,
     element.condition ? h("div", null, "condition ", h("code", null, element.condition)) : null,
+    this.app.acts.atElement(state, number, selected.robot),
     findings.map((one) => h("div", { cls: `found ${one.severity}` }, h("b", null, one.severity), ` ${one.text}`)),
     element.doc ? h("p", null, element.doc) : null, element.script ? h("details", null, h("summary", null, "Script"), h("pre", null, element.script)) : null,
     this.app.mission.kind === "model" ? null : h("div", { cls: "row" }, h("span", null, counts.filter(Boolean).join(" · "))),

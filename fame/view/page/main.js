@@ -1,11 +1,14 @@
 // The page: loads the mission, keeps cursor and selection, and redraws what follows them.
 
 import { byId, clock, h, icon, show } from "./dom.js";
+import { Acts } from "./acts.js";
 import { Control } from "./control.js";
 import { Diagram } from "./diagram.js";
 import { Inspector } from "./inspector.js";
 import { Player } from "./player.js";
 import { Store, TAKE } from "./store.js";
+import { Tabs } from "./tabs.js";
+import { Team } from "./team.js";
 import { Timeline } from "./timeline.js";
 import { World } from "./world.js";
 
@@ -25,6 +28,9 @@ class App {
     this.state = null;
     this.player = new Player(this);
     this.control = new Control(byId("controls"), this);
+    this.acts = new Acts(this);
+    this.tabs = new Tabs(byId("tabs"), this);
+    this.team = new Team(byId("team"), byId("needs"), this);
     this.diagram = new Diagram(byId("diagram"), this);
     this.world = new World(byId("world"), this);
     this.inspector = new Inspector(byId("inspector"), this);
@@ -107,6 +113,18 @@ class App {
 
   findingsOf(element) {
     return this.findings.get(element);
+  }
+
+  /** The robots that are lost at an instant, and since when. */
+  lost(time) {
+    const lost = this.control.status?.lost;
+    return new Map(lost && time >= this.store.end - 1e9 ? Object.entries(lost) : []);
+  }
+
+  /** Show a robot, or one of its elements, in its diagram. */
+  goTo(robot, element = -1) {
+    this.tabs.choose("diagram");
+    this.select({ robot, element }, { reveal: element >= 0 });
   }
 
   /** What a robot does at an instant: the outermost activity under way, and the innermost. */
@@ -217,6 +235,31 @@ class App {
     this.redraw();
   }
 
+  /** Whether pause, step and speed are those of the run: the cursor follows it. */
+  runs() {
+    return this.player.following && this.isLive() && this.control.can.has("pause") && Boolean(this.control.status);
+  }
+
+  /** Pause or resume what goes on: the run, or the replay. */
+  pause() {
+    if (this.runs()) this.control.send({ do: this.control.status.paused ? "resume" : "pause" });
+    else this.player.play();
+  }
+
+  setSpeed(speed) {
+    if (this.runs()) this.control.send({ do: "speed", speed });
+    else {
+      this.player.speed = speed;
+      this.changedPlayer();
+    }
+  }
+
+  /** To the next event, which a paused run makes. */
+  forward() {
+    if (this.runs()) this.control.send({ do: "step" });
+    else this.step(1);
+  }
+
   /** To the next or previous event that moved a token. */
   async step(by) {
     this.player.play(false);
@@ -298,11 +341,12 @@ class App {
     }
     this.frames = (this.frames ?? 0) + 1;
     if (this.mission.kind === "model") this.selected.element = this.mission.elements[this.selected.element] ? this.selected.element : -1;
+    this.team.update(this.state, time);
     if (this.state !== null) {
-      this.drawWorld(time);
-      this.diagram.update(this.state, this.player.playing);
+      if (this.tabs.shows("map")) this.drawWorld(time);
+      if (this.tabs.shows("diagram")) this.diagram.update(this.state, this.player.playing);
     } else if (this.mission.kind === "model") this.diagram.update(null, false);
-    this.inspector.update(this.state, time);
+    if (this.tabs.shows("log")) this.inspector.update(this.state, time);
     if (jumped && this.timeline.has(time)) { // the bars have been there before
       this.timeline.follow(time);
       this.soon(PAINT);
@@ -392,8 +436,8 @@ class App {
 
   keys() {
     const { player } = this, robot = (r) => this.mission.robots[r] && this.select({ robot: r });
-    const actions = { " ": () => player.play(), ArrowLeft: (event) => event.shiftKey ? player.seek(player.time - 1e9) : this.step(-1),
-      ArrowRight: (event) => event.shiftKey ? player.seek(player.time + 1e9) : this.step(1), Home: () => player.seek(0), End: () => player.seek(this.store.end),
+    const actions = { " ": () => this.pause(), ArrowLeft: (event) => event.shiftKey ? player.seek(player.time - 1e9) : this.step(-1),
+      ArrowRight: (event) => event.shiftKey ? player.seek(player.time + 1e9) : this.forward(), Home: () => player.seek(0), End: () => player.seek(this.store.end),
       "[": () => player.faster(-1), "]": () => player.faster(1), "+": () => this.timeline.zoom(1 / 1.6), "=": () => this.timeline.zoom(1 / 1.6), "-": () => this.timeline.zoom(1.6),
       0: () => this.timeline.all(), f: () => this.diagram.view.fit(), l: () => this.isLive() && player.follow(), a: () => this.select({ robot: -1 }), "?": () => this.help(),
       Escape: () => this.selected.element >= 0 || this.selected.robot >= 0 ? this.select({ robot: -1, element: -1 }) : this.diagram.up() };

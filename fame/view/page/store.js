@@ -130,6 +130,20 @@ export class State {
     return this.scopes.get(`${r}/${s}`) ?? this.block.scopeIndex.get(`${r}/${s}`);
   }
 
+  /** The variables that are visible in a scope: [name, value], the innermost first. */
+  *visible(r, s) {
+    for (let at = s, left = 64; at !== -1 && left > 0; left -= 1) {
+      for (const [name, [value]] of this.variables.get(`${r}/${at}`)?.values ?? []) yield [name, value];
+      at = this.scopeOf(r, at)?.parent ?? -1;
+    }
+  }
+
+  /** The value of a variable that is visible in a scope. */
+  valueOf(r, s, wanted) {
+    for (const [name, value] of this.visible(r, s)) if (name === wanted) return value;
+    return undefined;
+  }
+
   /** The call activities and sub-processes around a scope, outermost first. */
   openers(r, s) {
     const found = [];
@@ -218,6 +232,15 @@ export class Store {
     return block.loading;
   }
 
+  /** The last message on a topic until an instant, or null. */
+  lastMessage(topic, time) {
+    for (let number = this.numberAt(time); number >= 0; number -= 1) {
+      const rows = byTopic(this.blocks[number]?.data).get(topic), at = rows === undefined ? 0 : after(rows, time, ([t]) => t);
+      if (at > 0) return rows[at - 1];
+    }
+    return null;
+  }
+
   /** Whether the server has not read as far as an instant, but can make a block for it. */
   isAhead(time) {
     return !this.complete && this.peek !== null && time > (this.blocks.at(-1)?.end ?? -1);
@@ -291,6 +314,20 @@ export class Store {
     }
     return null;
   }
+}
+
+const NONE = new Map();
+
+/** The messages of a block, by topic. */
+function byTopic(block) {
+  if (!block) return NONE;
+  const known = (block.topics ??= { taken: 0, rows: new Map() });
+  for (; known.taken < block.messages.length; known.taken += 1) {
+    const row = block.messages[known.taken], rows = known.rows.get(row[1]);
+    if (rows === undefined) known.rows.set(row[1], [row]);
+    else rows.push(row);
+  }
+  return known.rows;
 }
 
 function prepared(data) {

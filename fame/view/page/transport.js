@@ -1,18 +1,15 @@
-// The bar above the timeline: play, pause, speed, time, how many levels are shown, zoom.
+// The bar above the timeline: one pause and one speed, of the run that the cursor follows or of the replay; time, levels, zoom.
 
-import { h, icon, show } from "./dom.js";
+import { h, icon, renew, show } from "./dom.js";
 import { SPEEDS } from "./player.js";
 
 export class Transport {
   constructor(root, timeline) {
     const { app } = timeline, button = (name, title, action) => h("button", { title, "aria-label": title, onclick: action }, icon(name));
-    this.playButton = h("button", { cls: "play", onclick: () => app.player.play() });
+    this.playButton = h("button", { cls: "play", onclick: () => app.pause() });
     this.now = h("output", { cls: "now", "aria-label": "Time" });
     this.total = h("span", { cls: "total" });
-    this.speed = h("select", { title: "Speed ([ slower, ] faster)", "aria-label": "Speed", onchange: () => {
-      app.player.speed = Number(this.speed.value);
-      app.changedPlayer();
-    } }, SPEEDS.map((speed) => h("option", { value: speed }, `${speed}×`)));
+    this.speed = h("select", { onchange: () => app.setSpeed(Number(this.speed.value)) });
     this.live = h("button", { cls: "text live", hidden: true, title: "Follow the run (L)", onclick: () => app.player.follow() }, icon("dot"), "Live");
     this.reading = h("span", { cls: "reading", role: "status" });
     this.level = h("select", { title: "How many levels of called processes have bars", "aria-label": "Levels", onchange: () => {
@@ -21,9 +18,8 @@ export class Transport {
     } }, [1, 2, 3, 4].map((count) => h("option", { value: count }, `${count} level${count > 1 ? "s" : ""}`)));
     this.level.value = "2";
     root.append(h("div", { cls: "bar transport", role: "toolbar", "aria-label": "Playback" },
-      button("previous", "Previous event (←)", () => app.step(-1)), this.playButton, button("next", "Next event (→)", () => app.step(1)),
-      h("span", { cls: "times" }, this.now, " / ", this.total), this.speed, this.live, this.reading, h("span", { cls: "space" }), this.level,
-      h("div", { cls: "tools" }, button("minus", "Longer span (−)", () => timeline.zoom(1.6)), button("plus", "Shorter span (+)", () => timeline.zoom(1 / 1.6)),
+      button("previous", "Previous event (←)", () => app.step(-1)), this.playButton, button("next", "Next event (→)", () => app.forward()),
+      h("span", { cls: "times" }, this.now, h("span", { cls: "of" }, " / "), this.total), h("label", { cls: "speed" }, "Speed ", this.speed), this.live, this.reading, h("span", { cls: "space" }), h("div", { cls: "tools levels" }, this.level, button("minus", "Longer span (−)", () => timeline.zoom(1.6)), button("plus", "Shorter span (+)", () => timeline.zoom(1 / 1.6)),
         button("fit", "The whole run (0)", () => timeline.all()))));
     this.app = app;
     this.playerChanged();
@@ -31,11 +27,14 @@ export class Transport {
 
   /** What the player does has changed. */
   playerChanged() {
-    const { player } = this.app, title = player.playing ? "Pause (Space)" : "Play (Space)";
-    show(this.playButton, icon(player.playing ? "pause" : "play"));
-    this.playButton.title = title;
-    this.playButton.setAttribute("aria-label", title);
-    this.speed.value = String(player.speed);
+    const { app } = this, { player, control } = app, run = app.runs(), playing = run ? !control.status.paused : player.playing;
+    const word = playing ? "Pause" : run ? "Resume" : "Play", of = run ? "run" : "replay", now = run ? control.status.speed : player.speed;
+    show(this.playButton, icon(playing ? "pause" : "play"), word);
+    this.playButton.title = `${word} the ${of} (Space)`;
+    const speeds = run ? [...[...new Set([0.1, 0.5, 1, 2, 5, 10, 50, now || 1])].sort((one, other) => one - other), 0] : SPEEDS;
+    renew(this.speed, speeds.map((speed) => h("option", { value: speed }, speed ? `${speed}×` : "at once")));
+    this.speed.title = `Speed of the ${of}`;
+    this.speed.value = String(now);
     this.live.classList.toggle("on", player.following);
     this.live.hidden = !this.app.isLive();
   }

@@ -1,0 +1,122 @@
+// The first look: a table of the robots, those who need somebody first, and what people have to do, the oldest first.
+
+import { h, icon, renew, robotColour } from "./dom.js";
+import { STATES, STATE_WORDS, drawn, nameOf, roster } from "./roster.js";
+import { FAIL, REPORT } from "./store.js";
+
+const PAUSE = 150; // ms between two pictures of the table
+const SIGNS = { incident: "alert", lost: "off", failed: "alert", waiting: "person", suspended: "pause", running: "play", idle: "minus", completed: "check", cancelled: "close" };
+const HEADS = ["Robot", "State", "Doing", "Since", "Battery", "Open task", "Last message lost"];
+const WANTED = new Set(["incident", "lost", "failed", "waiting"]);
+
+/** A duration in whole seconds, minutes or hours, as people read it. */
+export function ago(time) {
+  const seconds = Math.max(0, Math.floor(time / 1e9));
+  if (seconds < 60) return `${seconds} s`;
+  if (seconds < 3600) return `${Math.floor(seconds / 60)} min ${seconds % 60 ? `${seconds % 60} s` : ""}`.trim();
+  return `${Math.floor(seconds / 3600)} h ${Math.floor((seconds % 3600) / 60)} min`;
+}
+
+export class Team {
+  constructor(team, needs, app) {
+    this.app = app;
+    this.table = h("div", { cls: "roster", role: "table", "aria-label": "Robots" });
+    this.list = h("div", { cls: "asks", tabindex: 0 });
+    this.summary = h("span", { cls: "quiet" });
+    team.append(h("div", { cls: "bar" }, h("h2", null, "Team"), this.summary), h("div", { cls: "body" }, this.table));
+    needs.append(h("div", { cls: "bar" }, h("h2", null, "Needs you"), this.count = h("span", { cls: "quiet" })), this.list);
+    this.rows = [];
+    this.asks = [];
+    this.last = -Infinity;
+    this.shown = undefined;
+  }
+
+  update(state, time) {
+    const now = performance.now(), { app } = this;
+    const key = [time, app.store.version, app.controlKey(), document.documentElement.dataset.theme, app.mission.robots.length, app.tabs.key].join();
+    if (key === this.key || state === null) return;
+    if (now - this.last < (this.pause ?? PAUSE)) {
+      app.soon(PAUSE);
+      return;
+    }
+    this.key = key;
+    this.last = now;
+    this.shown = time;
+    this.rows = roster(app, state, time);
+    this.asks = this.rows.flatMap((row) => row.open.map((wait) => this.ask(state, row, wait))).sort((a, b) => a.wait.since - b.wait.since);
+    app.tabs.badge("needs", this.asks.length);
+    this.draw(state, time);
+    this.pause = Math.max(PAUSE, 6 * (performance.now() - now));
+  }
+
+  draw(state, time) {
+    const count = new Map();
+    for (const { state: of } of this.rows) count.set(of, (count.get(of) ?? 0) + 1);
+    this.summary.textContent = STATES.filter((of) => count.has(of)).map((of) => `${count.get(of)} ${STATE_WORDS[of]}`).join(" · ");
+    if (this.app.tabs.shows("team")) {
+      renew(this.table, h("div", { role: "row", cls: "heads" }, HEADS.map((text) => h("div", { role: "columnheader" }, text))), this.rows.map((row) => this.row(row, time)));
+    }
+    if (this.app.tabs.shows("needs")) {
+      this.count.textContent = this.asks.length ? `${this.asks.length} open, the oldest first` : "";
+      renew(this.list, this.asks.length ? this.asks.map((ask) => this.card(ask, time)) : h("p", { cls: "nothing" }, icon("check"), "Nobody waits for you."));
+    }
+  }
+
+  // ---- the table ---------------------------------------------------------------------------------
+
+  row(row, time) {
+    const cell = (name, ...content) => h("div", { role: "cell", cls: name }, content), [open] = row.open;
+    const known = row.state !== "idle" && row.since > 0;
+    return h("div", { role: "row", cls: `robot ${row.state} ${this.app.selected.robot === row.r ? "on" : ""}`, dataset: { key: row.r } },
+      cell("name", h("button", { cls: "who", title: `Show ${row.name} in its diagram`, onclick: () => this.app.goTo(row.r, row.element) }, this.swatch(row.r), row.name)),
+      cell("state", h("span", { cls: "glyph" }, icon(SIGNS[row.state])), STATE_WORDS[row.state], row.state === "suspended" && row.by ? h("small", null, `by ${row.by}`) : null),
+      cell("doing", row.doing, row.more ? h("small", null, `and ${row.more} more`) : null, row.progress ? h("small", null, row.progress) : null),
+      cell("since", known ? ago(time - row.since) : ""),
+      cell("battery", this.battery(row.battery)),
+      cell("open", open ? nameOf(this.app, open.e) : ""),
+      cell("missed", row.missed ? [nameOf(this.app, row.missed.e), h("small", null, `${ago(time - row.missed.time)} ago`)] : ""));
+  }
+
+  swatch(r) {
+    const swatch = h("i", { cls: "swatch" });
+    swatch.style.background = robotColour(r);
+    return swatch;
+  }
+
+  battery(charge) {
+    if (charge === null) return "";
+    const percent = Math.round(100 * charge);
+    return h("span", { cls: percent < 20 ? "low" : "" }, h("meter", { min: 0, max: 100, low: 20, value: percent, "aria-label": "Battery" }), ` ${percent} %`);
+  }
+
+  // ---- what people have to do --------------------------------------------------------------------
+
+  /** Something that a person has to do: {row, wait, element: its JSON, place, text: what is wrong, due}. */
+  ask(state, row, wait) {
+    const { elements } = this.app.mission, element = elements[wait.e] ?? { id: wait.element, tag: "" };
+    const place = drawn(this.app, state.openers(row.r, wait.scope), wait.e);
+    const due = element.due ? wait.since + element.due * 1e9 : null;
+    return { row, wait, element, place: place === wait.e ? "" : nameOf(this.app, place), text: wait.error ?? (wait.kind === "incident" ? this.failure(row.r, wait) : element.doc ?? ""), due };
+  }
+
+  /** Why an element failed, as the log says. */
+  failure(r, wait) {
+    const { store } = this.app;
+    for (let number = store.numberAt(wait.since); number >= Math.max(0, store.numberAt(wait.since) - 2); number -= 1) {
+      const { columns, details } = store.blocks[number]?.data ?? {};
+      for (let at = (columns?.t.length ?? 0) - 1; at >= 0; at -= 1) {
+        if (columns.r[at] === r && columns.e[at] === wait.e && (columns.w[at] === FAIL || columns.w[at] === REPORT) && columns.t[at] <= wait.since) return String(details.get(at) ?? "");
+      }
+    }
+    return "";
+  }
+
+  card(ask, time) {
+    const { row, wait, place, text, due } = ask, left = due === null ? null : due - time;
+    return h("section", { cls: `ask ${wait.kind}`, dataset: { key: `${row.r}/${wait.key}` } },
+      h("h3", null, h("span", { cls: "glyph" }, icon(wait.kind === "incident" ? "alert" : "person")), h("button", { cls: "link", title: "Show it in the diagram", onclick: () => this.app.goTo(row.r, wait.e) }, nameOf(this.app, wait.e))),
+      h("p", { cls: "quiet" }, this.swatch(row.r), ` ${row.name}${place ? `, in ${place}` : ""} · since ${ago(time - wait.since)}`, left === null ? null : h("b", { cls: left < 0 ? "late" : "due" }, left < 0 ? ` · ${ago(-left)} late` : ` · due in ${ago(left)}`)),
+      text ? h("p", { cls: "said" }, text) : null, this.app.acts.buttons(row.r, wait));
+  }
+}
+

@@ -1,0 +1,147 @@
+"""The first look of the page: which robot is well, which one needs somebody, and what people do about it."""
+
+# ruff: noqa: E501 (expressions of JavaScript)
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from test_view_control import running
+from view_page import beyond, eventually, opened, until
+
+from fame.scenario import Scenario
+from fame.view import LiveRun, RunControl
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+HOSPITAL = Path(__file__).parent / "models" / "hospital" / "hospital.yaml"
+ROWS = "Object.fromEntries(fame.team.rows.map((row) => [row.name, row.state]))"
+
+
+@pytest.fixture
+def hospital() -> Iterator[LiveRun]:
+    """Seven robots at wall-clock speed, of which the cleaner has an incident."""
+    with running(Scenario.load(HOSPITAL), RunControl(speed=20.0), hold_errors=True) as (live, _):
+        eventually(lambda: any(wait.get("error") for wait in waits(live)))
+        live.control({"do": "speed", "speed": 1})
+        yield live
+
+
+def waits(live: LiveRun) -> list[dict[str, Any]]:
+    return [token for tokens in live._packer.state.waits.values() for token in tokens.values()]
+
+
+@pytest.fixture
+def page(chromium: Browser, hospital: LiveRun) -> Iterator[Page]:
+    with opened(chromium, hospital, tab="team") as found:
+        until(found, "fame.team.rows.length === 7")
+        yield found
+
+
+def row(name: str) -> str:
+    return f"fame.team.rows.find((row) => row.name === '{name}')"
+
+
+def test_robots_that_need_somebody_come_first(page: Page) -> None:
+    states = page.evaluate(ROWS)
+    assert list(states) == ["Cleaner", "Dispatcher", "Lift", "Porter_1", "Porter_2", "Porter_3", "Porter_4"]
+    assert list(states.values())[:3] == ["incident", "waiting", "running"]
+    assert page.locator("#tabs .count:visible").inner_text() == "2"
+
+
+def test_what_a_robot_does_is_said_in_the_words_of_the_diagram_with_the_way_to_go(
+    page: Page, hospital: LiveRun
+) -> None:
+    hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "one"}'})
+    until(page, f"{row('Porter_1')}.doing === 'Go to the ward' && /^[0-9.]+ m to go$/.test({row('Porter_1')}.progress)")
+    assert page.evaluate(f"{row('Porter_3')}.doing") == "Waits: lift is here"
+    assert page.evaluate(f"{row('Lift')}.doing") == "Check the door of the lift"
+    assert 0.4 < page.evaluate(f"{row('Porter_3')}.battery") < 0.47
+
+
+def test_an_incident_says_why_and_is_mended_with_two_touches_on_a_phone(chromium: Browser, hospital: LiveRun) -> None:
+    hospital.control({"do": "set", "robot": "Cleaner", "name": "water", "value": "9"})
+    phone = {"has_touch": True, "is_mobile": True}
+    with opened(chromium, hospital, tab="team", **phone) as page:
+        page.set_viewport_size({"width": 390, "height": 844})
+        until(page, "document.querySelector('#tabs [data-tab=needs]').offsetWidth > 0")
+        page.get_by_role("tab", name="Needs you").tap()
+        assert "the tank has 0.0 l of water, the brush needs 2 l" in page.locator(".ask.incident").inner_text()
+        page.locator(".ask.incident").get_by_role("button", name="Retry", exact=True).tap()
+        until(page, f"{row('Cleaner')}.state === 'running'")
+
+
+def test_a_variable_is_set_before_the_retry(page: Page) -> None:
+    page.get_by_role("button", name="Set and retry").click()
+    assert page.locator("dialog .field").first.inner_text() == "water"
+    page.locator("dialog").get_by_label("water").fill("9")
+    page.locator("dialog").get_by_role("button", name="Retry").click()
+    until(page, f"{row('Cleaner')}.state === 'running'")
+
+
+def test_a_skipped_element_is_in_the_log_with_who_skipped_it(page: Page, hospital: LiveRun) -> None:
+    page.locator(".ask.incident").get_by_role("button", name="Skip").click()
+
+    def told() -> list[str]:
+        return [str(detail) for block in hospital._packer.blocks for detail in block.details.values()]
+
+    eventually(lambda: "skipped by a person, on to Flow_Cleaner_Rinse_Cleaner_Again" in told())
+
+
+def test_the_emergency_stop_suspends_them_all_and_ends_with_its_release(page: Page, hospital: LiveRun) -> None:
+    hospital.control({"do": "signal", "topic": "/emergency_stop", "robot": "Lift", "value": ""})
+    until(page, f"{row('Porter_1')}.state === 'waiting' && {row('Porter_1')}.doing === 'Release the emergency stop'")
+    hospital.control({"do": "complete", "robot": "Porter_1", "element": "Porter_Release", "value": ""})
+    until(page, f"{row('Porter_1')}.state === 'running'")
+
+
+def test_a_task_with_a_boundary_timer_has_a_deadline(page: Page, hospital: LiveRun) -> None:
+    hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "one"}'})
+    hospital.control({"do": "speed", "speed": 20})
+    until(page, "[...document.querySelectorAll('.ask .due')].some((one) => /due in [23] min/.test(one.textContent))")
+
+
+def test_a_robot_whose_engine_is_gone_is_lost(page: Page, hospital: LiveRun) -> None:
+    hospital.control({"do": "fault", "robot": "Porter_2", "kind": "engine"})
+    until(page, f"{row('Porter_2')}.state === 'lost'")
+    assert page.evaluate("fame.team.rows[1].name") == "Porter_2"
+
+
+def test_a_robot_is_shown_in_its_diagram_from_the_table(page: Page) -> None:
+    page.get_by_role("button", name="Porter_2").click()
+    until(
+        page, "document.body.dataset.tab === 'diagram' && fame.mission.robots[fame.selected.robot].name === 'Porter_2'"
+    )
+
+
+def test_one_button_pauses_the_run_and_one_choice_sets_its_speed(page: Page, hospital: LiveRun) -> None:
+    page.get_by_role("button", name="Pause").click()
+    eventually(lambda: hospital.control_of_run.paused)
+    page.get_by_role("button", name="Resume").click()
+    eventually(lambda: not hospital.control_of_run.paused)
+    page.get_by_label("Speed").select_option(label="2\N{MULTIPLICATION SIGN}")
+    eventually(lambda: hospital.control_of_run.speed == 2.0)
+    page.get_by_role("button", name="Previous event").click()
+    page.get_by_role("button", name="Play").wait_for()
+    assert page.evaluate("document.querySelector('.speed select').title") == "Speed of the replay"
+
+
+@pytest.mark.parametrize("width", [1440, 1024, 390, 360])
+def test_no_tab_reaches_beyond_the_window_and_targets_are_large_where_one_touches(page: Page, width: int) -> None:
+    page.set_viewport_size({"width": width, "height": 800})
+    for tab in ("team", "needs", "map", "diagram", "log"):
+        page.evaluate(f"fame.tabs.choose('{tab}')")
+        page.wait_for_timeout(100)
+        assert beyond(page) == []
+        if width <= 1100:
+            assert page.evaluate(SMALL) == []
+
+
+SMALL = """[...document.querySelectorAll('#tabs button, .acts button, .transport button, .robot .who, .asks .link')].filter((one) => {
+  const { width, height } = one.classList.contains('who') ? one.closest('.robot').getBoundingClientRect() : one.getBoundingClientRect();
+  return width && (width < 43.9 || height < 43.9);
+}).map((one) => one.textContent || one.title)"""
