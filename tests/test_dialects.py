@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import pytest
 from bpmn_text import body_of, document, extensions, node_of, notes_of, process, properties, refused
 
-from fame.bpmn import read_text
+from fame.bpmn import read, read_text
 from fame.bpmn.model import (
     Assignment,
     CallActivity,
     ErrorDefinition,
     Event,
     Expression,
+    FormField,
     IoMapping,
     MessageDefinition,
     MultiInstance,
@@ -382,13 +384,31 @@ def test_what_has_no_effect_is_noted() -> None:
     )
     definitions = read_text(text)
     assert notes_of(definitions) == [
-        "camunda:assignee has no effect",
-        "camunda:formKey has no effect",
         "camunda:asyncBefore has no effect",
-        "camunda:formData has no effect",
         "camunda:executionListener is not run: FAME has no listeners",
     ]
     assert {note.element for note in definitions.notes} == {"t"}
+
+
+def test_who_may_complete_a_task_and_its_form_are_read_in_both_dialects() -> None:
+    field = '<camunda:formField id="force" label="Force" type="long" defaultValue="5"><camunda:validation>'
+    limits = '<camunda:constraint name="required"/><camunda:constraint name="max" config="9"/>'
+    data = extensions(f"<camunda:formData>{field}{limits}</camunda:validation></camunda:formField></camunda:formData>")
+    seven = task_of(data, "userTask", 'camunda:assignee="ann" camunda:candidateGroups="nurse, doctor"').human
+    assert (seven.users, seven.groups) == (("ann",), ("nurse", "doctor"))
+    assert seven.form == (FormField(key="force", label="Force", kind="integer", required=True, most=9.0, default=5.0),)
+    people = '<zeebe:assignmentDefinition candidateUsers="bob"/><zeebe:formDefinition formId="elsewhere"/>'
+    eight = task_of(extensions(people), "userTask").human
+    assert (eight.users, eight.groups, eight.linked) == (("bob",), (), "elsewhere")
+
+
+def test_the_form_that_a_task_is_linked_to_is_read_from_its_file() -> None:
+    hospital = read(Path(__file__).parent / "hospital" / "hospital.bpmn")
+    (plan,) = (node for node in hospital.processes[0].body.nodes if node.id == "Plan_Round")
+    assert isinstance(plan, Task)
+    kinds = [field.kind for field in plan.human.form]
+    assert kinds == ["note", "select", "integer", "checkbox", "date", "radio", "text", "other"]
+    assert plan.human.form[-1].label == "Papers: FAME does not draw fields of type filepicker"
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from fame.view import LiveRun, RunControl
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-HOSPITAL = Path(__file__).parent / "models" / "hospital" / "hospital.yaml"
+HOSPITAL = Path(__file__).parent / "hospital" / "hospital.yaml"
 ROWS = "Object.fromEntries(fame.team.rows.map((row) => [row.name, row.state]))"
 
 
@@ -103,6 +103,43 @@ def test_a_task_with_a_boundary_timer_has_a_deadline(page: Page, hospital: LiveR
     hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "one"}'})
     hospital.control({"do": "speed", "speed": 20})
     until(page, "[...document.querySelectorAll('.ask .due')].some((one) => /due in [23] min/.test(one.textContent))")
+
+
+def test_a_form_is_filled_in_and_checked_by_the_browser(page: Page, hospital: LiveRun) -> None:
+    page.locator(".ask.user").get_by_role("button", name="Complete").click()
+    dialog = page.locator("dialog")
+    assert "FAME does not draw fields of type filepicker" in dialog.inner_text()
+    dialog.get_by_role("button", name="Complete").click()
+    assert dialog.is_visible()  # the ward is required
+    dialog.get_by_label("Ward").select_option(label="Ward 2")
+    dialog.get_by_label("Boxes for each porter").fill("7")
+    dialog.get_by_role("button", name="Complete").click()
+    assert dialog.is_visible()  # six at most
+    dialog.get_by_label("Boxes for each porter").fill("3")
+    dialog.get_by_label("Urgent").check()
+    dialog.get_by_label("Late").check()
+    dialog.get_by_label("Day").fill("2026-11-27")
+    dialog.get_by_label("Reference").fill("AB-12")
+    dialog.get_by_role("button", name="Complete").click()
+    given = {"ward": "ward_2", "boxes": 3, "urgent": True, "shift": "late", "day": "2026-11-27", "reference": "AB-12"}
+    values = eventually(
+        lambda: variables(hospital, "Dispatcher") if "ward" in variables(hospital, "Dispatcher") else None
+    )
+    assert given.items() <= values.items()
+
+
+def test_a_signal_is_sent_with_the_fields_of_its_type(page: Page, hospital: LiveRun) -> None:
+    page.get_by_role("button", name="Signal").click()
+    page.get_by_label("Topic").select_option(label="/round")
+    page.get_by_role("button", name="Next").click()
+    page.get_by_label("data").fill("ward_1")
+    page.get_by_role("button", name="Send").click()
+    eventually(lambda: variables(hospital, "Porter_1").get("round") == "ward_1")
+
+
+def variables(live: LiveRun, robot: str) -> dict[str, Any]:
+    number, state = live._packer.robots.index(robot), live._packer.state
+    return {name: value for (r, _), each in state.variables.items() if r == number for name, (value, _) in each.items()}
 
 
 def test_a_robot_whose_engine_is_gone_is_lost(page: Page, hospital: LiveRun) -> None:

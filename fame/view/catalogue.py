@@ -21,11 +21,13 @@ from fame.bpmn.model import (
     FlowNode,
     Process,
     SequenceFlow,
+    Task,
     TimerDefinition,
 )
 from fame.clock import SECOND
 from fame.errors import ModelError
 from fame.iso8601 import parse_duration
+from fame.view.forms import task_fields, topic_fields
 
 NOWHERE = -1
 """The number of a plane or element that does not exist."""
@@ -104,6 +106,10 @@ class Catalogue:
         """The elements with an id, in the order of the files."""
         return self._by_id.get(id, ())
 
+    def types_json(self) -> dict[str, Any]:
+        """The fields of the message of each topic, for a form."""
+        return topic_fields(entry.element for entry in self.elements if isinstance(entry.element, FlowNode))
+
     # ---- for the page ------------------------------------------------------------------------------------------------
 
     def elements_json(self, start: int = 0) -> list[dict[str, Any]]:
@@ -163,6 +169,10 @@ class Catalogue:
             values["topics"] = [[topic.qualified, "throw" if throws else "catch"] for topic, throws in element.topics()]
             values["script"] = element.script.text if element.script is not None else ""
             values["uses"] = _progress_names(element)
+            owner = self.elements[body].element if body != NOWHERE else None
+            values["form"] = task_fields(element, owner.body if isinstance(owner, Process | FlowNode) else None)
+            if isinstance(element, Task):
+                values["users"], values["groups"] = list(element.human.users), list(element.human.groups)
             if due := self._due(file, element, body):
                 values["due"] = due
         if called != NOWHERE or (isinstance(element, FlowNode) and element.body is not None):

@@ -35,6 +35,7 @@ def mission_json(
         "robots": [{"name": robot, "pool": pool_of(catalogue, robot)} for robot in robots],
         "elements": catalogue.elements_json(),
         "planes": catalogue.planes_json(),
+        "types": catalogue.types_json(),
         "models": [file.file for file in catalogue.files],
         "reading": 1,
         "blocks": [],

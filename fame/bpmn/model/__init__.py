@@ -9,6 +9,7 @@ opening tag in the file (1-based, 0 if unknown).
     definitions    a file: processes, pools, message flows, the drawing
     flow_nodes     what a scope runs: events, gateways, activities, sequence flows
     elements       what these are made of: expressions, data, topics, event definitions
+    forms          what a person fills in at a task
 """
 
 from fame.bpmn.model.definitions import (
@@ -65,10 +66,12 @@ from fame.bpmn.model.flow_nodes import (
     Task,
     TaskKind,
 )
+from fame.bpmn.model.forms import NOBODY, FieldKind, FormField, Human
 
 __all__ = [
     "EMPTY",
     "GATEWAYS",
+    "NOBODY",
     "PLACES",
     "TASKS",
     "Activity",
@@ -90,9 +93,12 @@ __all__ = [
     "EventDefinition",
     "EventPosition",
     "Expression",
+    "FieldKind",
     "FlowNode",
+    "FormField",
     "Gateway",
     "GatewayKind",
+    "Human",
     "IoMapping",
     "Language",
     "LinkDefinition",

@@ -19,6 +19,7 @@ from fame.bpmn.model.elements import (
     Topic,
     texts,
 )
+from fame.bpmn.model.forms import NOBODY, Human
 
 _Kind = TypeVar("_Kind", bound=EventDefinition)
 
@@ -320,6 +321,7 @@ class Task(Activity):
     result_variable   receives the result of the script or service
     keys              correlate the message of a receive task: variable name -> expression over ``msg``
     instantiate       a receive task that starts the process
+    human             what a user or manual task says of people
     """
 
     kind: TaskKind = "plain"
@@ -329,6 +331,7 @@ class Task(Activity):
     result_variable: str = ""
     keys: tuple[tuple[str, Expression], ...] = ()
     instantiate: bool = False
+    human: Human = NOBODY
 
     @property
     def tag(self) -> str:

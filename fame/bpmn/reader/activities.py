@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from fame.bpmn.model import (
+    NOBODY,
     Assignment,
     CallActivity,
     Expression,
+    Human,
     IoMapping,
     MultiInstance,
     StandardLoop,
@@ -18,6 +20,7 @@ from fame.bpmn.model import (
 from fame.bpmn.reader.context import Context, boolean_attribute, whole_number
 from fame.bpmn.reader.dialects import read_extensions
 from fame.bpmn.reader.dialects.extensions import take_topic_properties
+from fame.bpmn.reader.dialects.forms import form_js
 from fame.bpmn.reader.events import TopicSource, message_keys, note_keys, read_topic
 from fame.bpmn.reader.expressions import code_of, condition_of, mapping_source, variable_name, variable_or_expression
 from fame.bpmn.reader.flow_nodes import NodeReader
@@ -67,8 +70,23 @@ def read_task(node: NodeReader, kind: TaskKind) -> Task:
         keys=keys,
         result_variable=found.result,
         instantiate=node.flag("instantiate"),
+        human=_human(node) if kind in ("user", "manual") else NOBODY,
         **read_activity(node),
     )
+
+
+def _human(node: NodeReader) -> Human:
+    """Who may complete a task, and its form: its own, or one in the file that it is linked to."""
+    found = node.extensions
+    form, linked = found.form, found.linked.removeprefix("camunda-forms:bpmn:")
+    holder = node.context.find_in_file(node.element, linked) if linked and not form else None
+    if holder is not None and local_name(holder) == "userTaskForm":
+        linked = ""
+        try:
+            form = form_js(text_of(holder))
+        except ValueError as error:
+            node.context.note(holder, f"the form cannot be read: {error}", "warning")
+    return Human(users=tuple(found.users), groups=tuple(found.groups), form=form, linked=linked if not form else "")
 
 
 def _script(node: NodeReader) -> Expression | None:

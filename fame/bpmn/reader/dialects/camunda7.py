@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Set
 from fame.bpmn.model import Assignment, Expression
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects.extensions import Extensions, Property
+from fame.bpmn.reader.dialects.forms import form_data
 from fame.bpmn.reader.expressions import (
     code_expression,
     flow_mapping,
@@ -20,8 +21,8 @@ from fame.bpmn.reader.expressions import (
 from fame.bpmn.reader.xml import ACTIVITI, CAMUNDA, FLOWABLE, Node, line_of, local_name, text_of
 
 IGNORED: Set[str] = {
-    "formKey", "formRef", "formRefBinding", "formRefVersion", "formHandlerClass", "formData", "assignee",
-    "candidateUsers", "candidateGroups", "candidateStarterUsers", "candidateStarterGroups", "potentialStarter",
+    "formRefBinding", "formRefVersion", "formHandlerClass",
+    "candidateStarterUsers", "candidateStarterGroups", "potentialStarter",
     "dueDate", "followUpDate", "priority", "asyncBefore", "asyncAfter", "async", "jobPriority",
     "taskPriority", "failedJobRetryTimeCycle", "initiator", "field", "variableEvents", "variableName",
 }  # fmt: skip
@@ -70,13 +71,32 @@ def attribute(context: Context, node: Node, name: str, value: str, found: Extens
         found.refused = _VENDOR_TASK.format(value)
     elif name in _ATTRIBUTES:
         setattr(found, _ATTRIBUTES[name], value.strip())
+    elif name in PEOPLE:
+        add_people(context, node, found, name, value)
     elif name == "expression":
         found.script = code_expression(context, node, value.strip(), None, line_of(node))
     elif name in IGNORED:
         context.note(node, f"{_prefixed(node, name)} has no effect")
 
 
+PEOPLE = ("assignee", "candidateUsers", "candidateGroups")
+
+
+def add_people(context: Context, node: Node, found: Extensions, name: str, value: str) -> None:
+    """Add those who may complete a task: names with commas. An expression is not evaluated."""
+    if value.strip().startswith(("=", "$", "#")):
+        context.note(node, f"{name}={value!r} has no effect: expected names, not an expression", "warning")
+        return
+    (found.groups if name == "candidateGroups" else found.users).extend(filter(None, map(str.strip, value.split(","))))
+
+
+def _form_data(context: Context, node: Node, found: Extensions) -> None:
+    found.form = tuple(form_data(node))
+
+
 _ATTRIBUTES = {
+    "formKey": "linked",
+    "formRef": "linked",
     "topic": "operation",
     "collection": "collection",
     "elementVariable": "element_variable",
@@ -162,10 +182,11 @@ def _copy(context: Context, node: Node, into: list[Assignment]) -> None:
 _ELEMENTS: Mapping[str, Callable[[Context, Node, Extensions], None]] = {
     "properties": _properties,
     "inputOutput": _input_output,
+    "formData": _form_data,
     "in": _in,
     "out": _out,
 }
-_INNER = {"property", "inputParameter", "outputParameter", "list", "value", "map", "entry", "script"}
+_INNER = {"formField", "property", "inputParameter", "outputParameter", "list", "value", "map", "entry", "script"}
 SHARED_ELEMENTS: Set[str] = {*_ELEMENTS, *_INNER}
-SHARED_ATTRIBUTES: Set[str] = {*_ATTRIBUTES, *REFUSED, "expression", "type"}
+SHARED_ATTRIBUTES: Set[str] = {*_ATTRIBUTES, *PEOPLE, *REFUSED, "expression", "type"}
 """The names that Flowable and Activiti share with Camunda 7."""

@@ -7,12 +7,13 @@ from collections.abc import Callable, Mapping, Set
 
 from fame.bpmn.model import Assignment, Expression
 from fame.bpmn.reader.context import Context
+from fame.bpmn.reader.dialects.camunda7 import PEOPLE, add_people
 from fame.bpmn.reader.dialects.extensions import Extensions, Property
 from fame.bpmn.reader.expressions import mapping_source
 from fame.bpmn.reader.xml import Node, line_of, local_name
 
 IGNORED: Set[str] = {
-    "userTask", "formDefinition", "userTaskForm", "assignmentDefinition", "taskSchedule", "priorityDefinition",
+    "userTask", "taskSchedule", "priorityDefinition",
     "executionListeners", "taskListeners", "linkedResources",
 }  # fmt: skip
 """Elements without effect in FAME; each gets a note."""
@@ -111,11 +112,27 @@ def _subscription(context: Context, node: Node, found: Extensions) -> None:
     found.key = mapping_source(key, line_of(node)) if key else None
 
 
+def _form(context: Context, node: Node, found: Extensions) -> None:
+    found.linked = (node.get("formKey") or node.get("formId") or node.get("externalReference") or "").strip()
+
+
+def _assignment(context: Context, node: Node, found: Extensions) -> None:
+    for name in PEOPLE:
+        add_people(context, node, found, name, node.get(name, ""))
+
+
+def _embedded_form(context: Context, node: Node, found: Extensions) -> None:
+    """Nothing: the task that is linked to a form reads it."""
+
+
 _ELEMENTS: Mapping[str, Callable[[Context, Node, Extensions], None]] = {
     "properties": _properties,
     "taskHeaders": _headers,
     "ioMapping": _io_mapping,
     "taskDefinition": _task,
+    "formDefinition": _form,
+    "userTaskForm": _embedded_form,
+    "assignmentDefinition": _assignment,
     "calledElement": _called,
     "calledDecision": _decision,
     "loopCharacteristics": _loop,

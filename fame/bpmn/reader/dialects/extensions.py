@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from fame.bpmn.model import EMPTY, Assignment, Expression, IoMapping
+from fame.bpmn.model import EMPTY, Assignment, Expression, FormField, IoMapping
 from fame.bpmn.reader.context import Context, message_type, whole_number
 from fame.bpmn.reader.expressions import mapping_source
 from fame.bpmn.reader.xml import Node
@@ -74,6 +74,7 @@ class Extensions:
     code_variable, message_variable   receive code and text of the caught error or escalation
     result, script  variable for the result; expression that gives it
     key             correlation key of a message
+    users, groups   who may complete a task; `form` its fields, `linked` the id of its form elsewhere
     refused         why the element cannot be executed
     """
 
@@ -102,6 +103,10 @@ class Extensions:
     result: str = ""
     script: Expression | None = None
     key: Expression | None = None
+    users: list[str] = field(default_factory=list)
+    groups: list[str] = field(default_factory=list)
+    form: tuple[FormField, ...] = ()
+    linked: str = ""
     refused: str = ""
 
     def take(self, name: str) -> Property | None:
