@@ -142,6 +142,12 @@ def variables(live: LiveRun, robot: str) -> dict[str, Any]:
     return {name: value for (r, _), each in state.variables.items() if r == number for name, (value, _) in each.items()}
 
 
+def test_who_completed_a_task_is_in_the_log(hospital: LiveRun) -> None:
+    hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "who": "ann (shift_lead)"})
+    told = [str(detail) for block in hospital._packer.blocks for detail in block.details.values()]
+    assert "completed by ann (shift_lead): Plan_Round" in told
+
+
 def test_a_robot_whose_engine_is_gone_is_lost(page: Page, hospital: LiveRun) -> None:
     hospital.control({"do": "fault", "robot": "Porter_2", "kind": "engine"})
     until(page, f"{row('Porter_2')}.state === 'lost'")

@@ -11,8 +11,10 @@ from typing import Any
 
 import pytest
 
+from fame.bpmn.model import Human
 from fame.errors import ConfigError, FameError
 from fame.view import Server
+from fame.view.people import Person
 
 
 class OneRobot:
@@ -38,6 +40,9 @@ class OneRobot:
             raise FameError("nothing to do")
         self.commands.append(command)
         return {"said": "done"}
+
+    def tasks(self, element: str) -> list[Human]:
+        return [Human(groups=("nurse",))] if element == "Hand_Over" else []
 
 
 @pytest.fixture
@@ -174,3 +179,39 @@ def test_commands_are_bounded(server: Server, body: str, expected: int) -> None:
     assert status == expected
     assert json.loads(content)["error"]
     assert server.source.commands == []  # type: ignore[attr-defined]
+
+
+# ---- people with an address of their own -----------------------------------------------------------------------------
+
+COMPLETE = {"do": "complete", "robot": "REX", "element": "Hand_Over"}
+
+
+@pytest.mark.parametrize(
+    ("role", "command", "refused"),
+    [
+        ("nurse", COMPLETE, ""),
+        ("technician", COMPLETE, "Hand_Over is a task of nurse, not of ann (technician)"),
+        ("technician", {**COMPLETE, "element": "Anything"}, ""),
+        ("nurse", {**COMPLETE, "do": "retry"}, "ann (nurse) may only complete tasks"),
+        ("nurse", {**COMPLETE, "do": "skip", "who": "the boss"}, "ann (nurse) may only complete tasks"),
+    ],
+)
+def test_a_person_completes_the_tasks_of_their_role_and_does_nothing_else(
+    role: str, command: Mapping[str, str], refused: str
+) -> None:
+    source, ann = OneRobot(), Person("ann", role)
+    with Server(source, people=[ann]) as server:
+        assert server.addresses[ann] != server.address
+        status, _, content = ask(server, "/control", "POST", token=ann.token, body=json.dumps(command))
+    assert (status, json.loads(content).get("error", "")) == (409 if refused else 200, refused)
+    assert source.commands == ([] if refused else [{**command, "who": f"ann ({role})"}])
+
+
+def test_the_page_of_a_person_says_who_it_is_for_and_the_other_one_names_nobody() -> None:
+    source, ann = OneRobot(), Person("ann", "nurse")
+    with Server(source, people=[ann]) as server:
+        hers = json.loads(ask(server, "/mission.json", token=ann.token)[2])
+        assert hers["person"] == {"user": "ann", "role": "nurse"}
+        assert "person" not in json.loads(ask(server, "/mission.json")[2])
+        ask(server, "/control", "POST", body=json.dumps({**COMPLETE, "who": "somebody else"}))
+    assert source.commands == [COMPLETE]

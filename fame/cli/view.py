@@ -58,7 +58,7 @@ def add(commands: Commands) -> None:
         "--robot", action="append", default=[], metavar="NAME", help="team: show this robot only; repeatable"
     )
     parser.add_argument(
-        "--control", action="store_true", help="team: allow the page to complete tasks, retry, set and move"
+        "--control", action="store_true", help="team: allow the page to complete tasks, retry, skip, set and move"
     )
     add_key(parser, "sign the requests of --control")
     add_page(parser)
@@ -73,6 +73,17 @@ def add_page(parser: Parser) -> None:
         "--host", default="127.0.0.1", metavar="ADDRESS", help="address of the page (127.0.0.1: from this machine only)"
     )
     parser.add_argument("--no-open", action="store_true", help="do not open the browser")
+    parser.add_argument(
+        "--as", action="append", default=[], type=_person, metavar="USER:ROLE",
+        help="print one more address, where USER can only complete tasks for USER, ROLE or anybody; repeatable",
+    )  # fmt: skip
+
+
+def _person(text: str) -> tuple[str, str]:
+    user, _, role = (part.strip() for part in text.partition(":"))
+    if not user or not role:
+        raise ArgumentTypeError(f"expected USER:ROLE, as ann:nurse, got {text!r}")
+    return user, role
 
 
 def _port(text: str) -> int:
@@ -152,9 +163,13 @@ def viewed(arguments: Namespace, scenario: Scenario) -> Iterator[LiveRun | None]
 def _serving(source: PageSource, arguments: Namespace) -> Iterator[None]:
     """Serve the page of a source. Print its address, and open it in the browser unless told not to."""
     from fame.view import Server
+    from fame.view.people import Person
 
-    with Server(source, host=arguments.host, port=arguments.port) as server:
+    people = [Person(user, role) for user, role in vars(arguments)["as"]]
+    with Server(source, host=arguments.host, port=arguments.port, people=people) as server:
         print(server.address, flush=True)
+        for person, address in server.addresses.items():
+            print(f"{person}: {address}", flush=True)
         if not arguments.no_open:
             import webbrowser
 

@@ -140,7 +140,8 @@ class TaskServer:
         if node is None:
             reason = "the robot has no process yet"
             return "refused", f"{request.element}: {reason}" if request.element else reason
-        who = signer or f"{printable(request.who) or 'unknown'} (unverified)"
+        name = printable(request.who)
+        who = ", ".join(filter(None, (name, signer))) if signer else f"{name or 'unknown'} (unverified)"
         try:
             match request.act:
                 case "activate":

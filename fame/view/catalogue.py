@@ -19,6 +19,7 @@ from fame.bpmn.model import (
     Definitions,
     Element,
     FlowNode,
+    Human,
     Process,
     SequenceFlow,
     Task,
@@ -105,6 +106,11 @@ class Catalogue:
     def candidates(self, id: str) -> Sequence[int]:
         """The elements with an id, in the order of the files."""
         return self._by_id.get(id, ())
+
+    def tasks(self, id: str) -> list[Human]:
+        """What the tasks with an id say of people."""
+        elements = (self.elements[number].element for number in self.candidates(id))
+        return [element.human for element in elements if isinstance(element, Task)]
 
     def types_json(self) -> dict[str, Any]:
         """The fields of the message of each topic, for a form."""

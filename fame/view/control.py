@@ -195,22 +195,22 @@ class RunControl:
     def _do_complete(self, run: Run, command: _Command) -> str:
         node, values, element = _node(run, command["robot"]), _values(command), str(command["element"])
         node.complete(element, values)
-        _report(run, node, f"completed by a person: {element}")
+        _report(run, node, f"completed by {_who(command)}: {element}")
         return f"{element} is completed."
 
     def _do_retry(self, run: Run, command: _Command) -> str:
         node, values, element = _node(run, command["robot"]), _values(command), str(command["element"])
-        node.retry(element, values, who="a person")
+        node.retry(element, values, who=_who(command))
         return f"{element} is tried again."
 
     def _do_skip(self, run: Run, command: _Command) -> str:
         element = str(command["element"])
-        _node(run, command["robot"]).skip(element, who="a person")
+        _node(run, command["robot"]).skip(element, who=_who(command))
         return f"{element} is skipped."
 
     def _do_move(self, run: Run, command: _Command) -> str:
         element, to = str(command["element"]), str(command["to"])
-        _node(run, command["robot"]).move(element, to, who="a person")
+        _node(run, command["robot"]).move(element, to, who=_who(command))
         return f"The token goes on at {to}."
 
     def _do_signal(self, run: Run, command: _Command) -> str:
@@ -274,6 +274,10 @@ def _report(run: Run, node: RobotNode, text: str) -> None:
     run.reports.append(event)
     if run.observer is not None:
         run.observer(event)
+
+
+def _who(command: _Command) -> str:
+    return str(command.get("who") or "a person")
 
 
 def _values(command: _Command) -> dict[str, Any]:

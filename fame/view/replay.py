@@ -11,7 +11,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, NamedTuple
 
-from fame.bpmn.model import Definitions
+from fame.bpmn.model import Definitions, Human
 from fame.bpmn.reader import read
 from fame.clock import SECOND
 from fame.closing import Closing
@@ -283,6 +283,9 @@ class Replay(Closing):
         if len(self.catalogue.elements) > self._elements:
             news |= {"from": self._elements, "elements": self.catalogue.elements_json(self._elements)}
         return now, [news]
+
+    def tasks(self, element: str) -> list[Human]:
+        return self.catalogue.tasks(element)
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if command.get("do") != "branch" or not self._can_branch:

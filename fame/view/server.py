@@ -1,7 +1,8 @@
 """Serves the page and its data on one address: static files, JSON, and a WebSocket for what changes.
 
 Nobody else gets in: the address holds a random token, requests must name this host, and those of other origins are
-refused. The page may load nothing from elsewhere and run no script but its own files.
+refused. People may have addresses with tokens of their own, which can do less. The page may load nothing from elsewhere
+and run no script but its own files.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import asyncio
 import secrets
 import socket
 import threading
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
@@ -22,6 +23,7 @@ from fame.errors import ConfigError, FameError
 from fame.fast_json import json_bytes
 from fame.imports import require
 from fame.text import read_json
+from fame.view.people import Person
 
 if TYPE_CHECKING:
     import uvicorn
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
     from starlette.responses import Response
     from starlette.types import ASGIApp, Receive, Scope, Send
     from starlette.websockets import WebSocket
+
+    from fame.bpmn.model import Human
 
 LOOPBACK = "127.0.0.1"
 POLL = 0.04
@@ -63,13 +67,17 @@ class PageSource(Protocol):
         """What is new for a page that has `known` (at first None), and what it has afterwards."""
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Carry out a command of the page. Raises FameError."""
+        """Carry out a command of the page; ``who`` names the person, if the page is one's own. Raises FameError."""
+
+    def tasks(self, element: str) -> Iterable[Human]:
+        """What the tasks with an id say of people, in all models."""
 
 
 class Server(Closing):
     """The page of a `source` at a free port of `host`, or `port`, served by a thread until it is closed.
 
-    Raises ConfigError for a port that is not free.
+    `people` have addresses of their own: there they can only complete tasks that are theirs. Raises ConfigError for a
+    port that is not free.
     """
 
     source: PageSource
@@ -78,10 +86,12 @@ class Server(Closing):
     token: str
     socket: socket.socket
 
-    def __init__(self, source: PageSource, *, host: str = LOOPBACK, port: int = 0) -> None:
+    def __init__(
+        self, source: PageSource, *, host: str = LOOPBACK, port: int = 0, people: Sequence[Person] = ()
+    ) -> None:
         require("starlette")
         require("uvicorn")
-        self.source, self.token = source, secrets.token_urlsafe(18)
+        self.source, self.token, self.people = source, secrets.token_urlsafe(18), tuple(people)
         self.socket = _bound(host, port)
         self.host, self.port = host, self.socket.getsockname()[1]
         self._server = self._made()
@@ -91,7 +101,15 @@ class Server(Closing):
     @property
     def address(self) -> str:
         """The address of the page."""
-        return f"http://{_in_address(self.host)}:{self.port}/{self.token}/"
+        return self._address(self.token)
+
+    @property
+    def addresses(self) -> dict[Person, str]:
+        """The addresses of the people."""
+        return {person: self._address(person.token) for person in self.people}
+
+    def _address(self, token: str) -> str:
+        return f"http://{_in_address(self.host)}:{self.port}/{token}/"
 
     def _made(self) -> uvicorn.Server:
         import uvicorn
@@ -112,7 +130,8 @@ class Server(Closing):
 
     def app(self) -> ASGIApp:
         """The application, behind its guard."""
-        return _Guard(_routes(self.source), self.token, self.host, self.port)
+        tokens = {self.token: None, **{person.token: person for person in self.people}}
+        return _Guard(_routes(self.source), tokens, self.host, self.port)
 
 
 def _bound(host: str, port: int) -> socket.socket:
@@ -141,8 +160,8 @@ def _in_address(host: str) -> str:
 class _Guard:
     """Accepts requests that have the token, name this host, and come from this page or from no page."""
 
-    def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:
-        self._app, self._token, self._port = app, token, port
+    def __init__(self, app: ASGIApp, tokens: Mapping[str, Person | None], host: str, port: int) -> None:
+        self._app, self._tokens, self._port = app, tokens, port
         self._names = {host.lower(), *(("localhost", LOOPBACK, "::1") if _is_loopback(host) else ())}
         self._any_name = host in ("0.0.0.0", "::")
 
@@ -152,8 +171,8 @@ class _Guard:
             return
         status = self._refusal(scope)
         if not status:
-            prefix = f"/{self._token}"
-            inner = dict(scope, path=scope["path"][len(prefix) :], root_path=prefix)
+            token = _token_of(scope)
+            inner = dict(scope, path=scope["path"][len(token) + 1 :], person=self._tokens[token])
             inner["raw_path"] = inner["path"].encode()
             inner["root_path"] = ""
             await self._app(inner, receive, send)
@@ -176,9 +195,8 @@ class _Guard:
             return 403
         if origin is not None and urlsplit(origin).netloc.lower() != headers[b"host"].lower():
             return 403
-        path = str(scope["path"]).split("/", 2)
-        given = path[1] if len(path) == 3 else ""
-        return 0 if secrets.compare_digest(given.encode(), self._token.encode()) else 404
+        given = _token_of(scope).encode()
+        return 0 if sum(secrets.compare_digest(given, token.encode()) for token in self._tokens) else 404
 
     def _is_here(self, netloc: str) -> bool:
         """Whether an address names this server: a page of another name that resolves to this host does not."""
@@ -188,6 +206,12 @@ class _Guard:
         except ValueError:
             return False
         return port == self._port and (name in self._names or (self._any_name and _is_number(name)))
+
+
+def _token_of(scope: Scope) -> str:
+    """The first part of the path of a request."""
+    path = str(scope["path"]).split("/", 2)
+    return path[1] if len(path) == 3 else ""
 
 
 _REFUSALS = {
@@ -241,6 +265,20 @@ def _routes(source: PageSource) -> Starlette:
 
         return endpoint
 
+    async def mission(request: Request) -> Response:
+        found, person = dict(await asyncio.to_thread(source.mission)), request.scope["person"]
+        if person is not None:
+            theirs = [act for act in found.get("control", ()) if act == "complete"]
+            found |= {"person": person.to_json(), "control": theirs}
+        return Response(json_bytes(found), 200, _HEADERS, "application/json")
+
+    def obey(command: Mapping[str, Any], person: Person | None) -> Mapping[str, Any]:
+        """Carry out a command of the page of a person, or of the page that may do everything."""
+        if person is not None:
+            person.check(command, source.tasks(str(command.get("element", ""))))
+        who = {"who": str(person)} if person is not None else {}
+        return source.control({name: value for name, value in command.items() if name != "who"} | who)
+
     async def post(request: Request) -> Response:
         try:
             text = await _body(request)
@@ -252,7 +290,10 @@ def _routes(source: PageSource) -> Starlette:
             if not isinstance(command, dict):
                 raise ValueError
             return Response(
-                json_bytes(await asyncio.to_thread(source.control, command)), 200, _HEADERS, "application/json"
+                json_bytes(await asyncio.to_thread(obey, command, request.scope["person"])),
+                200,
+                _HEADERS,
+                "application/json",
             )
         except FameError as error:
             return Response(json_bytes({"error": str(error)}), 409, _HEADERS, "application/json")
@@ -268,7 +309,7 @@ def _routes(source: PageSource) -> Starlette:
         routes=[
             Route("/", static),
             Route("/page/{name}", static),
-            Route("/mission.json", answer(source.mission)),
+            Route("/mission.json", mission),
             Route("/plane/{number:int}.json", answer(source.plane)),
             Route("/block/{number:int}.json", answer(source.block)),
             Route("/at/{time:int}.json", answer(getattr(source, "at", _nothing))),

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from fame.bpmn.model import Human
 from fame.log.recording_file import Sink
 from fame.middleware import messages
 from fame.middleware.messages import Message
@@ -52,6 +53,11 @@ class PageSink(Sink):
         """One drawing. Raises LookupError."""
         with self._lock:
             return self.catalogue.plane_json(number)
+
+    def tasks(self, element: str) -> list[Human]:
+        """What the tasks with an id say of people."""
+        with self._lock:
+            return self.catalogue.tasks(element)
 
     def block(self, number: int) -> Mapping[str, Any]:
         """One block. Raises LookupError."""

@@ -208,16 +208,16 @@ def _request(act: str, command: Mapping[str, Any]) -> TaskRequest:
         values = read_json(text)
     except ValueError:
         raise FameError(f"expected values as JSON, got {text!r}") from None
-    element, to = str(command.get("element", "")), str(command.get("to", ""))
+    element, to, who = str(command.get("element", "")), str(command.get("to", "")), str(command.get("who") or "a page")
     if act == "set":
         if not command.get("name"):
             raise FameError("expected the name of a variable")
-        return TaskRequest(id=uuid4().hex, act=act, element="", values={str(command["name"]): values})
+        return TaskRequest(id=uuid4().hex, act=act, element="", values={str(command["name"]): values}, who=who)
     if not isinstance(values, dict):
         raise FameError('expected values as a JSON object, as {"approved": true}')
     if act == "move" and not to:
         raise FameError("expected the element that the token moves to")
-    return TaskRequest(id=uuid4().hex, act=act, element=element, values=values, to=to)
+    return TaskRequest(id=uuid4().hex, act=act, element=element, values=values, to=to, who=who)
 
 
 def _close(clients: list[TaskClient]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions
+from fame.bpmn.model import Definitions, Human
 from fame.bpmn.reader import read
 from fame.check import Finding, check
 from fame.check.scope import of_error
@@ -132,6 +132,9 @@ class ModelWatch(Closing):
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         version = self._version
         return version, [] if known == version else [{"type": "reload"}]
+
+    def tasks(self, element: str) -> list[Human]:
+        return self._now.catalogue.tasks(element)
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         raise FameError("a model cannot be controlled: no mission is running")

@@ -15,6 +15,12 @@ export class Acts {
     this.app = app;
   }
 
+  /** Whether an open task or incident is for whom this page is. */
+  isMine(wait) {
+    const { person } = this.app.mission, { users = [], groups = [] } = this.app.mission.elements[wait.e] ?? {};
+    return !person || (wait.kind === "user" && (!(users.length + groups.length) || users.includes(person.user) || groups.includes(person.role)));
+  }
+
   can(act) {
     return this.app.control.can.has(act) && !this.app.control.status?.over;
   }
@@ -26,7 +32,7 @@ export class Acts {
   /** The buttons for a token of a robot; those for repair stand behind the one that is most often right. */
   buttons(r, wait) {
     const element = this.app.mission.elements[wait.e], parts = [], button = (text, action, cls = "") => h("button", { cls: `text ${cls}`, onclick: action }, text);
-    if (element === undefined) return null;
+    if (element === undefined || !this.isMine(wait)) return null;
     const incident = wait.kind === "incident", task = wait.kind === "user" || /receiveTask/.test(element.tag);
     if (incident && this.can("retry")) parts.push(button("Retry", () => this.send(r, "retry", { element: element.id }), "strong"), button("Set and retry …", () => this.retry(r, wait)));
     else if (task && !incident && this.can("complete")) {

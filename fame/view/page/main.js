@@ -103,6 +103,7 @@ class App {
     const { mission } = this, chip = (text, cls = "", title = "") => h("span", { cls: `chip ${cls}`, title }, text);
     byId("title").textContent = mission.title;
     document.title = `${mission.title} · fame view`;
+    if (mission.person) mission.chips = [...mission.chips, [`${mission.person.user} (${mission.person.role})`, "completed", "who uses this page"]];
     show(byId("chips"), mission.chips.map(([text, cls, title]) => chip(text, cls, title)));
     show(byId("notices"), (mission.notices ?? []).map((text) => h("span", { cls: "notice", title: text }, text)));
   }

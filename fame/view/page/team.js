@@ -43,7 +43,7 @@ export class Team {
     this.last = now;
     this.shown = time;
     this.rows = roster(app, state, time);
-    this.asks = this.rows.flatMap((row) => row.open.map((wait) => this.ask(state, row, wait))).sort((a, b) => a.wait.since - b.wait.since);
+    this.asks = this.rows.flatMap((row) => row.open.filter((wait) => app.acts.isMine(wait)).map((wait) => this.ask(state, row, wait))).sort((a, b) => a.wait.since - b.wait.since);
     app.tabs.badge("needs", this.asks.length);
     this.draw(state, time);
     this.pause = Math.max(PAUSE, 6 * (performance.now() - now));
@@ -96,7 +96,8 @@ export class Team {
     const { elements } = this.app.mission, element = elements[wait.e] ?? { id: wait.element, tag: "" };
     const place = drawn(this.app, state.openers(row.r, wait.scope), wait.e);
     const due = element.due ? wait.since + element.due * 1e9 : null;
-    return { row, wait, element, place: place === wait.e ? "" : nameOf(this.app, place), text: wait.error ?? (wait.kind === "incident" ? this.failure(row.r, wait) : element.doc ?? ""), due };
+    const whose = [...(element.users ?? []), ...(element.groups ?? [])].join(", ");
+    return { row, wait, element, whose, place: place === wait.e ? "" : nameOf(this.app, place), text: wait.error ?? (wait.kind === "incident" ? this.failure(row.r, wait) : element.doc ?? ""), due };
   }
 
   /** Why an element failed, as the log says. */
@@ -115,7 +116,7 @@ export class Team {
     const { row, wait, place, text, due } = ask, left = due === null ? null : due - time;
     return h("section", { cls: `ask ${wait.kind}`, dataset: { key: `${row.r}/${wait.key}` } },
       h("h3", null, h("span", { cls: "glyph" }, icon(wait.kind === "incident" ? "alert" : "person")), h("button", { cls: "link", title: "Show it in the diagram", onclick: () => this.app.goTo(row.r, wait.e) }, nameOf(this.app, wait.e))),
-      h("p", { cls: "quiet" }, this.swatch(row.r), ` ${row.name}${place ? `, in ${place}` : ""} · since ${ago(time - wait.since)}`, left === null ? null : h("b", { cls: left < 0 ? "late" : "due" }, left < 0 ? ` · ${ago(-left)} late` : ` · due in ${ago(left)}`)),
+      h("p", { cls: "quiet" }, this.swatch(row.r), ` ${row.name}${place ? `, in ${place}` : ""}${ask.whose ? ` · for ${ask.whose}` : ""} · since ${ago(time - wait.since)}`, left === null ? null : h("b", { cls: left < 0 ? "late" : "due" }, left < 0 ? ` · ${ago(-left)} late` : ` · due in ${ago(left)}`)),
       text ? h("p", { cls: "said" }, text) : null, this.app.acts.buttons(row.r, wait));
   }
 }
