@@ -124,8 +124,8 @@ def kill(deployment: Deployment) -> None:
         entry.cancel()
 
 
-def made(field: Field, text: str, id: str, sequence: int, **options) -> Deployment:
-    """A deployment to A and B that has not begun."""
+def made(field: Field, text: str, id: str, sequence: int, robots: Sequence[str] = ("A", "B"), **options) -> Deployment:
+    """A deployment that has not begun."""
     return Deployment(
         read_text(text, file="team.bpmn"),
         id=id,
@@ -133,6 +133,6 @@ def made(field: Field, text: str, id: str, sequence: int, **options) -> Deployme
         scheduler=field.scheduler,
         middleware=field.middleware,
         ended=lambda deployment: None,
-        robots=["A", "B"],
+        robots=list(robots),
         options=DeploymentOptions(**options),
     )

@@ -9,9 +9,11 @@ from fame.bpmn.split import split
 from fame.bpmn.topics import topic_table
 from fame.check import check
 from fame.deploy import EngineNode
+from fame.deploy.envelope import Envelope
 from fame.middleware import messages
 from fame.scenario.exploration import explore
-from tests.deployment_field import BPMN, Field, process
+from fame.simulation import Simulation
+from tests.deployment_field import BPMN, Field, kill as kill_sender, made, process
 
 INT = "std_msgs/msg/Int32"
 COUNTS = {"type": INT, "payload": "${n}", "delivery": "acknowledged", "ttl": "20"}
@@ -73,6 +75,10 @@ def team(thrown: dict[str, str] = COUNTS, kind: str = "signal", robots: str = "B
 
 def kept(field: Field, robot: str) -> list[int]:
     return list(field.variables(robot)["kept"])
+
+
+def decision(deployment: str, robot: str, phase: str) -> str:
+    return Envelope(deployment=deployment, sequence=1, robot=robot, phase=phase).to_json()
 
 
 def kill(field: Field, robot: str) -> None:
@@ -153,6 +159,43 @@ def test_redeployment_removes_a_receiver():
     assert [receiver.robot for receiver in receivers] == ["C"]
     field.pass_time(30)
     assert field.variables("A")["late"] == []
+
+
+def test_an_abort_removes_a_receiver_that_holds():
+    field = Field("A", "B", "C")
+    deployment = made(field, team(), "d1", 1, robots="ABC")
+    deployment.begin()
+    while "waiting" in {engine.state for engine in field.engines.values()}:
+        field.pass_time(0.001)
+    kill_sender(deployment)  # before it has told anybody to start
+    field.pass_time(1)
+    assert {engine.state for engine in field.engines.values()} == {"ready"}
+    for robot in "AC":
+        field.send(robot, decision("d1", robot, "start"))
+    field.pass_time(1)
+    assert [one.robot for one in field.engines["A"].running.acknowledged.outgoing["/tick"].receivers] == ["B", "C"]
+    field.send("B", decision("d1", "B", "abort"))
+    field.pass_time(1)
+    assert [one.robot for one in field.engines["A"].running.acknowledged.outgoing["/tick"].receivers] == ["C"]
+
+
+def test_a_simulated_robot_alone_waits_for_nobody():
+    definitions = read_text(
+        f'<definitions xmlns="{BPMN}" xmlns:c="http://camunda.org/schema/1.0/bpmn" targetNamespace="t">'
+        + '<signal id="tick" name="tick"/>'
+        + process(
+            "p",
+            '<startEvent id="s"/><userTask id="u"/>'
+            + event("intermediateThrowEvent", "throw", delivery="acknowledged"),
+            ("s", "throw"),
+            ("throw", "u"),
+        )
+        + "</definitions>",
+        file="alone.bpmn",
+    )
+    simulation = Simulation(definitions)
+    simulation.run()
+    assert simulation.now == 0
 
 
 def test_a_new_deployment_of_all_gets_nothing_of_the_old_one():

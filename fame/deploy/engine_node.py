@@ -317,6 +317,8 @@ class EngineNode:
                     self.running.hold(_DEPLOYMENT)
             case Drop():
                 if (candidate := self.candidate) is not None:
+                    if candidate.process.acknowledged is not None:
+                        candidate.process.acknowledged.leave()
                     self._close_candidate()
                     self._decided(candidate.envelope.deployment)
             case SetAside():

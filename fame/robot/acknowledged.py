@@ -98,6 +98,15 @@ class AcknowledgedSignals:
 
         self._node.node.subscription(topic, _STRING, read, _QOS)
 
+    def connect(self) -> None:
+        """Make the publishers to the other ends that are there, so that discovery is over when they are needed."""
+        for name in self.incoming:
+            for robot in self._others(_answers(name, "")):
+                self._publisher(_answers(name, robot))
+        for name in self.outgoing:
+            for robot in self._others(_signals(name, "")):
+                self._publisher(_signals(name, robot))
+
     def begin(self) -> None:
         """The process has started, or goes on: announce this robot to all that throw what it catches."""
         self._begun = True
@@ -108,12 +117,11 @@ class AcknowledgedSignals:
                 self._answer(name, Answer(robot, "", 0))
 
     def leave(self) -> None:
-        """Tell the throwers that this robot catches nothing any more: another process replaces this one."""
-        if self._begun:
-            for name, state in self.incoming.items():
-                known = {robot for robot, _ in state.accepted} | set(self._others(_answers(name, "")))
-                for robot in sorted(known):
-                    self._answer(name, Answer(robot, "", 0), left=True)
+        """Tell the throwers that this process catches nothing any more: another one replaces it, or it never starts."""
+        for name, state in self.incoming.items():
+            known = {robot for robot, _ in state.accepted} | set(self._others(_answers(name, "")))
+            for robot in sorted(known):
+                self._answer(name, Answer(robot, "", 0), left=True)
 
     def close(self) -> None:
         """Send nothing again."""
@@ -164,8 +172,10 @@ class AcknowledgedSignals:
                     self._leave(_signals(name, robot), self._own(name, {}))
                 case Expired(robot, signals):
                     self._report(name, robot, signals)
-        if self.outgoing[name].is_busy and (self._timer is None or self._timer.action is None):
-            self._timer = self._node.scheduler.after(_TICK, self._on_timer, Kind.TIMER)
+        state, scheduler = self.outgoing[name], self._node.scheduler
+        awaits = state.receivers or not scheduler.is_simulated  # a simulated robot alone has nobody to wait for
+        if state.is_busy and awaits and (self._timer is None or self._timer.action is None):
+            self._timer = scheduler.after(_TICK, self._on_timer, Kind.TIMER)
 
     def _own(self, name: str, found: Mapping[str, Any]) -> dict[str, Any]:
         sequence = self._membership.sequence

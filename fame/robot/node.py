@@ -139,8 +139,10 @@ class RobotNode:
             self.acknowledged.open()
 
     def connect(self) -> None:
-        """Make the publishers for messages to single robots, as far as these are there."""
+        """Make the publishers towards single robots, as far as these are there."""
         self.endpoints.direct.connect()
+        if self.acknowledged is not None:
+            self.acknowledged.connect()
 
     def start(self, variables: Mapping[str, Any] | None = None) -> None:
         """Start the process. `variables` are those of the instance that its none start event begins."""
