@@ -218,6 +218,63 @@ def _splitters() -> list[bytes]:
     return [status.to_json().encode(), diagram.to_json().encode()]
 
 
+def read_signal(data: bytes) -> None:
+    """`bpmn_signal` and `bpmn_answer`: acknowledged signals, and answers to them."""
+    from fame.middleware import messages
+
+    scheduler, publishers = _receiver()
+    for publisher in publishers:
+        publisher.publish(messages.create("std_msgs/msg/String", _loose(data)))
+    scheduler.run(scheduler.now + 10**7)
+
+
+@cache
+def _receiver() -> tuple[Any, list[Any]]:
+    """A robot that throws and catches an acknowledged signal, and publishers to it."""
+    from fame.bpmn.reader import read_text
+    from fame.clock import Scheduler
+    from fame.middleware.local import LocalMiddleware
+    from fame.robot import RobotNode, make_mission
+
+    scheduler = Scheduler()
+    middleware = LocalMiddleware(scheduler)
+    properties = (
+        '<c:property name="type" value="std_msgs/msg/Int32"/><c:property name="delivery" value="acknowledged"/>'
+    )
+    tick = f"<extensionElements><c:properties>{properties}</c:properties></extensionElements>"
+    tick += '<signalEventDefinition signalRef="S"/>'
+    definitions = read_text(
+        '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="t"'
+        ' xmlns:c="http://camunda.org/schema/1.0/bpmn"><signal id="S" name="tick"/><process id="p" isExecutable="true">'
+        f'<startEvent id="s"/><intermediateThrowEvent id="t">{tick}</intermediateThrowEvent>'
+        f'<intermediateCatchEvent id="c">{tick}</intermediateCatchEvent>'
+        '<sequenceFlow id="f" sourceRef="s" targetRef="t"/><sequenceFlow id="g" sourceRef="t" targetRef="c"/>'
+        '<sequenceFlow id="h" sourceRef="c" targetRef="t"/></process></definitions>',
+        file="tick.bpmn",
+    )
+    mission = make_mission(definitions, definitions.processes[0])
+    node = RobotNode("REX", mission, scheduler=scheduler, middleware=middleware)
+    node.load()
+    node.start()
+    other = middleware.node("other")
+    topics = "/REX/bpmn_signal/tick", "/REX/bpmn_answer/tick"
+    return scheduler, [other.publisher(topic, "std_msgs/msg/String") for topic in topics]
+
+
+def _signals() -> list[bytes]:
+    signal = {
+        "robot": "A",
+        "life": "a",
+        "sequence": 0,
+        "receiver": "1",
+        "follows": 0,
+        "number": 1,
+        "data": "AAEAAAcAAAA=",
+    }
+    answer = {"robot": "B", "life": "b", "sender": "1", "number": 1, "left": False}
+    return [json.dumps(one).encode() for one in (signal, answer)]
+
+
 def read_events(data: bytes) -> None:
     """`bpmn_events`: batches of a robot, as the view and the recorder of a team take them."""
     from fame.clock import Scheduler
@@ -619,6 +676,7 @@ TARGETS = tuple(
         ("status", read_status, _reports, json_text, {"needs": ("cryptography",)}),
         ("task", read_task, _requests, json_text, {"needs": ("cryptography",)}),
         ("splitter", read_splitter, _splitters, json_text, {"needs": ("cryptography",)}),
+        ("signal", read_signal, _signals, json_text, {}),
         ("events", read_events, _batches, json_lines, {}),
         ("cdr", read_cdr, _cdr, text_or_bytes, {}),
         ("definition", read_definition, partial(_examples, *DEFINITIONS), text_or_bytes, {}),
