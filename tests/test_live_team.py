@@ -14,7 +14,7 @@ from fame.clock import EPOCH, SECOND, Scheduler, date_text
 from fame.deploy import EngineNode
 from fame.deploy.options import EngineOptions
 from fame.log import Recording
-from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
+from fame.log.channels import CLOCKS, EVENTS, KEY, VARIABLES, WAITING
 from fame.log.live_team import LiveTeam, _Source
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
@@ -248,7 +248,7 @@ def test_a_team_recorder_writes_a_recording(field: Field, tmp_path: Path) -> Non
             events = [event for event in recording.events(robots=[robot]) if event.what == "leave"]
             counts = Counter(event.element for event in events)
             assert counts == {id: each["leave"] for id, each in last.robots[robot].counts.items() if "leave" in each}
-        assert {message.topic for message in recording.messages()} == {EVENTS, VARIABLES, WAITING, KEY}
+        assert {message.topic for message in recording.messages()} == {EVENTS, VARIABLES, WAITING, KEY, CLOCKS}
 
 
 def test_what_is_no_batch_is_ignored(field: Field) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, Parser, add_json, add_types, command, group
+from fame.cli.judging import add_properties, live_judge, subject
 from fame.cli.network import add_network, note_ready
 from fame.cli.output import note, progress_line
 from fame.errors import ConfigError
@@ -41,6 +42,7 @@ def add(commands: Commands) -> None:
         "--log-topics", choices=("signals", "all"), default="signals",
         help="messages to record: those of signals (default), or of all topics, sensors and motors included",
     )  # fmt: skip
+    add_properties(recording)
     add_network(recording)
     add_types(recording)
 
@@ -93,14 +95,17 @@ def _expect_recording(path: Path) -> None:
 
 
 def record(arguments: Namespace) -> int:
-    """Record until interrupted, and say what was recorded."""
+    """Record until interrupted, and say what was recorded; the exit code is that of the properties."""
+    from fame.cli.output import table
     from fame.log import Recording
     from fame.log.recording_file import RecordingFile
     from fame.log.team_recorder import TeamRecorder
     from fame.log.writing import new_file
+    from fame.properties.judge import HEADS, exit_code
     from fame.scenario import serve
 
     _expect_recording(arguments.output)
+    judging = live_judge(arguments, note)
     recorders: list[TeamRecorder] = []
     with new_file(arguments.output) as begin:
 
@@ -116,6 +121,7 @@ def record(arguments: Namespace) -> int:
                 robots=frozenset(arguments.robot),
                 metadata={"command": arguments.command_line},
                 note=note,
+                judging=judging,
             )
             recorders.append(recorder)
             note_ready(f"records to {arguments.output}")
@@ -130,7 +136,10 @@ def record(arguments: Namespace) -> int:
         lost = "".join(f"; {count} batches of {robot} were lost" for robot, count in recorder.team.gaps.items())
         robots = ", ".join(recording.robots)
         note(f"{arguments.output}: {recording.duration:.1f} s of {robots}{lost}")
-    return 0
+    if judging is None:
+        return 0
+    print(table(HEADS, [each.row for each in judging.judgements]))
+    return exit_code(judging.judgements)
 
 
 def convert(arguments: Namespace) -> int:
@@ -166,11 +175,10 @@ def judge(arguments: Namespace) -> int:
     """Judge logs, and print a table of each; exit code 1 on a violation, 3 if something is pending or not known."""
     from fame.cli.output import print_json, table
     from fame.log.judge import judge_log
-    from fame.properties.files import properties_and_model
     from fame.properties.judge import HEADS, exit_code
 
-    properties, model = properties_and_model(arguments.properties)
-    found = {str(path): judge_log(path, properties, model) for path in _runs(arguments.runs)}
+    properties, model, team = subject(arguments.properties)
+    found = {str(path): judge_log(path, properties, model, team=team) for path in _runs(arguments.runs)}
     if arguments.json:
         print_json({"runs": {path: [one.to_json() for one in each] for path, each in found.items()}})
     else:

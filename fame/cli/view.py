@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, Parser, add_key, add_library, command, positive, private_key, register_types
+from fame.cli.judging import add_properties, live_judge
 from fame.cli.network import add_network
+from fame.cli.output import note
 from fame.errors import ConfigError, FameError
 
 if TYPE_CHECKING:
@@ -61,6 +63,7 @@ def add(commands: Commands) -> None:
         "--control", action="store_true", help="team: allow the page to complete tasks, retry, skip, set and move"
     )
     add_key(parser, "sign the requests of --control")
+    add_properties(parser)
     add_page(parser)
     add_network(parser)
     add_library(parser)
@@ -127,12 +130,12 @@ def _team(arguments: Namespace) -> int:
 
     if arguments.branch is not None:
         raise ConfigError("--branch needs a recording: fame view run.mcap --branch S")
-    key = private_key(arguments)
+    key, judging = private_key(arguments), live_judge(arguments, note)
     with ExitStack() as served:
 
         def build(scheduler: WallScheduler, middleware: Middleware) -> TeamView:
             robots = frozenset(arguments.robot)
-            view = TeamView(middleware, scheduler, robots=robots, control=arguments.control, key=key)
+            view = TeamView(middleware, scheduler, robots=robots, control=arguments.control, key=key, judging=judging)
             served.enter_context(_serving(view, arguments))
             return view
 

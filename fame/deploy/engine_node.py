@@ -78,7 +78,7 @@ if TYPE_CHECKING:
 
     from fame.engine.state import Instance
     from fame.robot import RobotNode
-    from fame.robot.live import LiveFeed
+    from fame.robot.live import ClockServer, LiveFeed
 
 _DEPLOYMENT, _PROMISE, _DISK = "deployment", "promise", "disk"
 """Why a mission is suspended: for `RobotNode.hold`."""
@@ -142,6 +142,7 @@ class EngineNode:
         self._end_reported = -_END_PERIOD
         self._stopped = False
         self._feed: LiveFeed | None = None
+        self._clock_server: ClockServer | None = None
         self._open_endpoints((options.identity or Identity.new()) if options.trusted else None)
 
     def _random(self, seed: int) -> Random:
@@ -410,10 +411,12 @@ class EngineNode:
     def _loading(self, envelope: Envelope) -> LoadingTask[RobotNode]:
         """The task that loads a process, which tells what happens in it."""
         from fame.robot.events import combine_observers
-        from fame.robot.live import LiveFeed
+        from fame.robot.live import ClockServer, LiveFeed
         from fame.robot.options import Membership
 
         options = self._options
+        if self._clock_server is None:
+            self._clock_server = ClockServer(self.node, lambda: self._time.now, options.epoch)
         if self._feed is None:
             self._feed = LiveFeed(
                 *self._live, self.scheduler, session=self.born, epoch=options.epoch, seed=self._seed, log=options.log

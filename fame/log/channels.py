@@ -11,6 +11,7 @@ FORMAT = 1
 """The version of the format: a reader reads this one and older ones."""
 
 KEY, WORLD, GROUND = "/fame/key", "/fame/world", "/fame/ground"
+PROPERTIES, CLOCKS = "/fame/properties", "/fame/clocks"
 
 _ROBOT = {"type": "string", "description": "name of the robot"}
 _OBJECTS = {"type": "array", "items": {"type": "object"}}
@@ -89,5 +90,10 @@ CHANNELS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     KEY: ("fame.Key", _schema(robots={"type": "object"})),
     WORLD: ("foxglove.SceneUpdate", _SCENE),
     GROUND: ("foxglove.SceneUpdate", _SCENE),
+    PROPERTIES: (
+        "fame.Judgement",
+        _schema(property={"type": "string"}, verdict={"type": "string"}, robots={"type": "array"}),
+    ),
+    CLOCKS: ("fame.Clock", _schema(robot=_ROBOT, doubt={"type": ["integer", "null"]})),
 }
 """Topic -> name and content of its schema."""

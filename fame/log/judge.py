@@ -6,21 +6,24 @@ messages of sensors and batteries if all topics were recorded. A log of events a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fame.bpmn.library import closure
+from fame.bpmn.library import Library, closure
 from fame.bpmn.model import CallActivity, Definitions, Process
+from fame.bpmn.pools import pools_of
 from fame.clock import SECOND
 from fame.errors import ConfigError
-from fame.log.channels import EVENTS, KEY, VARIABLES, WORLD
+from fame.log.channels import CLOCKS, EVENTS, KEY, PROPERTIES, VARIABLES, WORLD
 from fame.log.conversion import models_of
 from fame.log.reading import rows_of
-from fame.log.recording import RecordedMessage, Recording, scene_values
+from fame.log.recording import Recording, scene_values
+from fame.log.team_state import TeamState
 from fame.middleware.interface import ENGINE
-from fame.properties import Judge, Judgement, Monitor, Property, compile
-from fame.properties.conditions import Pose, Source
+from fame.properties import Judge, Judgement, Property, compile
+from fame.properties.conditions import Pose, Source, field_of
 from fame.properties.vocabulary import Closure, Vocabulary, vocabulary
 
 BATTERY = "sensor_msgs/msg/BatteryState"
@@ -39,7 +42,7 @@ def judge_log(
     """
     if Path(path).suffix.lower() == ".mcap":
         with Recording(path) as recording:
-            return _Replay(recording, properties, team).judgements()
+            return _replay(recording, properties, model, team)
     if model is None:
         raise ConfigError("has no model: expected one beside the properties, NAME.bpmn of NAME.properties.yaml",
                           file=str(path))  # fmt: skip
@@ -50,7 +53,8 @@ def _judge_events(path: str | Path, properties: Sequence[Property], model: Defin
     with rows_of(path) as rows:
         events = [row for row in rows if row.get("robot")]
         robots = {str(row["robot"]): str(row["element"]) for row in events if row["what"] == "start"}
-        judge = Judge(_compiled(properties, robots, [model]))
+        team = _team_of(robots, [model])
+        judge = Judge([compile(each, team) for each in properties])
         last = max((round(float(row["time"]) * SECOND) for row in events), default=0)
         running: set[tuple[str, str]] = set()
         for row in events:
@@ -68,10 +72,8 @@ def _is_stop(what: str, detail: Any) -> bool:
     return what == "cancel" or (what == "end" and detail == "cancelled")
 
 
-def _compiled(
-    properties: Sequence[Property], processes: Mapping[str, str], models: Sequence[Definitions]
-) -> list[Monitor]:
-    """The monitors of properties for robots with these processes (ids). Raises ConfigError."""
+def _team_of(processes: Mapping[str, str], models: Sequence[Definitions]) -> Vocabulary:
+    """The vocabulary of robots with these processes (ids)."""
     known = {process.id: (model, process) for model in reversed(models) for process in model.processes}
 
     def find(home: Definitions, call: CallActivity) -> tuple[Definitions, Process] | None:
@@ -79,64 +81,86 @@ def _compiled(
         return (home, here) if here is not None else known.get(call.called)
 
     closures: dict[str, Closure] = {robot: closure(*known[id], find) for robot, id in processes.items() if id in known}
-    team = vocabulary(closures, models)
-    return [compile(each, team) for each in properties]
+    return vocabulary(closures, models)
 
 
-class _Replay:
-    """A recording that is given to a judge."""
+class TeamJudge:
+    """Gives the messages of a recording to a judge, in the order of time, while it is made or when it is read.
 
-    def __init__(self, recording: Recording, properties: Sequence[Property], team: Vocabulary | None) -> None:
-        self._recording = recording
-        last = recording.state(recording.end)
-        played = {robot: state.process for robot, state in last.robots.items()}
-        played |= {robot: runs[0].process for robot, runs in recording.runs.items() if runs}
-        if team is None:
-            self._judge = Judge(_compiled(properties, played, models_of(recording)))
-        else:
-            self._judge = Judge([compile(each, team) for each in properties])
-            for robot in team.robots.keys() - last.robots.keys():
-                self._judge.lose(robot, f"nothing of {robot} was recorded")
+    `team` is what is known of the team of a run; without it, `meet` has to be called before the first message.
+    `measured`: whether the doubt of clocks comes with the messages; a clock is not known until then.
+    """
+
+    judge: Judge
+
+    def __init__(self, properties: Sequence[Property], team: Vocabulary | None = None, *, measured: bool) -> None:
+        self._properties, self._measured = properties, measured
         self._scopes: dict[str, dict[int, dict[str, Any]]] = {}  # by robot and instance: variables of the process
+        self._seen: set[str] = set()
+        self._heard: dict[str, int] = {}  # when each robot did something (ns)
+        self._expected: set[str] = set()
+        self.judge = Judge([])
+        if team is not None:
+            self._use(Judge([compile(each, team) for each in properties]), team)
+
+    def meet(self, processes: Mapping[str, str], models: Sequence[Definitions]) -> None:
+        """Use the names of robots with these processes (ids). Raises ConfigError for a property with another name."""
+        team = _team_of(processes, models)
+        monitors = [compile(each, team) for each in self._properties]
+        if self._expected:
+            self.judge.adopt(monitors)
+        self._use(self.judge if self._expected else Judge(monitors), team)
+
+    def _use(self, judge: Judge, team: Vocabulary) -> None:
+        self.judge = judge
+        for robot in team.robots.keys() - self._expected:
+            judge.doubt(robot, None)
+        self._expected |= team.robots.keys()
         self._reads: dict[str, list[Source]] = {}
-        for source in self._judge.sources:
+        for source in judge.sources:
             if source.kind == "variable":
                 self._reads.setdefault(source.subject, []).append(source)
-        self._batteries = {one.subject for one in self._judge.sources if one.kind == "battery"}
-        self._poses = {one.subject for one in self._judge.sources if one.kind == "pose"}
-        self._end = int(recording.metadata.get("end", recording.end))
-        ended = recording.metadata.get("ended")
-        running = any(status == "running" for one in last.robots.values() for _, status in one.instances.values())
-        self._complete = ended == "complete" or (ended is None and not running)
-        self._seen: set[str] = set()
+        self._batteries = {one.subject for one in judge.sources if one.kind == "battery"}
+        self._poses = {one.subject for one in judge.sources if one.kind == "pose"}
 
-    def judgements(self) -> list[Judgement]:
-        """Give everything to the judge, and ask it."""
-        for message in self._recording.messages():
-            if message.topic == EVENTS:
-                self._take_events(message)
-            elif message.topic == VARIABLES:
-                self._take_variables(message)
-            elif message.topic == WORLD:
-                self._take_world(message)
-            elif message.topic == KEY:
-                self._take_gaps(message.json())
-            elif not message.topic.startswith("/fame/"):
-                self._take_message(message)
-        return self._judge.finish(self._end, complete=self._complete)
+    def _see(self, robots: Iterable[str]) -> None:
+        """Note that something of robots was recorded."""
+        for robot in {*robots} - self._seen:
+            self._seen.add(robot)
+            if not self._measured:
+                self.judge.doubt(robot, 0)
 
-    def _take_events(self, message: RecordedMessage) -> None:
-        data = message.json()
+    def finish(self, time: int, *, complete: bool) -> list[Judgement]:
+        """The judgements at the end of what was recorded."""
+        for robot in sorted(self._expected - self._seen):
+            self.judge.lose(robot, f"nothing of {robot} was recorded")
+        return self.judge.finish(time, complete=complete)
+
+    def put(self, topic: str, time: int, data: Mapping[str, Any], *, last: bool = False) -> None:
+        """Take a message of FAME's own channels; `last`: of the last instant, where a run may have been stopped."""
+        self.judge.advance(time)
+        if topic == EVENTS:
+            self._take_events(time, data, last=last)
+        elif topic == VARIABLES:
+            self._take_variables(time, data)
+        elif topic == WORLD:
+            self._take_world(time, data)
+        elif topic == KEY:
+            self._take_gaps(data)
+        elif topic == CLOCKS:
+            self.judge.doubt(data["robot"], data["doubt"])
+
+    def _take_events(self, time: int, data: Mapping[str, Any], *, last: bool) -> None:
         robot = str(data["robot"])
-        self._seen.add(robot)
+        self._see([robot])
+        self._heard[robot] = time
         for mark in (mark for group in data["events"] for mark in group["marks"]):
             element, what, detail = (*mark, None)[:3]
-            if not (message.time == self._end and _is_stop(what, detail)):
-                self._judge.event(message.time, robot, element, what, detail)
-        self._read(message.time, robot)
+            if not (last and _is_stop(what, detail)):
+                self.judge.event(time, robot, element, what, detail)
+        self._read(time, robot)
 
-    def _take_variables(self, message: RecordedMessage) -> None:
-        data = message.json()
+    def _take_variables(self, time: int, data: Mapping[str, Any]) -> None:
         instances = self._scopes.setdefault(str(data["robot"]), {})
         for change in data["changes"]:
             if change["path"]:
@@ -148,7 +172,7 @@ class _Replay:
             variables.update(change.get("set", {}))
             for name in change.get("unset", ()):
                 variables.pop(name, None)
-        self._read(message.time, str(data["robot"]))
+        self._read(time, str(data["robot"]))
 
     def _read(self, time: int, robot: str) -> None:
         """Sample the variables of the instance that started last."""
@@ -156,29 +180,64 @@ class _Replay:
         for source in self._reads.get(robot, ()) if instances else ():
             variables = instances[max(instances)]
             if source.name in variables:
-                self._judge.sample(time, source, variables[source.name])
+                self.judge.sample(time, source, variables[source.name])
 
-    def _take_world(self, message: RecordedMessage) -> None:
-        for robot, look in scene_values(message.json()) if self._poses else ():
+    def _take_world(self, time: int, data: Mapping[str, Any]) -> None:
+        for robot, look in scene_values(data) if self._poses else ():
             if robot in self._poses:
                 place = Pose(look["x"], look["y"], look.get("altitude", 0.0))
-                self._judge.sample(message.time, Source("pose", robot), place)
+                self.judge.sample(time, Source("pose", robot), place)
 
-    def _take_message(self, message: RecordedMessage) -> None:
-        sender, _, name = message.node.strip("/").rpartition("/")
-        if message.topic in self._judge.topics:
-            content = self._recording.decode(message)
-            self._judge.message(message.time, sender if name == ENGINE else "", message.topic, content)
-        if sender in self._batteries and self._recording.topics[message.topic].type == BATTERY:
-            charge = self._recording.decode(message)["percentage"]
-            self._judge.sample(message.time, Source("battery", sender), charge)
+    def message(self, time: int, topic: str, type: str, node: str, content: Callable[[], Any]) -> None:
+        """Take a message of the mission, which `node` (full name) published."""
+        sender, _, name = node.strip("/").rpartition("/")
+        if topic in self.judge.topics:
+            self.judge.message(time, sender if name == ENGINE else "", topic, content())
+        if sender in self._batteries and type == BATTERY:
+            self.judge.sample(time, Source("battery", sender), field_of(content(), ("percentage",)))
 
     def _take_gaps(self, data: Mapping[str, Any]) -> None:
         """What was lost, and robots that were in the middle of their missions when the recording began."""
         for robot, lost in data.get("gaps", {}).items():
             if lost:
-                self._judge.lose(robot, f"{lost} batches of {robot} were lost")
+                self.judge.lose(robot, f"{lost} batches of {robot} were lost", self._heard.get(robot, 0))
         for robot in data["robots"].keys() - self._seen:
             if data["robots"][robot]["instances"]:
-                self._judge.lose(robot, f"the recording does not have the beginning of {robot}")
-        self._seen |= data["robots"].keys()
+                self.judge.lose(robot, f"the recording does not have the beginning of {robot}")
+        self._see(data["robots"])
+
+
+def runs(state: TeamState) -> bool:
+    """Whether an instance of a robot runs."""
+    return any(status == "running" for one in state.robots.values() for _, status in one.instances.values())
+
+
+def _replay(
+    recording: Recording, properties: Sequence[Property], model: Definitions | None, team: Vocabulary | None
+) -> list[Judgement]:
+    """Give all of a recording to a judge, and ask it."""
+    last = recording.state(recording.end)
+    judge = TeamJudge(properties, team, measured="clocks" in recording.metadata)
+    if team is None:
+        processes, models = team_of_model(model)
+        processes |= {robot: state.process for robot, state in last.robots.items()}
+        processes |= {robot: each[0].process for robot, each in recording.runs.items() if each}
+        judge.meet(processes, [*models_of(recording), *models])
+    end = int(recording.metadata.get("end", recording.end))
+    ended = recording.metadata.get("ended")
+    for message in recording.messages():
+        if not message.topic.startswith("/fame/"):
+            type = recording.topics[message.topic].type
+            judge.message(message.time, message.topic, type, message.node, partial(recording.decode, message))
+        elif message.topic != PROPERTIES:
+            judge.put(message.topic, message.time, message.json(), last=message.time == end)
+    return judge.finish(end, complete=ended == "complete" or (ended is None and not runs(last)))
+
+
+def team_of_model(model: Definitions | None) -> tuple[dict[str, str], list[Definitions]]:
+    """The robots that a model names and their processes (ids), and its files; nothing without a model."""
+    if model is None:
+        return {}, []
+    pools, library = pools_of(model), Library()
+    homes = {home.file: home for pool in pools for home, _ in library.closure(model, pool.process)}
+    return {pool.name: pool.process.id for pool in pools if not pool.multi_instance}, list(homes.values())

@@ -59,8 +59,8 @@ class LiveTeam(Closing):
     gaps      how many batches of each robot were lost
     gone      robots that have left the network
 
-    `on_model` gets the name of a robot and what it runs, whenever that changes. Without `node`, batches are given to
-    `feed`.
+    `on_model` gets the name of a robot and what it runs, whenever that changes. What comes late has the time `floor` at
+    least. Without `node`, batches are given to `feed`.
     """
 
     def __init__(
@@ -73,8 +73,9 @@ class LiveTeam(Closing):
         on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
         robots: frozenset[str] = frozenset(),
         delay: int = DELAY,
+        floor: Callable[[], int] = lambda: 0,
     ) -> None:
-        self._node, self._middleware, self._scheduler = node, middleware, scheduler
+        self._node, self._middleware, self._scheduler, self._floor = node, middleware, scheduler, floor
         self._on_model, self._wanted, self._delay = on_model, robots, delay
         self._writer = KeyWriter(put)
         self.epoch: datetime | None = None
@@ -201,7 +202,7 @@ class LiveTeam(Closing):
             time, number, action = heappop(self._waiting)
             del self._arrived[number]
             with suppress(*_STRANGE):
-                action(max(time, self._writer.last, 0))
+                action(max(time, self._writer.last, self._floor()))
 
     def _begin(self, robot: str, process: str, time: int) -> None:
         """Note that a robot starts a process, perhaps after another: its batches are complete from now on."""

@@ -11,7 +11,10 @@ from typing import Any
 from fame.clock import SECOND, Entry, Scheduler, date_text
 from fame.closing import Closing
 from fame.errors import MessageError
-from fame.log.channels import GROUND, KEY, WORLD
+from fame.log.channels import CLOCKS, GROUND, KEY, WORLD
+from fame.log.clocks import ClockDoubts
+from fame.log.judge import runs
+from fame.log.live_judge import LiveJudge
 from fame.log.live_team import DELAY, STRING, LiveTeam, now_since
 from fame.log.recorder import LogTopics
 from fame.log.recording import ModelRun
@@ -27,7 +30,9 @@ _DISCOVERY = SECOND // 2
 """Interval of the search for topics (ns)."""
 _FLUSH = 2 * SECOND
 """Interval in which data are written to the file (ns): the most that a crash loses."""
-_INTERNAL = ("bpmn_events", "bpmn_model", "bpmn_status", "bpmn_process", "bpmn_task")
+_TICK = SECOND // 20
+"""Interval in which bounds are noticed that have passed while nothing happened (ns)."""
+_INTERNAL = ("bpmn_events", "bpmn_model", "bpmn_status", "bpmn_process", "bpmn_task", "bpmn_clock")
 """Topics of engines that are not recorded as messages."""
 _GENERAL = frozenset(("/rosout", "/parameter_events", CLOCK, "/clock_done", "/world_state", WORLD_SCENE, WORLD_GROUND))
 
@@ -36,7 +41,7 @@ class TeamRecorder(Closing):
     """Records the robots of a team, or those named in `robots`, until `close`. `note` gets lines for people.
 
     `open_file` is called before the first message. `models`: attach what each robot runs; `on_model` gets it, too.
-    `delay`: how long batches wait for those of other robots (ns).
+    `delay`: how long batches wait for those of other robots (ns). `judging` judges what is recorded.
     """
 
     def __init__(
@@ -52,8 +57,9 @@ class TeamRecorder(Closing):
         delay: int = DELAY,
         note: Callable[[str], object] = lambda text: None,
         on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
+        judging: LiveJudge | None = None,
     ) -> None:
-        self._report_model = on_model
+        self._report_model, self._judging = on_model, judging
         self._middleware, self._scheduler, self._open_file = middleware, scheduler, open_file
         self._every, self._metadata, self._note = topics == "all", dict(metadata or {}), note
         self._models = models
@@ -67,11 +73,20 @@ class TeamRecorder(Closing):
         self._clock: int | None = None  # simulated time, ns
         self._node = middleware.node("fame_recorder")
         self.team: LiveTeam = LiveTeam(
-            self._node, middleware, scheduler, self._put, on_model=self._on_model, robots=robots, delay=delay
+            self._node,
+            middleware,
+            scheduler,
+            self._put,
+            on_model=self._on_model,
+            robots=robots,
+            delay=delay,
+            floor=lambda: judging.now if judging is not None else 0,
         )
         self._node.subscription(CLOCK, CLOCK_TYPE, self._on_clock, QoS(reliability="best_effort", depth=1))
         self._node.subscription(WORLD_SCENE, STRING, partial(self._on_scene, WORLD))
         self._node.subscription(WORLD_GROUND, STRING, partial(self._on_scene, GROUND), LATCHED)
+        self._clocks = ClockDoubts(self._node, scheduler, self.team, lambda: self.now, self._on_doubt)
+        self._ticking: Entry | None = scheduler.after(_TICK, self._tick) if judging is not None else None
         self._discovery: Entry = scheduler.after(_DISCOVERY, self._discover)
         self._flushing: Entry = scheduler.after(_FLUSH, self._flush)
 
@@ -87,8 +102,9 @@ class TeamRecorder(Closing):
 
     def _begin(self) -> Sink:
         if self._file is None:
-            self._file = self._open_file()
-            self._file.describe({**self._metadata, **self._dated()})
+            file = self._open_file()
+            self._file = file if self._judging is None else self._judging.over(file)
+            self._file.describe({"clocks": "measured", **self._metadata, **self._dated()})
             for robot, model in self.team.models.items() if self._models else ():
                 self._attach(robot, model, 0)
         return self._file
@@ -106,6 +122,8 @@ class TeamRecorder(Closing):
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         self._note(f"records {robot}: {model.get('process', '')}")
         self._report_model(robot, model)
+        if self._judging is not None:
+            self._judging.on_model(robot, model)
         if self._models:
             self.team.enter(self.team.last_end(robot), lambda time: self._next.update({robot: model}))
 
@@ -137,6 +155,17 @@ class TeamRecorder(Closing):
 
     def _on_clock(self, message: AnyMessage) -> None:
         self._clock = nanoseconds(message.clock)
+
+    def _on_doubt(self, robot: str, doubt: int) -> None:
+        data = {"robot": robot, "doubt": doubt}
+        self.team.enter(self.team.last_end(robot), lambda due: self._begin().put(CLOCKS, due, data))
+
+    def _tick(self) -> None:
+        """Notice bounds that have passed, once what was sent until now had time to arrive."""
+        assert self._judging is not None
+        self._ticking = self._scheduler.after(_TICK, self._tick)
+        if self._judging.due is not None and self._judging.due < self.now:
+            self.team.enter(self.now, self._judging.tick)
 
     def _on_scene(self, topic: str, message: AnyMessage) -> None:
         with suppress(ValueError, TypeError, KeyError, IndexError):  # from a stranger
@@ -196,10 +225,15 @@ class TeamRecorder(Closing):
         """Write everything that waits, and the index, and close all endpoints."""
         self._discovery.cancel()
         self._flushing.cancel()
+        self._clocks.close()
+        if self._ticking is not None:
+            self._ticking.cancel()
         self.team.close()
         self._node.close()
         if self._file is not None:
             for robot, model in self._next.items():
                 self._attach(robot, model, self.team.last_end(robot))
+            if self._judging is not None:
+                self._judging.end(complete=not runs(self.team.state))
             self._file.describe({"lost_batches": json.dumps(self.team.gaps), **self._dated()})
             self._file.finish()

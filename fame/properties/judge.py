@@ -7,13 +7,24 @@ something later is given, or `advance` is called. A message that a robot throws 
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from fame.errors import NOT_KNOWN
 from fame.properties.conditions import Pose, Source
-from fame.properties.monitor import OPEN, SECOND, VIOLATED, Monitor, PartState, Verdict, VerdictWord, overall
+from fame.properties.monitor import (
+    OPEN,
+    SECOND,
+    UNKNOWN,
+    VIOLATED,
+    Monitor,
+    Part,
+    PartState,
+    Verdict,
+    VerdictWord,
+    overall,
+)
 
 if TYPE_CHECKING:
     from fame.engine.state import Trail
@@ -22,6 +33,8 @@ HEADS = ("property", "verdict", "slack", "why")
 """Columns of a table of judgements (`Judgement.row`)."""
 _PLAIN = frozenset((Pose, float, int, str))
 """Types of values that are compared before anything else is done."""
+_FOREVER = 1 << 62
+"""The doubt (ns) of a clock that was not measured."""
 _Place = tuple[int, int]
 """The number of a monitor, and that of one of its parts."""
 
@@ -75,25 +88,63 @@ def exit_code(judgements: Iterable[Judgement]) -> int:
 
 
 class Judge:
-    """Monitors and their states. `on_violation` is called once for each property that is violated, at once."""
+    """Monitors and their states. `on_violation` is called once for each property that is violated, at once.
+
+    All before `now` (ns) is judged. `watch` gets each change: a time (ns), not earlier than those before, and the
+    judgement about the robots concerned.
+    """
+
+    now: int
+    monitors: Sequence[Monitor]
+    sources: frozenset[Source]
+    topics: frozenset[str]
 
     def __init__(self, monitors: Sequence[Monitor], on_violation: Callable[[Judgement], object] | None = None) -> None:
-        self.monitors = monitors
-        self.sources: frozenset[Source] = frozenset(source for one in monitors for source in one.sources)
-        self.topics: frozenset[str] = frozenset(_topics(monitors))
         self.values: dict[Source, Any] = {}
+        self.watch: Callable[[int, Judgement], object] | None = None
         self._states: list[list[PartState]] = [list(one.initial) for one in monitors]
-        self._now, self._due = 0, None if not any(one.timed for one in monitors) else 0
-        self._watched: dict[str, dict[str, dict[str, list[int]]]] = {}
-        self._readers: dict[Source, list[_Place]] = defaultdict(list)
+        self.now = 0
+        self._doubts: dict[str, int | None] = {}
         self._dirty: dict[_Place, None] = {}
         self._messages: dict[tuple[str, str], deque[Any]] = defaultdict(deque)
         self._began: dict[_Place, tuple[int, str, str]] = {}
         self._broken: dict[_Place, tuple[str, str, str]] = {}  # robot, element, values
         self._reasons: dict[int, str] = {}
+        self._curves: dict[_Place, tuple[int, float]] = {}  # when a condition was watched last, and its slack then
         self._on_violation, self._told = on_violation, set[int]()
+        self._use(monitors)
+        self._dirty.update(dict.fromkeys(place for places in self._readers.values() for place in places))
+
+    def _use(self, monitors: Sequence[Monitor]) -> None:
+        self.monitors = monitors
+        self.sources = frozenset(source for one in monitors for source in one.sources)
+        self.topics = frozenset(_topics(monitors))
+        self._due: int | None = 0 if any(one.timed for one in monitors) else None
+        self._watched: dict[str, dict[str, dict[str, list[int]]]] = {}
+        self._readers: dict[Source, list[_Place]] = defaultdict(list)
+        self._clocks: dict[_Place, tuple[int, int]] = {}
         for number, monitor in enumerate(monitors):
             self._index(number, monitor)
+
+    def adopt(self, monitors: Sequence[Monitor]) -> None:
+        """Go on with monitors of the same properties, in the same order, for a team that has more robots."""
+        for number, (old, new) in enumerate(zip(self.monitors, monitors, strict=True)):
+            known = {_identity(part): place for place, part in enumerate(old.parts)}
+            moved = {place: known.get(_identity(part)) for place, part in enumerate(new.parts)}
+            kept = self._states[number]
+            self._states[number] = [
+                part.initial if moved[place] is None else kept[moved[place]]  # type: ignore[index]
+                for place, part in enumerate(new.parts)
+            ]
+            for table in (self._began, self._broken, self._curves):
+                self._move(table, number, moved)
+        self._use(monitors)
+        self._dirty = dict.fromkeys(place for places in self._readers.values() for place in places)
+
+    @staticmethod
+    def _move(table: dict[_Place, Any], number: int, moved: Mapping[int, int | None]) -> None:
+        old = {place: table.pop((number, place)) for other, place in [*table] if other == number}
+        table.update({(number, new): old[place] for new, place in moved.items() if place in old})
 
     def _index(self, number: int, monitor: Monitor) -> None:
         for robot, element, what in monitor.events:
@@ -102,8 +153,6 @@ class Judge:
         for part, one in enumerate(monitor.parts):
             for source in one.condition.sources if one.condition else ():
                 self._readers[source].append((number, part))
-            if one.condition:
-                self._dirty[number, part] = None
 
     # ---- what happens ------------------------------------------------------------------------------------------------
 
@@ -123,7 +172,7 @@ class Judge:
         numbers = self._watched.get(robot, {}).get(element, {}).get(what)
         if numbers is None:
             return
-        if time > self._now:
+        if time > self.now:
             self.advance(time)
         happening, message = (robot, element, what, detail), self._message_of(numbers[0], robot, element, what)
         for number in numbers:
@@ -144,7 +193,7 @@ class Judge:
 
     def message(self, time: int, robot: str, topic: str, message: Any) -> None:
         """Take a message on a topic (full name) of `topics`; `robot` published it, empty: somebody else."""
-        if time > self._now:
+        if time > self.now:
             self.advance(time)
         self._messages[robot, topic].append(message)
         source = Source("topic", topic)
@@ -153,35 +202,61 @@ class Judge:
 
     def sample(self, time: int, source: Source, value: Any) -> None:
         """Take the value of a source; None if it is lost."""
-        if time > self._now:
+        if time > self.now:
             self.advance(time)
         if value.__class__ in _PLAIN and self.values.get(source) == value:
             return  # a value holds until it changes
         self.values[source] = value
         self._dirty.update(dict.fromkeys(self._readers.get(source, ())))
 
-    def lose(self, robot: str, reason: str) -> None:
-        """Events of a robot were lost: what needs them is not known."""
+    def lose(self, robot: str, reason: str, since: int | None = None) -> None:
+        """Events of a robot were lost, perhaps all after the time `since` (ns): what needs them is not known."""
         for number, monitor in enumerate(self.monitors):
             if any(key[0] == robot for key in monitor.events) or any(one.subject == robot for one in monitor.sources):
                 for part in range(len(monitor.parts)):
+                    state = self._states[number][part]
+                    if since is not None and state[0] == VIOLATED and state[2] > since and _lacks(monitor):
+                        self._states[number][part] = UNKNOWN, state[1], None, state[3], 2
+                        self._reasons.setdefault(number, reason)
                     self._lose(number, part, reason)
 
     def _lose(self, number: int, part: int, reason: str) -> None:
         self._reasons.setdefault(number, reason)
         self._states[number][part] = self.monitors[number].parts[part].lose(self._states[number][part])
 
+    def doubt(self, robot: str, doubt: int | None) -> None:
+        """The clock of a robot may be wrong by `doubt` (ns) from now on; None: nobody knows by how much."""
+        self._doubts[robot] = doubt
+        self._clocks.clear()
+        self._due = 0 if any(one.timed for one in self.monitors) else None
+
+    def _doubt(self, place: _Place) -> tuple[int, int]:
+        """The doubt (ns) between two events of a part, and between one of them and the clock of this judge."""
+        found = self._clocks.get(place)
+        if found is None:
+            events = self.monitors[place[0]].events.items()
+            robots = {key[0] for key, reactions in events if any(each.part == place[1] for each in reactions)}
+            known = (self._doubts.get(robot, 0) for robot in robots)
+            first, second = (*sorted((_FOREVER if each is None else each for each in known), reverse=True), 0, 0)[:2]
+            found = self._clocks[place] = (first + second if len(robots) > 1 else 0, first + second)
+        return found
+
     # ---- time --------------------------------------------------------------------------------------------------------
 
     @property
     def due(self) -> int | None:
         """The next time (ns) after which `advance` has to be called even if nothing happens; None: never."""
-        found = (one.deadline(tuple(state)) for one, state in zip(self.monitors, self._states, strict=True))
-        return min((time for time in found if time is not None), default=None)
+        found = (
+            state[1] + part.bound + (self._doubt((number, place))[1] if self._doubts else 0)
+            for number, monitor in enumerate(self.monitors)
+            for place, (part, state) in enumerate(zip(monitor.parts, self._states[number], strict=True))
+            if part.bound is not None and state[0] == OPEN
+        )
+        return min(found, default=None)
 
     def advance(self, time: int) -> None:
         """All instants before `time` (ns) are over."""
-        if time <= self._now:
+        if time <= self.now:
             return
         if self._dirty:
             self._read()
@@ -189,50 +264,73 @@ class Judge:
             self._messages.clear()
         if self._due is not None and self._due < time:
             self._expire(time - 1)
-        self._now = time
+        self.now = time
 
     def _read(self) -> None:
         dirty, self._dirty = self._dirty, {}
         for number, part in dirty:
             one, state = self.monitors[number].parts[part], self._states[number][part]
             if state[0] == OPEN and one.condition is not None:
-                reading = one.condition.read(self.values, self._now)
-                self._put((number, part), one.sample(state, self._now, reading), "", "")
+                reading = one.condition.read(self.values, self.now)
+                self._put((number, part), one.sample(state, self.now, reading), self.now, "", "")
+                if self.watch is not None and reading is not None and reading[1] is not None:
+                    self._draw((number, part), reading[1])
+
+    def _draw(self, place: _Place, slack: float) -> None:
+        """Tell the current slack of a condition, at most once a second."""
+        assert self.watch is not None
+        last, before = self._curves.get(place, (-SECOND, 0.0))
+        if self.now - last >= SECOND and slack != before:
+            self._curves[place] = self.now, slack
+            self.watch(self.now, replace(self._part_judgement(place), slack=slack))
 
     def _expire(self, time: int) -> None:
         """Tell monitors with a bound that `time` is over."""
         for number, monitor in enumerate(self.monitors):
             for part, one in enumerate(monitor.parts) if monitor.timed else ():
                 state = self._states[number][part]
-                new = one.expire(state, time)
+                doubt = self._doubt((number, part))[1] if self._doubts else 0
+                new = one.expire(state, time, doubt)
                 if new is not state:
-                    self._put((number, part), new, "", "")
+                    self._put((number, part), new, (new[2] or 0) + doubt, "", "")
         self._due = self.due
 
     def _step(self, place: _Place, time: int, roles: int, key: Any, robot: str, element: str) -> None:
         number, part = place
         one, state = self.monitors[number].parts[part], self._states[number][part]
-        new = one.step(state, time, roles, key)
+        doubt = self._doubt(place)[0] if self._doubts and one.bound is not None else 0
+        new = one.step(state, time, roles, key, doubt)
         if one.condition is not None:
             self._dirty[place] = None
         if new is not state:
-            self._put(place, new, robot, element)
+            if new[4] == 2 > state[4]:
+                self._reasons.setdefault(number, f"a bound is within the doubt of the clocks{_seconds(doubt)}")
+            self._put(place, new, time, robot, element)
             if one.bound is not None and new[0] == OPEN and (self._due is None or new[1] + one.bound < self._due):
                 self._due = new[1] + one.bound
 
-    def _put(self, place: _Place, new: PartState, robot: str, element: str) -> None:
-        """Keep a new state, and the event that led to it."""
+    def _put(self, place: _Place, new: PartState, time: int, robot: str, element: str) -> None:
+        """Keep a new state, and the event that led to it; `time` (ns) is when that is noticed."""
         number, part = place
         old, self._states[number][part] = self._states[number][part], new
         if new[0] == VIOLATED:
             condition = self.monitors[number].parts[part].condition
-            values = " and ".join(condition.shown(self.values, self._now)) if condition is not None else ""
+            values = " and ".join(condition.shown(self.values, self.now)) if condition is not None else ""
             self._broken[place] = robot, element, values
             if self._on_violation is not None and number not in self._told:
                 self._told.add(number)
-                self._on_violation(self._judgement(number, self.monitors[number].parts[part].verdict(new, part)))
+                self._on_violation(self._part_judgement(place))
         elif new[0] == OPEN and (old[0] != OPEN or old[1] != new[1]):
             self._began[place] = new[1], robot, element
+        if self.watch is not None and (new[0], new[1]) != (old[0], old[1]):
+            one = self._part_judgement(place)
+            left = old[1] + (self.monitors[number].parts[part].bound or 0) - time
+            answered = one.verdict != "violated" and old[0] == OPEN and self.monitors[number].timed
+            self.watch(time, replace(one, slack=left / SECOND) if answered and left >= 0 else one)
+
+    def _part_judgement(self, place: _Place) -> Judgement:
+        number, part = place
+        return self._judgement(number, self.monitors[number].parts[part].verdict(self._states[number][part], part))
 
     # ---- judgements --------------------------------------------------------------------------------------------------
 
@@ -242,13 +340,13 @@ class Judge:
         Otherwise the run was cut, and what is pending stays so. What is given later is not judged.
         """
         self.advance(time)
-        self.advance(self._now + 1)
+        self.advance(self.now + 1)
         for number, monitor in enumerate(self.monitors):
             for part, one in enumerate(monitor.parts) if complete else ():
                 state = self._states[number][part]
                 new = one.finish(state, time)
                 if new is not state:
-                    self._put((number, part), new, "", "")
+                    self._put((number, part), new, time, "", "")
         self._watched, self._readers, self._due = {}, {}, None
         return self.judgements()
 
@@ -312,3 +410,17 @@ def _topics(monitors: Iterable[Monitor]) -> Iterable[str]:
     for monitor in monitors:
         yield from (source.subject for source in monitor.sources if source.kind == "topic")
         yield from (each.topic for reactions in monitor.events.values() for each in reactions if each.topic)
+
+
+def _lacks(monitor: Monitor) -> bool:
+    """Whether what violates it is that an event has not come."""
+    return monitor.spec.pattern in ("exists", "only after", "each time only after")
+
+
+def _identity(part: Part) -> tuple[Any, ...]:
+    """What a part is about."""
+    return *part.binding.items(), part.condition.sources if part.condition else None
+
+
+def _seconds(doubt: int) -> str:
+    return ", which were not measured" if doubt >= _FOREVER else f" ({doubt / SECOND:.3g} s)"

@@ -82,12 +82,16 @@ class Part:
             memory = ((key, time),) if self.pattern == "exists" else ()
         return OPEN, time, memory, slack, int(self.condition is None and self.pattern in _JUDGED_WHEN_OPEN)
 
-    def step(self, state: PartState, time: int, roles: int, key: Any = None) -> PartState:
-        """The state after an event with these `roles` at `time`; `key`: its field, of keyed patterns."""
+    def step(self, state: PartState, time: int, roles: int, key: Any = None, doubt: int = 0) -> PartState:
+        """The state after an event with these `roles` at `time`; `key`: its field, of keyed patterns.
+
+        `doubt` (ns): how far its time and that of what opened the scope may be apart from what they are; an answer so
+        close to the bound is not known.
+        """
         phase = state[0]
         if phase >= CLOSED:
             return state
-        if phase == OPEN and self.bound is not None and time > state[1] + self.bound:
+        if phase == OPEN and self.bound is not None and time > state[1] + self.bound + doubt:
             return self._violated(state, state[1] + self.bound)
         if roles & CLOSES and phase != WAITING:
             if phase == OPEN and self.pattern == "exists":
@@ -95,7 +99,10 @@ class Part:
             triggered = 2 if state[4] == 3 else state[4]
             state = (WAITING if self.opens else CLOSED, 0, None, state[3], triggered)
         elif phase == OPEN and roles & (MAIN | OTHER):
-            state = _INSIDE[self.pattern](self, state, time, roles, key)
+            new = _INSIDE[self.pattern](self, state, time, roles, key)
+            if doubt and self._is_doubtful(state, new, time, key, doubt):
+                new = *new[:3], state[3], 2
+            state = new
         if roles & OPENS and state[0] <= OPEN:
             return self._open(state, time, key)
         return state
@@ -109,9 +116,16 @@ class Part:
             return phase, since, (*memory, (key, time)), slack, triggered
         return state
 
-    def expire(self, state: PartState, time: int) -> PartState:
-        """The state when the instant `time` is over."""
-        if self.bound is not None and state[0] == OPEN and time >= state[1] + self.bound:
+    def _is_doubtful(self, old: PartState, new: PartState, time: int, key: Any, doubt: int) -> bool:
+        """Whether an event answered what waits so close to the bound that it may be on the other side of it."""
+        if self.bound is None or new is old:
+            return False
+        asked = next(begun for known, begun in old[2] if known == key) if self.keyed else old[1]
+        return bool(abs(asked + self.bound - time) <= doubt)
+
+    def expire(self, state: PartState, time: int, doubt: int = 0) -> PartState:
+        """The state when the instant `time` is over; `doubt` (ns) as for `step`."""
+        if self.bound is not None and state[0] == OPEN and time >= state[1] + self.bound + doubt:
             return self._violated(state, state[1] + self.bound)
         return state
 

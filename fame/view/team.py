@@ -20,6 +20,7 @@ from fame.closing import Closing
 from fame.deploy import STATUS_QOS, STRING, Report
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.errors import FameError, ModelError
+from fame.log.live_judge import LiveJudge
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware.interface import AnyMessage, Middleware, QoS
 from fame.text import read_json
@@ -41,8 +42,8 @@ _DELAY = SECOND // 20
 class TeamView(PageSink, Closing):
     """The source of a page that shows the robots on a network, or those named in `robots`.
 
-    `control` lets the page ask robots for something (`TaskRequest`), signed with `key` if there is one. All that comes
-    over the network comes in the thread that runs the scheduler; pages ask from other threads.
+    `control` lets the page ask robots for something (`TaskRequest`), signed with `key` if there is one; `judging`
+    judges properties. All that comes over the network comes in the thread of the scheduler; pages ask from others.
     """
 
     def __init__(
@@ -53,6 +54,7 @@ class TeamView(PageSink, Closing):
         robots: frozenset[str] = frozenset(),
         control: bool = False,
         key: Any = None,
+        judging: LiveJudge | None = None,
     ) -> None:
         super().__init__(Catalogue([]))
         self._scheduler, self._control, self._key = scheduler, control, key
@@ -71,6 +73,7 @@ class TeamView(PageSink, Closing):
             models=False,
             on_model=self._on_model,
             delay=_DELAY,
+            judging=judging,
         )
         self._node = middleware.node("fame_view")
 
