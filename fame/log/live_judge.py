@@ -55,7 +55,12 @@ class LiveJudge(Sink):
     def over(self, sink: Sink) -> LiveJudge:
         """Pass everything on to this sink from now on."""
         self._sink = sink
+        self._declare()
         return self
+
+    def _declare(self) -> None:
+        for data in self._judge.judge.declared():
+            self._sink.put(PROPERTIES, self._last, data)
 
     def on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         """Take what a robot runs."""
@@ -74,6 +79,7 @@ class LiveJudge(Sink):
             return
         self._ready, early, self._early = True, self._early, []
         self._judge.judge.watch = self._watch
+        self._declare()
         for take in early:
             take()
 

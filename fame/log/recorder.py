@@ -117,8 +117,8 @@ class Recorder(Observer):
         self._topics.add(node)
         return partial(self._mark, tracker)
 
-    def watch_world(self, record: Callable[[Put], object]) -> None:
-        """Record a simulated world: `record` is called with a function that takes its messages."""
+    def add_channels(self, record: Callable[[Put], object]) -> None:
+        """Record other channels, as of a simulated world: `record` is called with a function that takes their messages."""
         record(lambda topic, time, data: self.begin().put(topic, time, data))
 
     def run_ends(self, complete: bool) -> None:

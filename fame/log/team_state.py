@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fame.clock import SECOND
-from fame.log.channels import KEY, WAITING
+from fame.log.channels import KEY, PROPERTIES, WAITING
 from fame.robot.robot_state import RobotState
 
 Put = Callable[[str, int, Mapping[str, Any]], object]
@@ -70,9 +70,11 @@ class KeyWriter:
 
 
 def shift_times(topic: str, data: Mapping[str, Any], by: int) -> Mapping[str, Any]:
-    """A message of ``/fame/waiting`` or ``/fame/key`` with the times that it contains on a clock `by` ns ahead."""
-    if not by or topic not in (WAITING, KEY):
+    """A message of FAME's own channels with the times that it contains on a clock `by` ns ahead."""
+    if not by or topic not in (WAITING, KEY, PROPERTIES):
         return data
+    if topic == PROPERTIES:
+        return {**data, **{name: data[name] + by / SECOND for name in ("time", "began") if data[name] is not None}}
     if topic == WAITING:
         return {**data, "tokens": _shift_tokens(data["tokens"], by)}
     robots = {name: {**robot, "tokens": _shift_tokens(robot["tokens"], by)} for name, robot in data["robots"].items()}

@@ -7,7 +7,7 @@ something later is given, or `advance` is called. A message that a robot throws 
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -330,7 +330,9 @@ class Judge:
 
     def _part_judgement(self, place: _Place) -> Judgement:
         number, part = place
-        return self._judgement(number, self.monitors[number].parts[part].verdict(self._states[number][part], part))
+        one = self.monitors[number].parts[part]
+        found = self._judgement(number, one.verdict(self._states[number][part], part))
+        return replace(found, robots=tuple(one.binding.values()))
 
     # ---- judgements --------------------------------------------------------------------------------------------------
 
@@ -353,6 +355,12 @@ class Judge:
     def judgements(self) -> list[Judgement]:
         """The judgements so far, in the order of the properties."""
         return [self._judgement(number, self._verdict(number)) for number in range(len(self.monitors))]
+
+    def declared(self) -> Iterator[dict[str, Any]]:
+        """Each property before anything happened, JSON-serialisable: `names` has (robot, element) of its events."""
+        for number, monitor in enumerate(self.monitors):
+            names = [[robot, element] for robot, element, _ in monitor.events if element]
+            yield {**self._judgement(number, self._verdict(number)).to_json(), "names": names}
 
     def _verdict(self, number: int) -> Verdict:
         parts, states = self.monitors[number].parts, self._states[number]

@@ -57,8 +57,8 @@ class Observer(Protocol):
         """Follow a robot from its first step on. What this returns is called after each step of a script."""
         return None
 
-    def watch_world(self, record: Callable[[Callable[..., object]], object]) -> None:
-        """Record the simulated world: `record` is called with a function that takes its messages."""
+    def add_channels(self, record: Callable[[Callable[..., object]], object]) -> None:
+        """Record other channels, as of a simulated world: `record` is called with a function that takes their messages."""
         return None
 
     def run_ends(self, complete: bool) -> None:
@@ -127,9 +127,9 @@ class _CombinedObserver(Observer):
         steps = [step for observer in self._observers if (step := observer.watch(node)) is not None]
         return steps[0] if len(steps) == 1 else lambda: [step() for step in steps]
 
-    def watch_world(self, record: Callable[[Callable[..., object]], object]) -> None:
+    def add_channels(self, record: Callable[[Callable[..., object]], object]) -> None:
         for observer in self._observers:
-            observer.watch_world(record)
+            observer.add_channels(record)
 
     def run_ends(self, complete: bool) -> None:
         for observer in self._observers:

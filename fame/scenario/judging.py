@@ -11,6 +11,8 @@ from fame.check.variables import variable_names
 from fame.clock import Kind
 from fame.engine.state import Trail
 from fame.errors import MessageError
+from fame.log.channels import PROPERTIES
+from fame.log.team_state import Put
 from fame.middleware import messages
 from fame.middleware.interface import ENGINE
 from fame.properties.conditions import Pose, Source, field_of
@@ -79,6 +81,12 @@ class RunJudge(Observer):
 
             every = sampling(world)
             world.watchers.append(lambda world: self.look() if world.steps % every == 0 else None)
+
+    def record(self, put: Put) -> None:
+        """Give each change to a recording."""
+        for data in self.judge.declared():
+            put(PROPERTIES, 0, data)
+        self.judge.watch = lambda time, judgement: put(PROPERTIES, time, judgement.to_json())
 
     def _has_body(self, robot: str) -> bool:
         return self._world is not None and robot in self._world.robots

@@ -105,6 +105,8 @@ class Run:
             self._check_faults()
             if self.judging is not None:
                 self.judging.begin(self.middleware, self.world)
+                if self.observer is not None:
+                    self.observer.add_channels(self.judging.record)
         except BaseException:
             if self.world is not None:
                 self.world.close()
@@ -164,7 +166,7 @@ class Run:
         if self.observer is not None:
             from sim2d.scene import SceneRecorder
 
-            self.observer.watch_world(
+            self.observer.add_channels(
                 lambda put: self._last_looks.append(partial(SceneRecorder(world, put).look, world))
             )
         world.watchers.append(lambda _: self.scheduler.stop() if self.over else None)

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from fame.bpmn.model import CallActivity, SubProcess
-from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
+from fame.log.channels import EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
 from fame.log.recording import scene_values
 from fame.robot.plain_values import plain
 from fame.view.catalogue import NOWHERE, Catalogue
@@ -74,7 +74,7 @@ class Block:
         return BlockSize(self.events, {name: len(values) for name, values in self.lists.items()})
 
 
-LISTS = ("scopes", "variables", "waits", "messages", "poses", "world")
+LISTS = ("scopes", "variables", "waits", "messages", "poses", "world", "properties")
 """Changes besides events; each begins with its time, but for scopes."""
 
 
@@ -101,6 +101,7 @@ class Packer:
         self.state = RunState()
         self.begun = False
         self.blocks: list[Block] = []
+        self._declared: list[Mapping[str, Any]] = []
 
     @property
     def end(self) -> int:
@@ -191,6 +192,8 @@ class Packer:
         elif topic == WORLD:
             for name, pose in scene_values(data):
                 self.pose(time, name, pose)
+        elif topic == PROPERTIES:
+            self.property(time, data)
         elif topic == GROUND:
             for name, ground in scene_values(data):
                 self.world(time, name, ground)
@@ -231,6 +234,8 @@ class Packer:
         for name in changed:
             self._synchronise(time, self.robot(name), data["robots"][name])
         self._begin_block(time)
+        self.blocks[-1].lists["properties"] += [[time, each] for each in self._declared]
+        self._declared.clear()
 
     def _synchronise(self, time: int, robot: int, data: Mapping[str, Any]) -> None:
         state = self.state
@@ -302,6 +307,18 @@ class Packer:
     def message(self, time: int, topic: str, sender: str, content: Any) -> None:
         """Add a published message. Large values are shortened."""
         self._block(time).lists["messages"].append([time, topic, sender, plain(content)])
+
+    def property(self, time: int, data: Mapping[str, Any]) -> None:
+        """Add a change of a property: a judgement as in ``/fame/properties``, with numbers for robots and elements."""
+        found = {
+            name: [[self.robot(robot), self.element(self.robot(robot), id)] for robot, id in data[name]]
+            for name in ("elements", "names")
+            if name in data
+        }
+        if self.blocks:
+            self._block(time).lists["properties"].append([time, {**data, **found}])
+        else:  # before the first key
+            self._declared.append({**data, **found})
 
     def pose(self, time: int, robot: str, pose: Mapping[str, Any]) -> None:
         """Set the ``appearance`` of a simulated robot (docs/recordings.md)."""

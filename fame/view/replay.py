@@ -19,14 +19,14 @@ from fame.errors import ConfigError, FameError, ModelError
 from fame.fast_json import json_value
 from fame.gc_tuning import exempt, readmit
 from fame.log import Recording
-from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
+from fame.log.channels import CLOCKS, EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
 from fame.log.recording import RecordedMessage
 from fame.log.team_state import shift_times
 from fame.view.blocks import Packer
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import Chip, mission_json, place_of
 
-_OWN = (EVENTS, VARIABLES, WAITING, WORLD, GROUND)
+_OWN = (EVENTS, VARIABLES, WAITING, WORLD, GROUND, PROPERTIES, CLOCKS)
 
 
 class _Run(NamedTuple):

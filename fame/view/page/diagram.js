@@ -261,15 +261,15 @@ export class Diagram {
   }
 
   mark(plane, tokens, counts) {
-    const { element } = this.app.selected;
+    const { element } = this.app.selected, { named } = this.app.timeline.properties;
     for (const [number, group] of plane.groups) {
       const [done, failed, cancelled] = counts.get(number) ?? [0, 0, 0];
       const outcome = failed ? "failed" : done ? "completed" : cancelled ? "cancelled" : "";
       const classes = `${outcome && `is-${outcome}`} ${tokens.has(number) ? "is-active" : ""} ${number === element ? "is-chosen" : ""} ${
-        this.app.breakpoints.has(number) ? "has-breakpoint" : ""}`;
+        this.app.breakpoints.has(number) ? "has-breakpoint" : ""} ${named.has(number) ? "is-named" : ""}`;
       if (plane.classes.get(number) === classes) continue;
       plane.classes.set(number, classes);
-      group.classList.remove("is-failed", "is-completed", "is-cancelled", "is-active", "is-chosen", "has-breakpoint");
+      group.classList.remove("is-failed", "is-completed", "is-cancelled", "is-active", "is-chosen", "has-breakpoint", "is-named");
       group.classList.add(...classes.split(" ").filter(Boolean));
     }
   }

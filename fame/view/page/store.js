@@ -3,7 +3,7 @@
 export const START = 0, ENTER = 1, LEAVE = 2, TAKE = 3, CANCEL = 4, FAIL = 5, END = 6, LOG = 7, REPORT = 8, ANSWER = 9;
 export const WHATS = ["start", "enter", "leave", "take", "cancel", "fail", "end", "log", "report", "answer"];
 const COLUMNS = ["t", "r", "i", "s", "e", "w"];
-const LISTS = ["variables", "waits", "messages", "poses", "world"];
+const LISTS = ["variables", "waits", "messages", "poses", "world", "properties"];
 
 /** The first index whose value is above `time`. */
 export function after(values, time, of = (value) => value) {

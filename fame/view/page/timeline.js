@@ -6,6 +6,7 @@ import { Axis, step } from "./axis.js";
 import { Transport } from "./transport.js";
 import { link, signalsAreNew, signalsOf } from "./signals.js";
 import { Plots } from "./plots.js";
+import { Properties } from "./properties.js";
 
 const GUTTER = 148, ROW = 17, PAD = 6, MOST_ROWS = 4;
 const SLICE = 8; // ms of a frame
@@ -33,6 +34,7 @@ export class Timeline {
     this.tip = h("div", { cls: "tip", hidden: true });
     this.box = h("div", { cls: "chart" }, h("div", { cls: "corner" }), this.axis.overview, this.axis.ruler, this.scroller, this.cursor, this.tip);
     root.append(this.box);
+    this.properties = new Properties(app, this);
     this.layer = document.createElement("canvas");
     this.layerKey = "";
     this.layerPause = 0;
@@ -147,7 +149,9 @@ export class Timeline {
     const reading = mission.reading < 1 ? `reading ${Math.round(mission.reading * 100)} %` : missing > 1 ? `loading ${Math.round((1 - missing / store.blocks.length) * 100)} %` : "";
     if (this.transport.reading.textContent !== reading) this.transport.reading.textContent = reading;
     for (const block of store.within(this.from, this.until)) if (block.data) this.settle(block.data);
-    const lanes = this.lanes(), plotsTop = lanes.length ? lanes.at(-1).top + lanes.at(-1).height : 0, total = plotsTop + this.plots.height;
+    this.properties.read();
+    const lanes = this.lanes(), under = lanes.length ? lanes.at(-1).top + lanes.at(-1).height : 0;
+    const plotsTop = under + this.properties.height, total = plotsTop + this.plots.height;
     this.spacer.style.height = `${total}px`;
     this.label(lanes, plotsTop);
     this.axis.drawRuler();
@@ -192,7 +196,7 @@ export class Timeline {
   }
 
   label(lanes, plotsTop) {
-    const { mission, selected } = this.app, key = `${lanes.map(({ top, height }) => `${top}+${height}`)}|${selected.robot}|${isDark()}|${mission.robots.length}|${this.plots.key}`;
+    const { mission, selected } = this.app, key = `${lanes.map(({ top, height }) => `${top}+${height}`)}|${selected.robot}|${isDark()}|${mission.robots.length}|${this.plots.key}|${this.properties.key}|${this.properties.lanes.map((lane) => lane.word)}`;
     if (key !== this.labelKey) {
       this.labelKey = key;
       this.captions = [];
@@ -206,14 +210,14 @@ export class Timeline {
         lane.style.top = `${top}px`;
         lane.style.height = `${height}px`;
         return lane;
-      }), this.plots.labels(plotsTop));
+      }), this.properties.labels(plotsTop - this.properties.height), this.plots.labels(plotsTop));
     }
   }
 
   /** Bars, arrows, marks and plots, in a picture that is kept until something other than the cursor changes. */
   bars(lanes, plotsTop, frame) {
     const { store, selected } = this.app, { height, scroll } = this.size;
-    const key = [this.from, this.until, this.width, height, scroll, selected.robot, selected.element, this.levels, isDark(), this.plots.key, window.devicePixelRatio].join();
+    const key = [this.from, this.until, this.width, height, scroll, selected.robot, selected.element, this.levels, isDark(), this.plots.key, this.properties.key, window.devicePixelRatio].join();
     if (height < 2) return;
     const begun = performance.now(), same = key === this.layerKey;
     const version = `${store.version}/${store.blocks.length}`;
@@ -262,6 +266,7 @@ export class Timeline {
     this.drawArrows(context, lanes, hits);
     yield;
     this.drawMarks(context, lanes, hits);
+    this.properties.draw(context, plotsTop - this.properties.height, hits);
     this.plots.draw(context, plotsTop);
     context.restore();
     const shown = sharp(this.canvas, width, height);
@@ -480,6 +485,7 @@ export class Timeline {
       const hit = this.hit(event);
       if (hit?.[4]) this.app.select({ robot: hit[4].r, element: hit[4].e }, { reveal: true, scope: hit[4].s });
       if (hit?.[5]) this.app.player.seek(hit[5].until);
+      if (hit?.[7]) this.properties.choose(...hit[7]);
     });
     this.canvas.addEventListener("pointermove", (event) => this.hover(event));
     this.canvas.addEventListener("pointerleave", () => { this.tip.hidden = true; });
@@ -513,8 +519,9 @@ export class Timeline {
     const hit = this.hit(event), { elements, robots } = this.app.mission;
     this.tip.hidden = hit === null || event.buttons > 0;
     if (this.tip.hidden) return;
-    const [, , , , span, arrow, mark] = hit;
-    if (span) {
+    const [, , , , span, arrow, mark, property] = hit;
+    if (property) show(this.tip, this.properties.tip(...property));
+    else if (span) {
       const element = elements[span.e], until = span.until === Infinity ? this.app.store.end : span.until;
       const how = { [-1]: "under way", [LEAVE]: "completed", [CANCEL]: "cancelled", [FAIL]: "failed" }[span.how];
       show(this.tip, h("b", null, element?.name || element?.id), h("span", null, `${robots[span.r].name} · ${how}`),

@@ -1,0 +1,80 @@
+"""Properties on the page: a lane for each, the elements that it names, and a jump to the events that broke it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from view_page import beyond, opened, until
+
+from fame.log import Recording, logging_to
+from fame.log.channels import PROPERTIES
+from fame.scenario import Scenario
+from fame.view import Replay
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+MINE = """properties:
+  answer: after Drone throws /weed_found, some Tractor starts "Go To" within 12 s
+  soon:   after Drone throws /weed_found, some Tractor starts "Go To" within 300 ms
+  charge: always Drone.battery > 0.1
+  apart:  always distance(any two Tractor) > 0.5
+"""
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("view")
+    text = (EXAMPLES / "agriculture.yaml").read_text().partition("properties:")[0] + MINE
+    for name in ("../models", "agriculture_world.yaml", "worlds"):
+        text = text.replace(f" {name}", f" {EXAMPLES / name}")
+    (folder / "mine.yaml").write_text(text)
+    scenario, path = Scenario.load(folder / "mine.yaml", duration=60), folder / "mine.mcap"
+    with logging_to(path, scenario.closures()) as log:
+        scenario.run(observer=log)
+    return path
+
+
+def test_a_recording_of_a_run_has_its_properties(recording: Path) -> None:
+    with Recording(recording) as read:
+        told = [message.json() for message in read.messages([PROPERTIES])]
+    names = {each["property"]: each["names"] for each in told if "names" in each}
+    assert {"answer", "soon", "charge", "apart"} <= names.keys()
+    assert {robot for robot, _ in names["answer"]} >= {"Drone", "Tractor_1"}
+    assert "violated" in {each["verdict"] for each in told if each["property"] == "soon"}
+    with Replay(recording) as replay:
+        replay.wait()
+        rows = [row for block in replay._packer.blocks for row in block.lists["properties"]]
+    assert len(rows) == len(told)
+    assert [time for time, _ in rows] == sorted(time for time, _ in rows)
+
+
+def lane(name: str) -> str:
+    return f"fame.timeline.properties.lanes.find((one) => one.name === '{name}')"
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (390, 844)], ids=["wide", "phone"])
+def test_a_click_shows_what_broke_a_property(chromium: Browser, recording: Path, size: tuple[int, int]) -> None:
+    with Replay(recording) as replay, opened(chromium, replay) as page:
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        until(page, f"{lane('soon')}?.spans.length > 0")
+        assert page.evaluate(f"{lane('answer')}.spans.length") > 0
+        assert page.evaluate(f"{lane('apart')}.curve.length") > 5
+        span = page.evaluate(f"{lane('soon')}.spans.find((one) => one.verdict === 'violated')")
+        assert span["until"] - span["from"] == 300_000_000
+        page.locator(".lane.property", has_text="soon").click()
+        card = page.locator(".verdict")
+        until(page, "!document.querySelector('.verdict').hidden")
+        assert 'some Tractor starts "Go To" within 300 ms' in card.inner_text()
+        until(page, "document.querySelectorAll('.is-named').length > 0")
+        card.locator("div button").first.click()
+        until(page, f"fame.state?.time === {span['from']}")
+        assert page.evaluate("fame.mission.elements[fame.selected.element].name") == "weed_found"
+        card.locator("div button").last.click()
+        until(page, f"fame.state?.time === {span['until']}")
+        assert beyond(page) == []
+        page.locator(".verdict .close").click()
+        until(page, "document.querySelector('.verdict').hidden && !document.querySelector('.is-named')")
