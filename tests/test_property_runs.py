@@ -9,10 +9,12 @@ import pytest
 from bpmn_text import process, properties
 from collaborations import text_of
 
+from fame.bpmn import read_text
 from fame.check import check
 from fame.cli import main
 from fame.errors import ConfigError, ModelError
 from fame.log.judge import judge_log
+from fame.log.reading import run_outcomes
 from fame.properties.files import read_properties
 from fame.scenario import Scenario
 from fame.testing import ExpectationError, MissionLoader
@@ -35,6 +37,11 @@ WORDS = {
     "answer": "holds", "late": "violated", "order": "holds", "small": "holds", "big": "violated", "over": "holds",
     "unasked": "not triggered", "fresh": "holds",
 }  # fmt: skip
+
+
+DEADLINE = f"""<startEvent id="Start"/><sequenceFlow id="f" sourceRef="Start" targetRef="Wait"/>
+<intermediateCatchEvent id="Wait">{properties(deadline="PT1S")}<timerEventDefinition id="t">
+<timeDuration>PT2S</timeDuration></timerEventDefinition></intermediateCatchEvent>"""
 
 
 @pytest.fixture
@@ -139,6 +146,17 @@ def test_every_log_has_the_violations(team: Path) -> None:
     assert [(row["time"], row["robot"]) for row in rows if str(row.get("detail")).startswith("property late is")] == [
         (3.0, "A")
     ]
+
+
+@pytest.mark.parametrize("form", ["mcap", "jsonl"])
+def test_a_drawing_of_a_run_shows_the_element_whose_deadline_broke(tmp_path: Path, form: str) -> None:
+    part = read_text(process(DEADLINE), file="slow.bpmn")
+    model, log = tmp_path / "slow.bpmn", tmp_path / f"slow.{form}"
+    model.write_bytes(part.source)
+    assert main(["run", str(model), "--quiet", "--log", str(log)]) == 1
+    found = run_outcomes(log, part)
+    assert found.tallies["Wait"]["violated"] == 1
+    assert found.notes(part)[-1].startswith('property deadline_Wait is violated: P starts "Wait" at 0 s')
 
 
 def test_a_test_expects_properties(team: Path, tmp_path: Path) -> None:

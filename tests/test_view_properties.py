@@ -14,7 +14,7 @@ from fame.scenario import Scenario
 from fame.view import Replay
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 MINE = """properties:

@@ -151,10 +151,12 @@ class TeamJudge:
             self.judge.doubt(data["robot"], data["doubt"])
 
     def _take_events(self, time: int, data: Mapping[str, Any], *, last: bool) -> None:
-        robot = str(data["robot"])
+        robot, marks = str(data["robot"]), [mark for group in data["events"] for mark in group["marks"]]
+        if all(mark[1] == "report" for mark in marks):  # by who records
+            return
         self._see([robot])
         self._heard[robot] = time
-        for mark in (mark for group in data["events"] for mark in group["marks"]):
+        for mark in marks:
             element, what, detail = (*mark, None)[:3]
             if not (last and _is_stop(what, detail)):
                 self.judge.event(time, robot, element, what, detail)

@@ -14,7 +14,7 @@ from typing import Any
 from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read
 from fame.errors import ConfigError, ModelError
-from fame.log.channels import PROPERTIES
+from fame.log.channels import EVENTS, PROPERTIES
 from fame.log.judge import TeamJudge, team_of_model
 from fame.log.recording_file import Sink
 from fame.middleware import messages
@@ -89,6 +89,10 @@ class LiveJudge(Sink):
         if judgement.verdict == "violated" and judgement.name not in self._told:
             self._told.add(judgement.name)
             self._note(str(judgement))
+            robot, element = next(reversed(judgement.elements), ("", ""))
+            if robot:
+                report = {"instance": 0, "scope": 0, "marks": [[element, "report", str(judgement)]]}
+                self._sink.put(EVENTS, max(time, self._last), {"robot": robot, "events": [report]})
 
     # ---- what is recorded --------------------------------------------------------------------------------------------
 

@@ -49,6 +49,7 @@ class RunOutcomes:
     """The path of a run: outcomes by element, the robots (of those wanted), its first and last second, and errors.
 
     `failures`: second, robot, element and error code of each instance that failed, where it began to fail.
+    `violations`: second, robot, element and text of each property that an event there, or silence after it, violated.
     """
 
     tallies: dict[str, Counter[Outcome]]
@@ -56,6 +57,7 @@ class RunOutcomes:
     start: float
     end: float
     failures: Sequence[tuple[float, str, str, str]]
+    violations: Sequence[tuple[float, str, str, str]] = ()
 
     def notes(self, definitions: Definitions) -> list[str]:
         """The notes below a drawing: robots of the path, duration, failures."""
@@ -65,15 +67,19 @@ class RunOutcomes:
             info = names.get(element)
             shown = display_name(element, info.name if info is not None else "")
             lines.append(f"{robot} failed at {second:.1f} s: {shown}" + (f": {code}" if code else ""))
-        return lines
+        return [*lines, *(text for _, _, _, text in self.violations)]
 
 
 def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collection[str] = ()) -> RunOutcomes:
     """The path of a run through a model. See `outcomes`."""
     instances: dict[tuple[str, str], _Instance] = {}
     seconds: list[float] = []
+    violations: list[tuple[float, str, str, str]] = []
     with rows_of(path) as rows:
         for row in rows:
+            text = str(row.get("detail") or "")
+            if row["what"] == "report" and text.startswith("property ") and " is violated: " in text:
+                violations.append((float(row["time"]), str(row.get("robot", "")), row["element"], text))
             if row["what"] not in _MOVES:
                 continue
             key = str(row.get("robot", "")), str(row["instance"])
@@ -92,6 +98,10 @@ def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collecti
     for instance in chosen.values():
         for element, counts in instance.counts.items():
             found[element] += instance.tally(counts)
+    violations = [one for one in violations if not robots or one[1] in robots]
+    for _, _, element, _ in violations:
+        if element:
+            found[element]["violated"] += 1
     failed = [(key[0], instance.failure) for key, instance in chosen.items() if instance.failure is not None]
     return RunOutcomes(
         tallies={element: tally for element, tally in found.items() if tally},
@@ -99,6 +109,7 @@ def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collecti
         start=seconds[0] if seconds else 0.0,
         end=seconds[-1] if seconds else 0.0,
         failures=[(second, robot, element, code) for robot, (second, element, code) in failed],
+        violations=violations,
     )
 
 

@@ -118,7 +118,7 @@ class Recorder(Observer):
         return partial(self._mark, tracker)
 
     def add_channels(self, record: Callable[[Put], object]) -> None:
-        """Record other channels, as of a simulated world: `record` is called with a function that takes their messages."""
+        """Record other channels, as of a world: `record` is called with a function that takes their messages."""
         record(lambda topic, time, data: self.begin().put(topic, time, data))
 
     def run_ends(self, complete: bool) -> None:

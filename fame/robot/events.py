@@ -58,7 +58,7 @@ class Observer(Protocol):
         return None
 
     def add_channels(self, record: Callable[[Callable[..., object]], object]) -> None:
-        """Record other channels, as of a simulated world: `record` is called with a function that takes their messages."""
+        """Record other channels, as of a world: `record` is called with a function that takes their messages."""
         return None
 
     def run_ends(self, complete: bool) -> None:

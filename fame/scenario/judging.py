@@ -63,6 +63,7 @@ class RunJudge(Observer):
         self._nodes: dict[str, RobotNode] = {}
         self._reads: dict[str, list[Source]] = {}
         self._changed: set[str] = set()
+        self._recordings: list[Put] = []
 
     def begin(self, middleware: LocalMiddleware, world: World | None) -> None:
         """Compile the properties, and sample what they read. Raises ConfigError for an unknown name in one."""
@@ -86,7 +87,12 @@ class RunJudge(Observer):
         """Give each change to a recording."""
         for data in self.judge.declared():
             put(PROPERTIES, 0, data)
-        self.judge.watch = lambda time, judgement: put(PROPERTIES, time, judgement.to_json())
+        self._recordings.append(put)
+        self.judge.watch = self._watch
+
+    def _watch(self, time: int, judgement: Judgement) -> None:
+        for put in self._recordings:
+            put(PROPERTIES, time, judgement.to_json())
 
     def _has_body(self, robot: str) -> bool:
         return self._world is not None and robot in self._world.robots

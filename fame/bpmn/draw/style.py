@@ -197,7 +197,7 @@ def marker(kind: str, ink: Ink) -> str:
     return _line(data, ink, width)
 
 
-Outcome = Literal["failed", "waiting", "completed", "cancelled"]
+Outcome = Literal["failed", "violated", "waiting", "completed", "cancelled"]
 Tally = Mapping[Outcome, int]
 """Number of executions with each outcome."""
 
@@ -217,6 +217,7 @@ STYLES: Mapping[Outcome, Style] = {
     "failed": Style("#cf222e", "#ffebe9", "M-2.7 -2.7L2.7 2.7M-2.7 2.7L2.7 -2.7"),
     "waiting": Style("#9a6700", "#fff8c5", "M-1.7 -3V3M1.7 -3V3"),
     "completed": Style("#1a7f37", "#e3f4e6", "M-3.2 0.2L-0.9 2.6L3.2 -2.6"),
+    "violated": Style("#c21f2c", "#ffebe9", "M0 -2V0.3L1.6 1.4M3.4 0A3.4 3.4 0 1 1 -3.4 0A3.4 3.4 0 1 1 3.4 0"),
     "cancelled": Style("#57606a", "#eaeef2", "M-2.1 2.1L2.1 -2.1M3 0A3 3 0 1 1 -3 0A3 3 0 1 1 3 0"),
 }
 _LIGHT = "#ffffff"
