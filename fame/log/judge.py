@@ -88,13 +88,16 @@ class TeamJudge:
     """Gives the messages of a recording to a judge, in the order of time, while it is made or when it is read.
 
     `team` is what is known of the team of a run; without it, `meet` has to be called before the first message.
-    `measured`: whether the doubt of clocks comes with the messages; a clock is not known until then.
+    `measured`: whether the doubt of clocks comes with the messages; a clock is not known until then. `whole`: whether
+    what a robot did before the first message counts.
     """
 
     judge: Judge
 
-    def __init__(self, properties: Sequence[Property], team: Vocabulary | None = None, *, measured: bool) -> None:
-        self._properties, self._measured = properties, measured
+    def __init__(
+        self, properties: Sequence[Property], team: Vocabulary | None = None, *, measured: bool, whole: bool = True
+    ) -> None:
+        self._properties, self._measured, self._whole = properties, measured, whole
         self._scopes: dict[str, dict[int, dict[str, Any]]] = {}  # by robot and instance: variables of the process
         self._seen: set[str] = set()
         self._heard: dict[str, int] = {}  # when each robot did something (ns)
@@ -204,7 +207,7 @@ class TeamJudge:
             if lost:
                 self.judge.lose(robot, f"{lost} batches of {robot} were lost", self._heard.get(robot, 0))
         for robot in data["robots"].keys() - self._seen:
-            if data["robots"][robot]["instances"]:
+            if self._whole and data["robots"][robot]["instances"]:
                 self.judge.lose(robot, f"the recording does not have the beginning of {robot}")
         self._see(data["robots"])
 

@@ -29,7 +29,7 @@ class LiveJudge(Sink):
     """Judges what a recording gets, and passes that on, with judgements, to the sink that `over` names.
 
     `team` is what is known of the team, or `model` its model: without them, nothing is judged before all robots that
-    the properties name have come. `note` gets violations and properties that cannot be judged.
+    the properties name have come. `note` gets violations. `whole`: whether what a robot did before counts.
     """
 
     def __init__(
@@ -38,9 +38,11 @@ class LiveJudge(Sink):
         model: Definitions | None = None,
         team: Vocabulary | None = None,
         note: Callable[[str], object] = lambda text: None,
+        *,
+        whole: bool = True,
     ) -> None:
         self.properties, self._note = properties, note
-        self._judge = TeamJudge(properties, team, measured=True)
+        self._judge = TeamJudge(properties, team, measured=True, whole=whole)
         self._judge.judge.watch = self._watch
         self._processes, self._models = team_of_model(model if team is None else None)
         self._ready, self._wrong, self._last = team is not None, "", 0

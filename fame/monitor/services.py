@@ -11,6 +11,7 @@ the mission's model.
 ``adm_collect``  record labelled runs of an arm: `output`, `label`, `runs`, `points`, `rule`, `topic`, `field`
 ``adm_learn``    ``fame monitor adm learn``: `config`, `model`; sets `classifier`, the name of the best one
 ``adm_operate``  watch an arm and raise the signal `anomaly`: `model`, `threshold`, `points`, `rule`, `topic`, `field`
+``watch_property``  watch a property of the team and raise the signal ``violated/NAME``: `property` (NAME), `sentence`
 
 Modules with heavy dependencies are imported when a service is started.
 """
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from fame.monitor.anomaly.recording import Rule
     from fame.monitor.pipeline.configuration import Configuration, Stage
 
+WATCH = "watch_property"
 RULES, FIELDS = ("home", "signal", "count"), ("position", "velocity", "effort")
 
 
@@ -48,6 +50,12 @@ class _NodeService:
     def close(self) -> None:
         """Close the node."""
         self._node.close()
+
+
+def _watch_property(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+    from fame.monitor.property_watch import PropertyWatch
+
+    return PropertyWatch(context, variables)
 
 
 # ---- pipelines -------------------------------------------------------------------------------------------------------
@@ -227,5 +235,6 @@ SERVICES: Mapping[str, BuiltInService] = {
     "adm_operate": BuiltInService(_adm_operate, required=("model",)),
     "process": BuiltInService(_process, required=("configuration",)),
     "record": BuiltInService(_record, required=("configuration", "output")),
+    WATCH: BuiltInService(_watch_property, required=("property", "sentence")),
     "train": BuiltInService(_train, required=("configuration",), results=("model", "thresholds")),
 }

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.model import Definitions
 from fame.check.variables import variable_names
-from fame.clock import Kind
+from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.engine.state import Trail
 from fame.errors import MessageError
 from fame.log.channels import PROPERTIES
@@ -20,14 +21,17 @@ from fame.properties.judge import Judge, Judgement
 from fame.properties.monitor import Monitor, compile
 from fame.properties.vocabulary import CheckField, Vocabulary, vocabulary_of
 from fame.robot.events import Event, Observer
+from fame.robot.services import RunningService, ServiceContext
 from fame.text import suggestion
 
 if TYPE_CHECKING:
     from fame.middleware.local import LocalMiddleware
+    from fame.monitor.property_watch import Alarm
     from fame.robot import RobotNode
     from fame.scenario.plan import Plan
     from sim2d.world import World
 
+_LOOK = SECOND // 20
 BATTERY = "sensor_msgs/msg/BatteryState"
 
 
@@ -102,18 +106,18 @@ class RunJudge(Observer):
     def watch(self, node: RobotNode) -> Callable[[], object]:
         """Take a robot; the result is called after each step of a script."""
         self._nodes[node.name] = node
-        return partial(self._mark, node.name)
+        return partial(self.mark, node.name)
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
         """Take what happened at one instant."""
         self.judge.trail(time, robot, trail)
-        self._mark(robot)
+        self.mark(robot)
 
     def __call__(self, event: Event) -> None:
         if event.what in ("log", "end"):
             self.judge.event(event.time, event.robot, event.element, event.what, event.detail)
 
-    def _mark(self, robot: str) -> None:
+    def mark(self, robot: str) -> None:
         """Read the variables of a robot at the end of the instant."""
         if robot in self._reads:
             if not self._changed:
@@ -175,6 +179,70 @@ class RunJudge(Observer):
             ]
             if missing or not monitor.parts:
                 yield monitor, missing[0] if missing else "no robot that it names takes part"
+
+
+class RunWatches(Observer):
+    """The properties that robots of a run watch (service ``watch_property``), each from when its task starts."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._nodes: list[RobotNode] = []
+        self._watches: list[RunJudge] = []
+
+    def watch(self, node: RobotNode) -> Callable[[], object]:
+        """Take a robot."""
+        self._nodes.append(node)
+        return partial(self._mark, node.name)
+
+    def _mark(self, robot: str) -> None:
+        for watch in self._watches:
+            watch.mark(robot)
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """Take what happened at one instant."""
+        for watch in self._watches:
+            watch.trail(time, robot, trail)
+
+    def __call__(self, event: Event) -> None:
+        for watch in self._watches:
+            watch(event)
+
+    def start(
+        self, middleware: LocalMiddleware, world: World | None, context: ServiceContext, variables: Mapping[str, Any]
+    ) -> RunningService:
+        """Start the service."""
+        from fame.monitor.property_watch import Alarm
+
+        alarm = Alarm(context, variables)
+        plan = replace(self._plan, properties=(alarm.property,))
+        watch = RunJudge(plan, lambda judgement: alarm.raise_signal(str(judgement)))
+        watch.begin(middleware, world)
+        for node in self._nodes:
+            watch.watch(node)
+        watch.judge.advance(context.scheduler.now)
+        self._watches.append(watch)
+        return _RunWatch(self._watches, watch, alarm, context.scheduler)
+
+
+class _RunWatch:
+    """A watch of a run. It looks for bounds that have passed 20 times a second."""
+
+    def __init__(self, watches: list[RunJudge], watch: RunJudge, alarm: Alarm, scheduler: Scheduler) -> None:
+        self._watches, self._watch, self._alarm, self._scheduler = watches, watch, alarm, scheduler
+        self._next: Entry = scheduler.after(_LOOK, self._look)
+
+    def _look(self) -> None:
+        self._next = self._scheduler.after(_LOOK, self._look)
+        self._watch.judge.advance(self._scheduler.now)
+
+    def results(self) -> None:
+        """Never give results: the watch does not end by itself."""
+
+    def close(self) -> None:
+        """Watch no more."""
+        self._next.cancel()
+        self._watches.remove(self._watch)
+        self._alarm.node.close()
 
 
 def pose(x: float, y: float, altitude: float) -> Pose:

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -21,13 +22,13 @@ from fame.middleware import messages, qos
 from fame.middleware.interface import Publisher
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.network import Network
-from fame.monitor.services import SERVICES
+from fame.monitor.services import SERVICES, WATCH
 from fame.randomness import ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, ServiceFunction, make_mission
 from fame.robot.events import Observer, OnEvent, combine_observers
 from fame.robot.options import RobotOptions
 from fame.scenario.film_captions import Captions
-from fame.scenario.judging import RunJudge
+from fame.scenario.judging import RunJudge, RunWatches
 from fame.scenario.plan import Completion, Fault, OutsideSignal, published_from_outside
 from fame.scenario.process import signals_call
 from fame.scenario.result import Progress, Result, at_rest, mistyped_topics, never_started, robot_result, status_of
@@ -94,7 +95,8 @@ class Run:
         captions = self.captions.add if self.captions is not None else None
         self._logs = observer
         self.judging: RunJudge | None = RunJudge(scenario, self._on_violation) if scenario.properties else None
-        observers = [each for each in (captions, self.judging, observer) if each is not None]
+        self._watches: RunWatches | None = RunWatches(scenario) if _watches_properties(scenario) else None
+        observers = [each for each in (captions, self.judging, self._watches, observer) if each is not None]
         self.observer: Observer | None = combine_observers(observers)
         self.dead: set[str] = set()
         self._outside, self._published = self.middleware.node("outside"), 0
@@ -116,6 +118,10 @@ class Run:
         """Make and load a node with an engine for each robot."""
         scenario, bodies = self.scenario, self.world.robots if self.world is not None else {}
         shared = shared_topics(scenario.definitions, pools_of(scenario.definitions), scenario.library.declared)
+        built_in = SERVICES
+        if self._watches is not None:
+            start = partial(self._watches.start, self.middleware, self.world)
+            built_in = {**SERVICES, WATCH: replace(SERVICES[WATCH], start=start)}
         nodes = [
             RobotNode(
                 robot,
@@ -129,7 +135,7 @@ class Run:
                 scheduler=self.scheduler,
                 middleware=self.middleware,
                 options=RobotOptions(
-                    built_in_services=SERVICES,
+                    built_in_services=built_in,
                     observer=self.observer,
                     on_report=self.reports.append,
                     safe_state=bodies[robot].SAFE_STATE if robot in bodies else (),
@@ -388,3 +394,9 @@ def seldom_collected() -> Iterator[None]:
         gc.collect()
     with former_exempt(), rarely_collected(_YOUNG):
         yield
+
+
+def _watches_properties(plan: Plan) -> bool:
+    """Whether a robot watches a property."""
+    bodies = (process.body for definitions in plan.closures() for process in definitions.processes)
+    return any(getattr(node, "operation", "") == WATCH for body in bodies for node in body.walk())
