@@ -212,3 +212,24 @@ def test_a_deadline_that_is_no_duration_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=r"m.bpmn:\d+: s: expected a duration as deadline, as in PT5S, got 'soon'"):
         Scenario.load(path)
     assert main(["check", str(path)]) == 1
+
+
+def test_a_text_annotation_is_a_property(team: Path) -> None:
+    note = """<textAnnotation id="N"><text>property soon:
+      after A throws /go, B throws /done within 2 s</text></textAnnotation>
+      <association id="X" sourceRef="B_throw_done_4" targetRef="N"/>"""
+    team.write_text(text_of(TEAM).replace("</collaboration>", f"{note}</collaboration>"))
+    result = Scenario.load(team).run()
+    assert {each.name: each.verdict for each in result.judgements} == {**WORDS, "soon": "holds"}
+    (annotation,) = Scenario.load(team).definitions.artifacts
+    assert annotation.about == ("B_throw_done_4",)
+    team.write_text(team.read_text().replace("B throws", "C throws"))
+    with pytest.raises(ConfigError, match=r"properties.soon: unknown robot or pool 'C'"):
+        Scenario.load(team).run()
+
+
+@pytest.mark.parametrize(("due", "named"), [("PT5S", {"deadline_T"}), ("2026-11-26T10:00:00", set())])
+def test_a_due_date_that_is_a_duration_is_a_deadline(tmp_path: Path, due: str, named: set[str]) -> None:
+    path = tmp_path / "due.bpmn"
+    path.write_text(process(f'<userTask id="T" camunda:dueDate="{due}"/>'))
+    assert {each.name for each in Scenario.load(path).properties} == named

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fame.config.values import ConfigValue
 
 FILE = "fame.yaml"
-_LISTS = ("scenarios", "tests", "library", "types")
+_LISTS = ("scenarios", "tests", "library", "types", "properties")
 _KEYS = ("name", *_LISTS, "coverage", "middleware", "keys")
 _POSITIONAL = {
     "run scenario": "scenarios",
@@ -33,12 +33,15 @@ _POSITIONAL = {
     "library folders": "library",
 }
 """Argument of a command -> the key whose files it is without. One file is the first."""
-_OPTIONS = {"library": "library", "types": "types", "trust": "trust", "key": "sign", "middleware": "middleware"}
+_OPTIONS = {"library": "library", "types": "types", "trust": "trust", "key": "sign", "middleware": "middleware",
+            "properties": "properties"}  # fmt: skip
 """Option, whatever the command -> key. Folders are searched after those of the command line."""
 _NOT_TAKEN: Mapping[str, Callable[[Namespace], bool]] = {
     "campaign scenario": lambda given: given.resume is not None,
     "run middleware": lambda given: True,  # of a running team; a run is simulated unless the command line says so
     "run key": lambda given: given.middleware == "local",
+    "judge properties": lambda given: True,  # its own first argument
+    "view properties": lambda given: given.subject is not None,
     "view key": lambda given: not given.control,
     "keys key": lambda given: given.action == "new",
     "engine trust": lambda given: given.insecure,

@@ -1,11 +1,13 @@
-"""Properties that are drawn: the extension property ``deadline`` of an activity, event or process.
+"""Properties that are drawn: text annotations ``property NAME: SENTENCE``, and deadlines.
 
-``deadline`` = ``PT5S`` says that the element is left (completed, failed or cancelled) within 5 s after it was entered,
-each time; suspensions do not stop the clock. It becomes a sentence like any other.
+The extension property ``deadline`` = ``PT5S`` (or ``camunda:dueDate``) of an activity, event or process says that it is
+left (completed, failed or cancelled) within 5 s after it was entered, each time; suspensions do not stop the clock. It
+becomes a sentence like any other.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 
 from fame.bpmn.library import Library
@@ -18,14 +20,20 @@ from fame.properties.grammar import parse
 from fame.properties.sentence import Place, Property
 
 KEY = "deadline"
+_ANNOTATION = re.compile(r"property (?P<name>\w+): (?P<sentence>.+)")
 _MILLISECOND = 1_000_000
 
 
 def drawn_properties(definitions: Definitions, library: Library, cast: Mapping[str, Pool]) -> Iterator[Property]:
-    """The deadlines in a mission and in what it calls, named ``deadline_ID`` (of several robots ``deadline_ROBOT_ID``).
+    """The annotations of a mission, and the deadlines in it and in what it calls.
 
-    Raises ModelError for a deadline that is no duration above 0, and for a called process that is not found.
+    These are named ``deadline_ID`` (of several robots ``deadline_ROBOT_ID``). Raises ConfigError for a wrong sentence,
+    ModelError for a deadline that is no duration above 0, and for a called process that is not found.
     """
+    for one in definitions.artifacts:
+        found = _ANNOTATION.fullmatch(" ".join(one.name.split())) if one.kind == "annotation" else None
+        if found is not None:
+            yield parse(found["sentence"], Place(definitions.file, one.line), found["name"])
     roles = {pool.name if pool.multi_instance else robot: pool for robot, pool in cast.items()}
     seen: set[str] = set()
     for robot, pool in roles.items():

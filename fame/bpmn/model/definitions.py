@@ -75,9 +75,10 @@ class MessageFlow(Element):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Artifact(Element):
-    """A text annotation or a group; `name` is its text."""
+    """A text annotation or a group; `name` is its text. `about`: the ids of the elements that it is associated with."""
 
     kind: Literal["annotation", "group"] = "annotation"
+    about: tuple[str, ...] = ()
 
 
 # ---- diagram interchange ---------------------------------------------------------------------------------------------

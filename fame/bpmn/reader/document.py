@@ -254,9 +254,11 @@ def _message_flow(context: Context, element: Node) -> MessageFlow | None:
 
 
 def _artifacts(context: Context, root: Node) -> Iterator[Artifact]:
+    ends = [(one.get("sourceRef", ""), one.get("targetRef", "")) for one in root.iter(f"{{{BPMN}}}association")]
     for one in root.iter(f"{{{BPMN}}}textAnnotation"):
-        text = "\n".join(text_of(inner) for inner in children(one, "text"))
-        yield Artifact(id=context.register(one), name=text, line=line_of(one), kind="annotation")
+        text, id = "\n".join(text_of(inner) for inner in children(one, "text")), one.get("id", "")
+        about = tuple(a if b == id else b for a, b in ends if id and id in (a, b))
+        yield Artifact(id=context.register(one), name=text, line=line_of(one), kind="annotation", about=about)
     values = {one.get("id", ""): one for one in root.iter(f"{{{BPMN}}}categoryValue")}
     for one in root.iter(f"{{{BPMN}}}group"):
         value = resolve(values, one.get("categoryValueRef"))

@@ -75,6 +75,8 @@ def attribute(context: Context, node: Node, name: str, value: str, found: Extens
         add_people(context, node, found, name, value)
     elif name == "expression":
         found.script = code_expression(context, node, value.strip(), None, line_of(node))
+    elif name == "dueDate" and value.strip().startswith("P"):  # a duration; a date is for those who plan
+        found.properties.setdefault("deadline", Property(value.strip(), line_of(node)))
     elif name in IGNORED:
         context.note(node, f"{_prefixed(node, name)} has no effect")
 
