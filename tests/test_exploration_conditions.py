@@ -1,4 +1,4 @@
-"""An unknown condition that is asked again with an unchanged variable has the same outcome."""
+"""An unknown condition that is asked again with unchanged variables has the same outcome."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from fame.scenario.exploration import explore
 ASKED = ("if", "x > 3", ["throw go"], ["work"])
 AGAIN = ("if", "x > 3", ["work"], ["throw go"])
 UNKNOWN = "run x = robot.now"
+TYPED = ('data-number="{}" name="x "><extensionElements><camunda:properties><camunda:property name="type" '
+         'value="std_msgs/msg/Bool"/></camunda:properties></extensionElements>')  # fmt: skip
 
 
 def stuck(steps: Steps, **robots: Steps) -> bool:
@@ -62,21 +64,71 @@ def test_a_variable_that_is_set_in_between_makes_another_outcome_possible(betwee
     assert stuck([UNKNOWN, ASKED, *between, AGAIN])
 
 
-@pytest.mark.parametrize("condition", ["robot.random.random() > 0.5", "robot.now > 3", "len(x) > 3", "x[0] > 3"])
+CONDITIONS = [
+    "x",
+    "not x",
+    "x > 3 and y &lt; 2",
+    "x > y",
+    "x in (3, y)",
+    "len(x) > 3",
+    "x[0] > 3",
+    "x.data",
+    "3 &lt; x > 1",
+    "any(one > 3 for one in x)",
+    "${x > 3 and y > 2}",
+    "${x.data}",
+    "=x > 3 or y = 2",
+]
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_every_condition_that_only_reads_variables_has_one_outcome(condition: str) -> None:
+    begun, asked, again = (UNKNOWN, "run y = robot.now"), ("if", condition, *ASKED[2:]), ("if", condition, *AGAIN[2:])
+    assert not stuck([*begun, asked, "work", "run z = x", again])
+    assert not stuck([*begun, ("each", 1, [asked, "work", again])])
+    assert stuck([*begun, asked, UNKNOWN, again])
+    assert stuck([*begun, asked, "person", again])
+
+
+@pytest.mark.parametrize("changed", ["z.append(3)", "z[0] = 3", "z += [3]", "f(z)", "z.data = True", "y = 3"])
+@pytest.mark.parametrize("condition", ["len(x) > y", "x and y", "x[0] > y"])
+def test_what_a_script_may_change_in_place_may_have_another_outcome(condition: str, changed: str) -> None:
+    begun = (UNKNOWN, "run y = robot.now", "run z = x", "run w = z if x else y")  # `z` decides something
+    asked, again = ("if", condition, *ASKED[2:]), ("if", condition, *AGAIN[2:])
+    assert stuck([*begun, asked, f"run {changed}", again, ("if", "z", ["work"], ["timer PT1S"])])
+
+
+@pytest.mark.parametrize(
+    "condition", ["robot.random.random() > x", "robot.now + x > 3", "x.pop()", "x.take() > 3", "x()", "${abs(x) > 3}"]
+)
 def test_what_may_change_without_a_write_is_never_remembered(condition: str) -> None:
     assert stuck([UNKNOWN, ("if", condition, *ASKED[2:]), "work", ("if", condition, *AGAIN[2:])])
 
 
-def test_what_else_than_a_script_sets_is_never_remembered() -> None:
-    def of(*steps: object) -> dict[str, str]:
-        (process,) = team({"A": [UNKNOWN, ASKED, *steps]}).processes
-        return remembered([process.body], {})
+def test_a_message_that_comes_again_makes_another_outcome_possible() -> None:
+    asked, again = ("if", "x.data", *ASKED[2:]), ("if", "x.data", *AGAIN[2:])
 
-    assert of("work", "catch y") == {"?python x > 3": "x"}
-    assert not of("catch x")
-    assert not of("person")
+    def heard(*steps: object) -> bool:
+        text = text_of({"A": ["catch x", *steps], "B": ["catch go"]})
+        for number in range(text.count('name="x"')):
+            text = text.replace('name="x">', TYPED.format(number), 1)
+        found = explore(fame.read(text.encode()), delivery="run")
+        assert found.exhaustive
+        return any(place.element.startswith("B_catch_go") for one in found.findings for place in one.places)
+
+    assert not heard(asked, "work", again)
+    assert heard(asked, "catch x", again)
+
+
+def test_what_may_be_set_at_any_time_is_never_remembered() -> None:
+    def of(*steps: object) -> list[str]:
+        (process,) = team({"A": [UNKNOWN, ASKED, *steps]}).processes
+        return [*remembered([process.body], {})]
+
+    assert of("work", "catch x", "person") == ["?python x > 3"]
     assert not of("run global x")
     assert not of("run class C: pass")
+    assert not of("run import x")
     assert not of("run x = 4; await sleep(1); x = 2")
 
 

@@ -141,6 +141,17 @@ def _source(expression: Expression, mode: str) -> str:
     return text
 
 
+def accepted(expression: Expression, mode: Literal["exec", "eval"]) -> tuple[str, ast.AST] | None:
+    """The text as Python accepts it, line by line the same, and its tree; None of an invalid one."""
+    for each in (expression, _hanging(expression) if mode == "exec" else None):
+        if each is not None:
+            try:
+                return (source := _source(each, mode)), _parsed(source, "", mode, ast.PyCF_ONLY_AST)
+            except (SyntaxError, ValueError, RecursionError, MemoryError):
+                continue
+    return None
+
+
 def _hanging(expression: Expression) -> Expression | None:
     """A script whose first line follows its tag directly, with all other lines indented."""
     first, _, rest = expression.text.partition("\n")

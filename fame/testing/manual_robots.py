@@ -114,7 +114,7 @@ class StandInHost(ExplorationHost):
     @place.setter
     def place(self, element: str) -> None:
         self._place = element
-        self.values.unknown.choose = self.choose
+        self.values.choose = self.choose
 
     # ---- decisions ---------------------------------------------------------------------------------------------------
 

@@ -16,6 +16,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.pools import Pool
 from fame.bpmn.topics import TopicUse
 from fame.check.events import raised_codes
+from fame.check.explore.aliases import SHARED, Aliases
 from fame.check.explore.script_effects import list_uses, may_change, script_writes, without_items
 from fame.check.explore.slicing import assignments, links, sliced, unknown_part, without_operations
 from fame.check.expressions import cover_all, expressions_in, names_of
@@ -71,6 +72,7 @@ class Abstraction:
     unknown: frozenset[str] = frozenset()
     needed: frozenset[str] | None = None
     caught: set[str] = field(default_factory=set)
+    aliases: Aliases = field(default_factory=Aliases)
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _reduced: dict[tuple[str, str], model.Process] = field(default_factory=dict)
 
@@ -129,7 +131,9 @@ class Abstraction:
     def _script(self, script: model.Expression, caught: bool) -> model.Expression:
         """A script without what decides nothing; `caught`: what it raises may decide something."""
         script = without_operations(without_items(script, self.counted), self.unknown)
-        return script if caught or self.needed is None else sliced(script, self.needed)
+        if self.needed is None:
+            return script
+        return self.aliases.marked(script if caught else sliced(script, self.needed), self.needed)
 
     def _call(self, call: model.CallActivity, body: model.Body, home: model.Definitions) -> model.FlowNode:
         try:
@@ -141,6 +145,7 @@ class Abstraction:
             return call
         writes = {name for _, process in closure for name in _writes(process)}
         changes = {name for _, process in closure for name in _may_change(process)}
+        changes |= {other for name in changes for other in self.aliases.of((name, False))}
         if call.io is not None:
             if changes and not call.io.all_in:  # of what it is given
                 changes = {name for item in call.io.inputs for name in names_of(item.source)[0]}
@@ -183,6 +188,7 @@ def abstraction(
     found.counted = _counted(processes.values())
     found.unknown = frozenset() if given else _unknown(processes.values(), found.outside - thrown)
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
+    found.aliases = Aliases(body for process in processes.values() for body in process.body.bodies())
     found.needed = _needed(found, [body for inside in bodies.values() for body in inside])
     found.forget()
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
@@ -353,7 +359,7 @@ def _decisive(flows: Mapping[str, _Flow]) -> tuple[dict[str, frozenset[str]], se
 
 def _flow_of(found: Abstraction, bodies: Sequence[model.Body], *, divided: bool = False) -> _Flow:
     """How values flow; `divided`: in each statement of a script that is not taken as a whole."""
-    flow = _Flow()
+    flow = _Flow(links=[*found.aliases.links(bodies)] if divided else [])
     for body in bodies:
         for use in expressions_in(body):
             match use.use:
@@ -372,7 +378,8 @@ def _flow_of(found: Abstraction, bodies: Sequence[model.Body], *, divided: bool 
                         or any(word in use.expression.text for word in ("raise", "throw", "assert", "signal("))
                     ):
                         flow.needed |= use.reads
-                    whole = (use.reads, use.writes | script_writes(use.expression))
+                    changes = may_change(use.expression) if use.expression.text.startswith(SHARED) else frozenset()
+                    whole = (use.reads, use.writes | script_writes(use.expression) | changes)
                     flow.links += links(use.expression) if divided and not caught else (whole,)
         for node in body.nodes:
             _flow_of_topics(flow, node, body)

@@ -7,16 +7,18 @@ So an engine runs a step once for each footprint, not once for each state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from fame.check.explore.remembering import Outcomes
 from fame.engine.contents import Changes
 
 Names = tuple[str, ...]
 Codes = tuple[Hashable, ...]
 
 
-class Watched(dict[str, Any]):
+class Watched(Outcomes):
     """Variables that note which of them are read and written.
 
     reads   names that were read or looked for, whether they are set or not
@@ -26,8 +28,8 @@ class Watched(dict[str, Any]):
 
     __slots__ = ("reads", "whole", "writes")
 
-    def __init__(self, values: dict[str, Any]) -> None:
-        super().__init__(values)
+    def __init__(self, values: dict[str, Any], readers: Mapping[str, Iterable[str]] = MappingProxyType({})) -> None:
+        super().__init__(values, readers)
         self.reads: set[str] = set()
         self.writes: set[str] = set()
         self.whole: bool = False

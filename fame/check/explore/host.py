@@ -7,7 +7,8 @@ be computed leave unknown variables. Methods without a docstring are those of `f
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Set
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -16,11 +17,13 @@ from fame.bpmn.model import Expression, Task
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
 from fame.check.events import raised_codes
 from fame.check.explore.abstraction import Step, emitted
-from fame.check.explore.purity import STEPS, is_certain, is_computable, waits
-from fame.check.explore.remembering import key_of
+from fame.check.explore.aliases import SHARED, shared
+from fame.check.explore.asking import asking, functions
+from fame.check.explore.purity import STEPS, catches, is_certain, is_computable, waits
+from fame.check.explore.remembering import Outcomes, Remembered, key_of, memory_of
 from fame.check.explore.script_effects import may_change, script_writes
 from fame.check.explore.timers import Timer
-from fame.check.explore.values import UndecidableError, Values, is_fixed, numbers_of
+from fame.check.explore.values import UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
 from fame.engine import UNDEFINED, Engine, Instance
 from fame.engine.data import Variables
 from fame.engine.host import BpmnError
@@ -118,13 +121,16 @@ class ExplorationHost:
         self.traceable = True
         """Whether `Watched` variables note all that texts read and write."""
         self.kept: Callable[[str], bool] = lambda name: True
-        self.remembered: Mapping[str, str] = {}
-        """Conditions whose outcome is remembered, with the variable that they read, see `remembering`."""
+        self.remembered: Mapping[str, Remembered] = {}
+        """Conditions whose outcome is remembered, see `remembering`."""
+        self.readers: Mapping[str, Sequence[str]] = {}
+        self._again: deque[int] = deque()
+        """What was chosen before in the condition that is asked again."""
         self._blank: dict[str, int] = {}
         for use in types.values():  # classes of messages are made once, which takes as long as many steps
             self._blank_of(use.type)
         self._interface = interface(robot=self._stub(), signal=self._signal, log=lambda level, text: None, budget=STEPS)
-        self._interface |= numbers_of(values.unknown)
+        self._interface |= numbers_of(values) | functions(values) | {SHARED: shared}
         self.reset()
 
     def reset(self) -> None:
@@ -132,11 +138,12 @@ class ExplorationHost:
         self.outcome: Outcome = Outcome()
         self.timers: dict[int, Timer] = {}
         self.fired: Timer | None = None
-        self.values.unknown.choose = self.choose
+        self.values.choose = self.choose
 
     def new_variables(self) -> dict[str, Any]:
         """What an instance starts with."""
-        return {"__builtins__": self._interface}
+        new = {"__builtins__": self._interface}
+        return Outcomes(new, self.readers) if self.readers else new
 
     def compute(self, element: str) -> None:
         """Begin to compute a text of an element. Raises OutOfTimeError, which ends a step that goes round for ever."""
@@ -150,6 +157,10 @@ class ExplorationHost:
         """One of several ways: as decided, else the first."""
         choices = self.outcome.choices
         place = len(choices)
+        if self._again:
+            self.outcome.settled.add(place)
+            choices.append((self.place, self._again.popleft(), ways))
+            return choices[place][1]
         undecided = 0 if place < MOST_DECISIONS else place % ways
         chosen = self.decisions[place] if place < len(self.decisions) else undecided
         choices.append((self.place, chosen, ways))
@@ -170,50 +181,56 @@ class ExplorationHost:
         if expression.language == "javascript":
             return self._uncomputed(element)
         if expression.language == "python":
-            run = compile_expression(expression, file=file, element=element)
+            run = compile_expression(asking(expression, "eval"), file=file, element=element)
             if not is_computable(expression, self.fields, "eval"):
                 return self._uncomputed(element)
             return self._python(run, script_names(expression)[0], element)
         run = compile_expression(expression, file=file, element=element)
-        reads = script_names(expression)[0]
         if expression.language == "payload":
-            return self._checked(run, reads, element, open_to=_inserted_whole(expression.text))
-        return self._checked(run, reads, element, text=expression.language == "template")
+            return self._checked(run, expression, element, open_to=_inserted_whole(expression.text))
+        return self._checked(run, expression, element)
 
     def _remembering(self, run: Callable[..., Any], key: str) -> Callable[..., Any]:
-        """A condition with the same outcome until the variable that it reads is set."""
+        """A condition with the same outcome until a variable that it reads is set."""
+        reads = self.remembered[key].reads
 
         def evaluate(variables: dict[str, Any]) -> Any:
-            found = run(variables)
-            if found is not self.values.unknown or isinstance(variables, Variables):
-                return found
-            known = variables.get(key)
-            if known is True or known is False:
-                self.outcome.settled.add(len(self.outcome.choices))
-                self.outcome.choices.append((self.place, int(not known), 2))
-                return known
-            variables[key] = outcome = self.choose(2) == 0
+            memory = memory_of(variables, reads)
+            if memory is None:
+                return run(variables)
+            begun = len(self.outcome.choices)
+            self._again = deque(memory.get(key, ()))
+            try:
+                found = run(variables)
+                outcome = self.choose(2) == 0 if is_unknown(found) else found
+            finally:
+                self._again.clear()
+            made = tuple(chosen for _, chosen, _ in self.outcome.choices[begun:])
+            if made and key not in memory:
+                memory[key] = made
             return outcome
 
         return evaluate
 
     def _forgetting(self, run: Callable[..., Any], script: Expression) -> Callable[..., Any]:
         """A script, after which the conditions that read what it sets may have another outcome."""
-        changed = script_writes(script) | may_change(script)
-        keys = [key for key, name in self.remembered.items() if name in changed]
-
-        def forget(variables: dict[str, Any]) -> Any:
-            while isinstance(variables, Variables):
-                variables = variables.outer
-            for key in keys:
-                if key in variables:
-                    del variables[key]
+        keys = [key for key, one in self.remembered.items() if one.forgets(script)]
 
         def forget_and_run(variables: dict[str, Any]) -> Any:
-            forget(variables)
+            outer = variables
+            while isinstance(outer, Variables):
+                outer = outer.outer
+            if isinstance(outer, Outcomes):
+                outer.forget(keys)
             return run(variables)
 
         return forget_and_run if keys else run
+
+    def forget(self, conditions: Iterable[str]) -> None:
+        """Let conditions of all instances have another outcome."""
+        for instance in self.engine.instances.values():
+            if isinstance(instance.root_variables, Outcomes):
+                instance.root_variables.forget(conditions)
 
     def _uncomputed(self, element: str) -> Callable[..., Any]:
         def evaluate(variables: dict[str, Any]) -> Any:
@@ -223,36 +240,39 @@ class ExplorationHost:
         return evaluate
 
     def _python(self, run: Callable[..., Any], reads: Set[str], element: str) -> Callable[..., Any]:
-        unknown = self.values.unknown
 
         def evaluate(variables: dict[str, Any]) -> Any:
             self.compute(element)
             try:
                 return run(variables)
             except UndecidableError:
-                return unknown
+                return self.values.unknown
             except Exception as error:
                 if any(not self.values.number(variables.get(name)) for name in reads):
                     if isinstance(error, TypeError | AttributeError):
-                        return unknown
+                        return self.values.unknown
                     self.outcome.unsure.add(element)
                 raise
 
         return evaluate
 
     def _checked(
-        self, run: Callable[..., Any], reads: Set[str], element: str, *,
-        text: bool = False, open_to: Set[str] = frozenset(),
+        self, run: Callable[..., Any], expression: Expression, element: str, *, open_to: Set[str] = frozenset()
     ) -> Callable[..., Any]:  # fmt: skip
         """An expression of a language that does not know unknown values, except of variables that it only inserts."""
-        unknown, number, closed = self.values.unknown, self.values.number, reads - open_to
+        number, closed = self.values.number, script_names(expression)[0] - open_to
+        text = expression.language == "template"
+        paths = {name: re.findall(rf"\b{re.escape(name)}((?:\.[^\W\d]\w*)*)", expression.text) for name in closed}
+
+        def uses_unknown(name: str, value: Any) -> bool:
+            return not paths[name] or any(holds_unknown(_at(value, path)) for path in paths[name])
 
         def evaluate(variables: dict[str, Any]) -> Any:
             self.compute(element)
             for name in closed:
                 value = variables.get(name)
-                if value is unknown or (value is not None and not number(value)):
-                    return str(unknown) if text else unknown
+                if value is not None and (not number(value) or (holds_unknown(value) and uses_unknown(name, value))):
+                    return str(self.values.unknown) if text else self.values.unknown
             return run(variables)
 
         return evaluate
@@ -260,7 +280,7 @@ class ExplorationHost:
     def _script(self, script: Expression, element: str, file: str) -> Callable[..., Any]:
         step = step_of(script, element)
         if script.language == "python":
-            run = compile_script(script, file=file, element=element)
+            run = compile_script(asking(script), file=file, element=element)
         if waits(script):
             running = Running(step)
             return lambda variables: running
@@ -274,6 +294,13 @@ class ExplorationHost:
             return lambda variables: None
         if not computable:
             return lambda variables: self._abstract(step, element, variables)
+        if catches(script):
+            reads = script_names(script, script=True)[0]
+            return lambda variables: (
+                self._abstract(step, element, variables)
+                if any(holds_unknown(variables.get(name)) for name in reads)
+                else self._computed(run, step, element, variables)
+            )
         return lambda variables: self._computed(run, step, element, variables)
 
     def _computed(self, run: Callable[..., Any], step: Step, element: str, variables: dict[str, Any]) -> None:
@@ -311,18 +338,16 @@ class ExplorationHost:
 
     def end_step(self, step: Step, variables: dict[str, Any]) -> None:
         """Its results are unknown; what it publishes conditionally is published or not."""
-        unknown, kept = self.values.unknown, self.kept
+        kept = self.kept
         for name in step.writes:
             if kept(name):
-                variables[name] = unknown
+                variables[name] = self.values.unknown
         for name in step.changes:
-            if kept(name):
-                value = variables.get(name, unknown)
-                if value is not unknown and not is_fixed(value):
-                    variables[name] = unknown
+            if kept(name) and name in variables and not is_unknown(value := variables[name]) and not is_fixed(value):
+                variables[name] = self.values.unknown
         for topic, certain in step.emits:
             if topic in self.types and (certain or self.choose(2) == 0):
-                self._emit(topic, unknown)
+                self._emit(topic, self.values.unknown)
 
     def service(self, operation: str, *, element: str, file: str) -> Callable[..., Any]:
         running = Running(self.steps.get(operation, Step()))
@@ -363,7 +388,7 @@ class ExplorationHost:
         kind = use.type if use is not None else EMPTY_TYPE
         if kind != EMPTY_TYPE and topic not in self.matters:
             value = self.values.unknown
-        if value is self.values.unknown:
+        if is_unknown(value):
             number = self._blank_of(kind)
             return number, self.values.value(number)
         message = self.values.message(kind, None if value is UNDEFINED else value)
@@ -381,7 +406,8 @@ class ExplorationHost:
         return number
 
     def _signal(self, name: str, payload: Any = None) -> None:
-        self._emit(name if name.startswith(("/", "~/")) else f"/{name}", payload)
+        text = str(name)
+        self._emit(text if text.startswith(("/", "~/")) else f"/{text}", payload)
 
     def _emit(self, topic: str, value: Any) -> None:
         message = self.publish(topic, value)
@@ -390,7 +416,8 @@ class ExplorationHost:
 
     def _stub(self) -> Any:
         def publish(topic: str, type: str, message: Any = None, /, **fields: Any) -> None:
-            name = topic if topic.startswith(("/", "~/")) else f"~/{topic}"
+            name = str(topic)
+            name = name if name.startswith(("/", "~/")) else f"~/{name}"
             if name in self.types:
                 self._emit(name, fields if message is None else message)
 
@@ -465,6 +492,13 @@ def step_of(script: Expression, element: str) -> Step:
     emits = tuple((topic, is_certain(script, topic)) for topic in emitted(script))
     writes, changes = script_writes(script), may_change(script)
     return Step(tuple(sorted(writes)), tuple(sorted(changes - writes)), tuple(sorted(codes)), emits)
+
+
+def _at(value: Any, path: str) -> Any:
+    """What an expression finds in a message or mapping by a path such as ``.pose.x``."""
+    for name in path.split(".")[1:]:
+        value = value.get(name) if isinstance(value, dict) else getattr(value, name, None)
+    return value
 
 
 _HOLE = re.compile(r"[$#]\{([^{}]*)\}")

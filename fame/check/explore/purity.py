@@ -148,6 +148,7 @@ READING_METHODS = frozenset(
 _REFUSED = (
     ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Await, ast.AsyncFor,
     ast.AsyncWith, ast.Yield, ast.YieldFrom, ast.Global, ast.Nonlocal, ast.With, ast.Pow, ast.LShift, ast.GeneratorExp,
+    ast.MatchSingleton, ast.MatchSequence, ast.MatchMapping, ast.MatchClass,
 )  # fmt: skip
 
 
@@ -192,6 +193,12 @@ def waits(script: Expression) -> bool:
     except FameError:
         return False
     return any(isinstance(node, ast.Await | ast.AsyncFor | ast.AsyncWith) for node in ast.walk(tree))
+
+
+@lru_cache(maxsize=1024)
+def catches(script: Expression) -> bool:
+    """Whether a script in Python catches exceptions, among them those of asking an unknown value too much."""
+    return any(isinstance(node, ast.Try | ast.TryStar) for node in ast.walk(parse_python(script)))
 
 
 @lru_cache(maxsize=1024)

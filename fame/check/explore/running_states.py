@@ -14,7 +14,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import CallActivity, Definitions, Process
 from fame.check.explore.host import ExplorationHost
 from fame.check.explore.timers import Timer
-from fame.check.explore.values import Unknown
+from fame.check.explore.values import Values
 from fame.engine import Engine, compile_program, restore
 from fame.engine.encoding import Data
 from fame.engine.host import Host
@@ -37,8 +37,7 @@ def as_explored(data: Data, real: Program, explored: Program) -> Data:
 def resumed(program: Program, data: Data, host: ExplorationHost) -> Engine:
     """The engine of a snapshot of an explored program; of its timers no times are known."""
     outside: Host = host
-    unknown = host.values.unknown
-    engine = restore(program, data, outside, host.new_variables, load=lambda value: _load_known(value, unknown))
+    engine = restore(program, data, outside, host.new_variables, load=lambda value: _load_known(value, host.values))
     pending = {key: wait.catch for key, wait in engine.waits.items() if wait.catch.trigger is not SCRIPT}
     pending |= {key: node.catch for key, node in engine.armed_starts.items() if node.catch is not None}
     host.timers = {
@@ -54,14 +53,14 @@ def go_on(engine: Engine) -> None:
     engine.run()
 
 
-def _load_known(data: Any, unknown: Unknown) -> Any:
+def _load_known(data: Any, values: Values) -> Any:
     """A value of what `fame.robot.stored_values.dump` made of it: a message, else the unknown one."""
     if isinstance(data, dict) and "message" in data:
         try:
             return messages.create(data["message"], data["value"])
         except FameError:
-            return unknown
-    return unknown
+            return values.unknown
+    return values.unknown
 
 
 def real_program(

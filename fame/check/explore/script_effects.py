@@ -8,7 +8,7 @@ number or a text cannot be changed in this way, so the exploration looks at the 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from functools import lru_cache
 
 from fame.bpmn.model import Expression
@@ -54,6 +54,86 @@ def _changed_in_place(script: Expression) -> frozenset[str]:
     return reads if changed & parts_of(tree) else reads & changed
 
 
+ChangedPlace = tuple[str, bool]
+"""A variable that a script changes in place, and whether it is only the object of the variable itself."""
+
+
+@lru_cache(maxsize=1024)
+def changes_in_place(script: Expression) -> frozenset[ChangedPlace]:
+    """What a script in Python may change in lists, mappings or objects, which other variables may hold too."""
+    if script.language != "python":
+        return frozenset()
+    try:
+        tree = parse_python(script)
+    except FameError:
+        return frozenset()
+    found = set[ChangedPlace]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
+            found.add((node.target.id, True))
+        elif (place := _changed_place(node)) is not None:
+            found |= {(name, isinstance(place, ast.Name)) for name in _root(place)}
+        elif isinstance(node, ast.Call):
+            found |= {(name, False) for name in _handed_over(node) if name in may_change(script)}
+    return frozenset(found)
+
+
+def _changed_place(node: ast.AST) -> ast.AST | None:
+    """The expression whose object a part of a script changes."""
+    match node:
+        case ast.Subscript(value=value, ctx=ctx) | ast.Attribute(value=value, ctx=ctx):
+            return None if isinstance(ctx, ast.Load) else value
+        case ast.Call(func=ast.Attribute(value=value, attr=name)):
+            return value if name in CHANGING_METHODS else None
+    return None
+
+
+def parts_in(node: ast.AST, mappings: Set[str] = frozenset()) -> set[str]:
+    """The names in an expression of whose values it may hold a part; functions give keys of `mappings`."""
+    inside: list[ast.AST] = [*ast.iter_child_nodes(node)]
+    match node:
+        case ast.Name():
+            return {node.id}
+        case ast.UnaryOp() | ast.Compare() | ast.JoinedStr() | ast.Constant():
+            return set()
+        case ast.BinOp(op=op) if not isinstance(op, ast.Add | ast.Mult | ast.BitOr):
+            return set()
+        case ast.Call(func=function):
+            if _is_fresh(function):
+                return set()
+            given = [*node.args, *(one.value for one in node.keywords if one.arg != "key")]
+            inside = [one for one in given if not (isinstance(one, ast.Name) and one.id in mappings)]
+            inside += [function.value] if isinstance(function, ast.Attribute) else []
+        case ast.Subscript(value=value):
+            inside = [value]
+    return set[str]().union(*(parts_in(one, mappings) for one in inside))
+
+
+def mappings_in(tree: ast.AST) -> tuple[set[str], set[str]]:
+    """The names to which a script assigns new mappings or sets, and those to which it assigns other values."""
+    found = dict[int, str]()
+    for node in ast.walk(tree):
+        match node:
+            case ast.Assign(targets=[ast.Name(id=name) as target], value=value):
+                match value:
+                    case ast.Dict() | ast.DictComp() | ast.Set() | ast.SetComp() | ast.Call(ast.Name("dict" | "set")):
+                        found[id(target)] = name
+    stores = (node for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store))
+    return {*found.values()}, {node.id for node in stores if id(node) not in found}
+
+
+def new_value(node: ast.AST) -> bool:
+    """Whether the value of an expression is an object of its own, though parts of it need not be."""
+    return isinstance(node, _NEW) or (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+                                      and node.func.id in _FRESH | _COPIES)  # fmt: skip
+
+
+def _is_fresh(function: ast.AST) -> bool:
+    if isinstance(function, ast.Attribute):
+        return isinstance(function.value, ast.Name) and function.value.id == "math"
+    return isinstance(function, ast.Name) and function.id in _FRESH
+
+
 def changes_parts(tree: ast.AST) -> bool:
     """Whether a script may change, in place, what is a part of another value."""
     return bool(_changed(tree) & parts_of(tree))
@@ -61,13 +141,8 @@ def changes_parts(tree: ast.AST) -> bool:
 
 def _changed(tree: ast.AST) -> set[str]:
     """The names whose values a script changes by items, attributes or methods."""
-    changed = set[str]()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Subscript | ast.Attribute) and not isinstance(node.ctx, ast.Load):
-            changed |= _root(node)
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in CHANGING_METHODS:
-            changed |= _root(node.func.value)
-    return changed
+    places = filter(None, map(_changed_place, ast.walk(tree)))
+    return {name for place in places for name in _root(place)}
 
 
 def parts_of(tree: ast.AST) -> set[str]:
@@ -122,6 +197,13 @@ _HARMLESS = frozenset(
      "repr", "reversed", "round", "set", "signal", "sleep", "sorted", "str", "sum", "tuple", "type", "until", "zip")
 )  # fmt: skip
 """Functions that leave their arguments as they are."""
+_FRESH = frozenset(
+    ("abs", "all", "any", "bool", "bytes", "divmod", "float", "format", "hash", "int", "isinstance", "len", "print",
+     "range", "repr", "round", "str", "sum")
+)  # fmt: skip
+"""Functions whose results hold no part of their arguments."""
+_COPIES = frozenset(("dict", "list", "set", "sorted", "tuple"))
+"""Functions whose results are new, and hold parts of their arguments."""
 _HARMLESS_MODULES = frozenset(("json", "log", "math", "re", "robot", "statistics"))
 """Modules and objects of the script interface all of whose functions do."""
 

@@ -36,6 +36,7 @@ def apply(engine: Engine, stimulus: Stimulus, host: ExplorationHost) -> None:
             host.timers[what] = Timer(timer.group, timer.offset + timer.period, timer.period)
         engine.timer_fired(what, last=timer.period is None)
     elif kind == "person":
+        host.forget(host.remembered)  # a person may set any variable
         engine.complete_task(what)
     elif kind == "offer":
         engine.activate(what)
@@ -50,6 +51,7 @@ def _end(engine: Engine, key: int, code: str | None, host: ExplorationHost) -> N
     if code is None:
         host.end_step(step, wait.scope.variables)
     variable = getattr(wait.node.spec, "variable", "")
+    host.forget(host.readers.get(variable, ()))
     if host.kept(variable):
         wait.scope.variables[variable] = host.values.unknown
     engine.script_ended(key, None if code is None else BpmnError(code))

@@ -1,4 +1,4 @@
-"""Values in an exploration: known ones by number, and one that is unknown.
+"""Values in an exploration: known ones by number, and those that are unknown.
 
 `Unknown` takes part in expressions of Python: what is computed from it is unknown, and its truth is a decision of the
 exploration, which goes both ways. `Values` numbers what variables and messages hold, so that states are small and
@@ -21,7 +21,7 @@ from fame.middleware.definitions import EMPTY_FIELD
 
 MOST_ITEMS = 2
 """Items of a list that is unknown."""
-_MARK = "\u2047"
+MARK = "\u2047"
 """Stands for an unknown value in a text, which is then unknown itself."""
 _NOT_ITS_OWN = ("send", "throw", "close")
 """Attributes by which the engine recognises a suspended script."""
@@ -32,20 +32,22 @@ class UndecidableError(BaseException):
 
 
 class Unknown:
-    """A value that is not known. `choose(n)` decides between n ways wherever code asks for its truth."""
+    """A value that is not known. `choose(n)` decides between n ways wherever code asks for its truth.
+
+    Each one is an object of its own: whether two of them are equal is unknown. Python's lists and tuples take an object
+    as equal to itself, and sets and mappings find by a hash: what asks for that of an unknown value is undecidable.
+    """
 
     __slots__ = ("choose",)
 
-    choose: Callable[[int], int]
-
-    def __init__(self) -> None:
-        self.choose = lambda ways: 0
+    def __init__(self, choose: Callable[[int], int]) -> None:
+        self.choose: Callable[[int], int] = choose
 
     def __bool__(self) -> bool:
         return self.choose(2) == 0
 
     def __iter__(self) -> Iterator[Unknown]:
-        return iter([self] * self.choose(MOST_ITEMS + 1))
+        return iter([Unknown(self.choose) for _ in range(self.choose(MOST_ITEMS + 1))])
 
     def __index__(self) -> int:
         return self.choose(MOST_ITEMS + 1)
@@ -56,18 +58,24 @@ class Unknown:
         return self.choose(2) == 0
 
     def __str__(self) -> str:
-        return _MARK
+        return MARK
 
     __repr__ = __str__
 
     def __format__(self, spec: str) -> str:
-        return _MARK
+        return MARK
 
     def __float__(self) -> float:
         raise UndecidableError
 
+    def __hash__(self) -> int:
+        raise UndecidableError
+
+    def __len__(self) -> int:
+        raise UndecidableError
+
     def __getitem__(self, key: object) -> Unknown:
-        return self
+        return Unknown(self.choose)
 
     def __setitem__(self, key: object, value: object) -> None:
         """It is as unknown afterwards."""
@@ -77,18 +85,20 @@ class Unknown:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name in _NOT_ITS_OWN:
             raise AttributeError(name)
-        return self._changed if name in CHANGING_METHODS else self
+        return self._changed if name in CHANGING_METHODS else Unknown(self.choose)
 
     def _changed(self, *arguments: object, **named: object) -> Unknown:
         """What ``append`` and the like give: it is as unknown afterwards."""
-        return self
+        return Unknown(self.choose)
 
-    def __hash__(self) -> int:
-        return id(self)
+
+def is_unknown(value: object) -> bool:
+    """Whether a value is not known."""
+    return value.__class__ is Unknown
 
 
 def _unknown(self: Unknown, *others: object) -> Unknown:
-    return self
+    return Unknown(self.choose)
 
 
 for _name in ("add", "sub", "mul", "truediv", "floordiv", "mod", "pow", "and", "or", "xor", "lshift", "rshift"):
@@ -98,17 +108,17 @@ for _name in ("eq", "ne", "lt", "le", "gt", "ge", "neg", "pos", "abs", "invert",
     setattr(Unknown, f"__{_name}__", _unknown)
 
 
-def numbers_of(unknown: Unknown) -> dict[str, Any]:
+def numbers_of(values: Values) -> dict[str, Any]:
     """`math`, ``float`` and ``int`` for scripts: what they make of something unknown is unknown."""
 
     def known(function: Callable[..., Any]) -> Callable[..., Any]:
         def compute(*arguments: Any, **named: Any) -> Any:
-            if any(one is unknown for one in arguments):
-                return unknown
+            if any(map(is_unknown, arguments)):
+                return values.unknown
             try:
                 return function(*arguments, **named)
             except UndecidableError:  # something in a list is unknown
-                return unknown
+                return values.unknown
 
         return compute
 
@@ -125,16 +135,19 @@ UNKNOWN = 0
 
 
 class Values:
-    """Numbers for values. `unknown` is the one that has number 0."""
-
-    unknown: Unknown
+    """Numbers for values; those that are not known have number 0. `choose` is asked for their truth, see `Unknown`."""
 
     def __init__(self) -> None:
-        self.unknown = Unknown()
+        self.choose: Callable[[int], int] = lambda ways: 0
         self._numbers: dict[Any, int] = {"?": UNKNOWN}
-        self._made: list[tuple[str, Any]] = [("atom", self.unknown)]
-        self._constants: dict[int, Any] = {UNKNOWN: self.unknown}  # values that nothing can change
-        self._places: dict[int, int] = {id(self.unknown): UNKNOWN}  # their numbers by id
+        self._made: list[tuple[str, Any]] = [("unknown", None)]
+        self._constants: dict[int, Any] = {}  # values that nothing can change
+        self._places: dict[int, int] = {}  # their numbers by id
+
+    @property
+    def unknown(self) -> Unknown:
+        """A value that is not known."""
+        return Unknown(self.choose)
 
     def __len__(self) -> int:
         return len(self._made)
@@ -146,7 +159,7 @@ class Values:
             key: Any = (kind, value)
             number = self._numbers.get(key)
             if number is None:
-                if (kind is str and _MARK in value) or value != value:
+                if (kind is str and MARK in value) or value != value:
                     return UNKNOWN
                 number = self._add(key, "atom", value)
             return number
@@ -164,7 +177,7 @@ class Values:
                 return self._structured(value)
             number = self._numbers.get(data)
             if number is None:
-                if marshal.loads(data) != value or _MARK.encode() in data:
+                if marshal.loads(data) != value or MARK.encode() in data:
                     return self._structured(value)
                 number = self._add(data, "data", data)
                 if kind is tuple and _is_constant(value):
@@ -217,6 +230,8 @@ class Values:
         """The value of a number, made anew if it can be changed."""
         if number in self._constants:
             return self._constants[number]
+        if number == UNKNOWN:
+            return Unknown(self.choose)
         name, content = self._made[number]
         if name == "data":
             return marshal.loads(content)
@@ -239,7 +254,7 @@ class Values:
 
     def _known(self, value: Any) -> Any:
         """A value without what is unknown, messages as mappings."""
-        if value is self.unknown:
+        if is_unknown(value):
             return None
         if hasattr(value, "__msgtype__"):
             found = {field.name: self._known(getattr(value, field.name)) for field in fields(value)}
@@ -252,7 +267,7 @@ class Values:
 
     def message(self, type_name: str, value: Any) -> Any:
         """A message of that type with a payload whose parts may be unknown. Raises MessageError if it does not fit."""
-        if value is self.unknown:
+        if is_unknown(value):
             return self.unknown_message(type_name)
         known, unknown = self._split(value)
         message = messages.create(type_name, known)
@@ -280,7 +295,7 @@ class Values:
     def _split(self, value: Any, path: tuple[str, ...] = ()) -> tuple[Any, list[tuple[str, ...]]]:
         """The payload without its unknown fields, and the paths of these."""
         if not isinstance(value, dict):
-            unknown = self.number(value) == UNKNOWN or _holds(self, value)
+            unknown = self.number(value) == UNKNOWN or holds_unknown(value)
             return (None, [path or ("data",)]) if unknown and value is not None else (value, [])
         known, unknown_paths = {}, list[tuple[str, ...]]()
         for name, item in value.items():
@@ -301,15 +316,15 @@ def _is_constant(value: Any) -> bool:
     return value.__class__ in _ATOMS or (value.__class__ is tuple and all(map(_is_constant, value)))
 
 
-def _holds(values: Values, value: Any) -> bool:
+def holds_unknown(value: Any) -> bool:
     """Whether something unknown is somewhere in a list, or in a mapping or message of one."""
     if isinstance(value, dict):
-        return any(_holds(values, item) for item in value.values())
+        return any(map(holds_unknown, value.values()))
     if isinstance(value, list | tuple):
-        return any(_holds(values, item) for item in value)
+        return any(map(holds_unknown, value))
     if hasattr(value, "__msgtype__"):
-        return any(_holds(values, getattr(value, field.name)) for field in fields(value))
-    return value is values.unknown
+        return any(holds_unknown(getattr(value, field.name)) for field in fields(value))
+    return is_unknown(value)
 
 
 def _set(message: Any, path: tuple[str, ...], value: Any) -> None:

@@ -1,0 +1,200 @@
+"""What an exploration makes of values that are unknown: whatever is asked of them may have each answer."""
+
+from __future__ import annotations
+
+import pytest
+from collaborations import Steps, team, text_of
+
+import fame
+from fame.bpmn.model import Definitions, Expression
+from fame.check.explore.asking import asking
+from fame.scenario.exploration import explore
+
+UNKNOWN = "run x = robot.now"
+TEXT, NUMBERS = "std_msgs/msg/String", "std_msgs/msg/Float64MultiArray"
+
+
+def outcomes(condition: str, *before: str) -> tuple[bool, bool]:
+    """Whether a condition may be true, and whether it may be false, after some steps."""
+
+    def deadlocks(first: Steps, second: Steps) -> bool:
+        return _deadlocks(team({"A": [*before, ("if", condition, first, second)], "B": ["catch go"]}))
+
+    return deadlocks(["work"], ["throw go"]), deadlocks(["throw go"], ["work"])
+
+
+def _deadlocks(definitions: Definitions) -> bool:
+    found = explore(definitions, delivery="run")
+    assert found.exhaustive
+    return any(one.kind in ("deadlock", "lost") for one in found.findings)
+
+
+BOTH = (True, True)
+ASKED = [
+    "x is None",
+    "x is not None",
+    "x is True",
+    "x is y",
+    "x == None",
+    "x == x",
+    "not x",
+    "(x or 3) == 3",
+    "x if x else 4",
+    "x in [3]",
+    "3 in [x]",
+    "[x] == [3]",
+    "(x, 1) &lt; (3, 2)",
+    "max(x, 3) == 3",
+    "sum([x, 1]) == 3",
+    "str(x) == '3'",
+    "f'{x}' == '3'",
+    "f'{x:>3}' == '  3'",
+    "'%s' % x == '3'",
+    "'{}'.format(x) == '3'",
+    "repr(x) == '3'",
+    "x.y is None",
+    "{'a': x}['a'] is None",
+    "any([x, False])",
+    "round(x) == 3",
+    "len(x) == 1",
+    "x[0] is not None",
+    "'a' in x",
+]
+
+
+@pytest.mark.parametrize("condition", ASKED)
+def test_what_is_asked_of_an_unknown_value_has_both_answers(condition: str) -> None:
+    assert outcomes(condition, UNKNOWN, "run y = robot.now") == BOTH
+
+
+KEPT = [
+    ("x in v", "v = [x]"),
+    ("x in v", "v = {x}"),
+    ("x in v", "v = set(); v.add(x)"),
+    ("x in v", "v = {}; v[x] = 1"),
+    ("v == [x]", "v = [x]"),
+    ("(x,) == v", "v = (x,)"),
+    ("v.count(x) > 0", "v = [x]"),
+    ("v.get(x, 0) == 1", "v = {x: 1}"),
+    ("len({x, v}) == 1", "v = x"),
+    ("=list contains(v, 3)", "v = [x]"),
+    ("=v[1] = 3", "v = [x]"),
+    ("${v[0] == 3}", "v = [x]"),
+    ("=v.a = 3", "v = {'a': x}"),
+    ("=v = [3]", "v = [x]"),
+]
+
+
+@pytest.mark.parametrize(("condition", "kept"), KEPT)
+def test_two_unknown_values_may_be_equal_or_not(condition: str, kept: str) -> None:
+    assert outcomes(condition, UNKNOWN, f"run {kept}", UNKNOWN) == BOTH
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        "w = x is None",
+        "w = 1 if x is None else 0",
+        "match x:\n  case None: w = 1",
+        "match x:\n  case [a]: w = 1",
+        "try:\n  w = len(x)\nexcept TypeError: w = 1",
+        "try:\n  w = len(x)\nexcept: w = 1",
+        "if f'{x}' == 'a': w = 1",
+    ],
+)
+def test_a_script_that_asks_an_unknown_value_goes_both_ways(script: str) -> None:
+    assert outcomes("w == 1", UNKNOWN, f"run w = 0\n{script}") == BOTH
+
+
+@pytest.mark.parametrize(
+    ("condition", "type"),
+    [
+        ("x.data", TEXT),
+        ('=x.data = "a"', TEXT),
+        ('=contains(x.data, "a")', TEXT),
+        ("=x.data = null", TEXT),
+        ("=x = null", TEXT),
+        ('${x.data == "a"}', TEXT),
+        ("${empty x.data}", TEXT),
+        ("=list contains(x.data, 3)", NUMBERS),
+        ("=count(x.data) > 2", NUMBERS),
+        ("=some y in x.data satisfies y > 3", NUMBERS),
+    ],
+)
+def test_a_condition_on_a_message_of_which_nothing_is_known_has_both_answers(condition: str, type: str) -> None:
+    def deadlocks(first: Steps, second: Steps) -> bool:
+        text = text_of({"A": ["catch x", ("if", condition, first, second)], "B": ["catch go"]})
+        typed = f"<camunda:properties><camunda:property name='type' value='{type}'/></camunda:properties>"
+        text = text.replace('name="x">', f'name="x"><extensionElements>{typed}</extensionElements>', 1)
+        return _deadlocks(fame.read(text.encode()))
+
+    assert (deadlocks(["work"], ["throw go"]), deadlocks(["throw go"], ["work"])) == BOTH
+
+
+@pytest.mark.parametrize(
+    ("condition", "answer"),
+    [
+        ("v is None", True),
+        ("v is not None", False),
+        ("n is True", False),
+        ("n == True", True),
+        ("t is t", True),
+        ("f'{n}' == '1'", True),
+        ("f'{n:>3}' == '  1'", True),
+        ("'%s' % n == '1'", True),
+        ("str(n) == '1'", True),
+        ("n in w", True),
+        ("w == [1]", True),
+        ("=list contains(w, 1)", True),
+        ("${w[0] == 1}", True),
+    ],
+)
+def test_what_is_asked_of_a_known_value_has_its_answer(condition: str, answer: bool) -> None:
+    assert outcomes(condition, "run v, n, t, w = None, 1, 'a', [1]") == (answer, not answer)
+
+
+@pytest.mark.parametrize(
+    ("text", "calls"),
+    [
+        ("x is None", "(__same__(x, None))"),
+        (
+            "y = a.b is not None and f'{x!r:>{w}}' or z",
+            "y = (__same__(__same__(a.b, None), False)) and (__text__(f'{x!r:>{w}}')) or z",
+        ),
+        ("é = 'é' if x is None else 3", "é = 'é' if (__same__(x, None)) else 3"),
+        ("y = (x is\n  None)\nz = 1 / 0", "y = ((__same__(x, None)\n))\nz = 1 / 0"),
+        ("x == 3", "x == 3"),
+        ("x is", "x is"),
+    ],
+)
+def test_the_calls_that_ask_leave_each_line_where_it_is(text: str, calls: str) -> None:
+    assert asking(Expression(text, "python", 7)) == Expression(calls, "python", 7)
+
+
+@pytest.mark.parametrize(
+    ("condition", "scripts"),
+    [
+        ("len(x) == 2", ["x = [1]", "z = x", "z.append(3)"]),
+        ("len(x) == 2", ["x = [1]", "z = x", "z += [3]"]),
+        ("len(x) == 2", ["x = [1]", "z = {'a': x}", "z['a'].append(3)"]),
+        ("len(x) == 2", ["x, y = [1], []", "y.append(x)", "z = y[0]", "z.append(3)"]),
+        ("len(x) == 2", ["x = [1]", "z = w = x", "for each in [z]: each.append(3)"]),
+        ("x[0][0] == 3", ["x = [[1]]", "z = list(x)", "z[0][0] = 3"]),
+        ("len(x) == 2", ["x = [1]\nz = x\nz.append(3)", "y = len(x)"]),
+    ],
+)
+def test_what_a_script_changes_in_one_variable_may_have_changed_in_another(condition: str, scripts: list[str]) -> None:
+    assert outcomes(condition, *(f"run {script}" for script in scripts))[0]
+
+
+@pytest.mark.parametrize(
+    ("condition", "scripts"),
+    [
+        ("len(x) == 1", ["x = [1]", "z = list(x)", "z.append(3)"]),
+        ("len(x) == 1", ["x, z = [1], [2]", "y = x if z else z", "z.append(3)"]),
+        ("x == [1]", ["x = [1]", "n = x[0]", "n += 3"]),
+        ("best == 'b'", ["bids = {}", "best = min(sorted(bids), default='b')", "bids['a'] = 3"]),
+    ],
+)
+def test_what_no_variable_shares_stays_known(condition: str, scripts: list[str]) -> None:
+    assert outcomes(condition, *(f"run {script}" for script in scripts)) == (True, False)
