@@ -14,13 +14,13 @@ from fame.robot.delivery_protocol import (
     Accept,
     Answer,
     Answered,
-    Ask,
+    AskReceiver,
     Expired,
     Incoming,
     Outgoing,
-    Received,
     Receiver,
     Signal,
+    SignalReceived,
     Thrown,
     Tick,
     Transmit,
@@ -54,18 +54,18 @@ FIRST, SECOND = Thrown("s1", 0), Thrown("s2", 0)
 @pytest.mark.parametrize(
     ("events", "actions"),
     [
-        ((FIRST,), [Ask("B"), Ask("C")]),
+        ((FIRST,), [AskReceiver("B"), AskReceiver("C")]),
         ((FIRST, answered("B", 0)), [sent("B", 1, 0)]),
         ((FIRST, answered("B", 0), SECOND), [sent("B", 2, 1)]),
         ((FIRST, answered("B", 0), answered("B", 1), SECOND), [sent("B", 2, 0)]),
         ((FIRST, SECOND, answered("B", 0)), [sent("B", 1, 0), sent("B", 2, 1)]),
-        ((FIRST, answered("B", 0), Tick(1)), [Ask("B"), Ask("C")]),
-        ((FIRST, answered("B", 0), answered("B", 1), Tick(1)), [Ask("C")]),
+        ((FIRST, answered("B", 0), Tick(1)), [AskReceiver("B"), AskReceiver("C")]),
+        ((FIRST, answered("B", 0), answered("B", 1), Tick(1)), [AskReceiver("C")]),
         ((FIRST, answered("B", 0), Tick(1), answered("B", 0)), [sent("B", 1, 0)]),
         ((FIRST, answered("B", 1), answered("B", 0, "b2")), [sent("B", 1, 0, "b2")]),
         ((FIRST, answered("D", 0, "d1")), [sent("D", 1, 0, "d1")]),
-        ((FIRST, answered("B", 0, left=True), Tick(1)), [Ask("C")]),
-        ((FIRST, Tick(1, ("B", "D"))), [Ask("B"), Ask("C"), Ask("D")]),
+        ((FIRST, answered("B", 0, left=True), Tick(1)), [AskReceiver("C")]),
+        ((FIRST, Tick(1, ("B", "D"))), [AskReceiver("B"), AskReceiver("C"), AskReceiver("D")]),
         (
             (FIRST, answered("B", 1), Tick(TTL)),
             [Expired("C", (Signal(1, TTL, "s1"),))],
@@ -91,13 +91,13 @@ def test_one_receiver_that_is_silent_keeps_no_other_one_waiting():
 @pytest.mark.parametrize(
     ("event", "actions"),
     [
-        (Received("A", "a1", "b1", 0, 1, "s1"), (Answer("A", "a1", 3),)),
-        (Received("A", "a1", "b1", 3, 4, "s4"), (Accept("s4"), Answer("A", "a1", 4))),
-        (Received("A", "a1", "b1", 4, 5, "s5"), ()),
-        (Received("A", "a1", "b1", 0, 9, "s9"), (Accept("s9"), Answer("A", "a1", 9))),
-        (Received("A", "a1", "b0", 3, 4, "s4"), (Answer("A", "a1", 3),)),
-        (Received("A", "a2", "b1", 0, 1, "s1"), (Accept("s1"), Answer("A", "a2", 1))),
-        (Received("A", "a1"), (Answer("A", "a1", 3),)),
+        (SignalReceived("A", "a1", "b1", 0, 1, "s1"), (Answer("A", "a1", 3),)),
+        (SignalReceived("A", "a1", "b1", 3, 4, "s4"), (Accept("s4"), Answer("A", "a1", 4))),
+        (SignalReceived("A", "a1", "b1", 4, 5, "s5"), ()),
+        (SignalReceived("A", "a1", "b1", 0, 9, "s9"), (Accept("s9"), Answer("A", "a1", 9))),
+        (SignalReceived("A", "a1", "b0", 3, 4, "s4"), (Answer("A", "a1", 3),)),
+        (SignalReceived("A", "a2", "b1", 0, 1, "s1"), (Accept("s1"), Answer("A", "a2", 1))),
+        (SignalReceived("A", "a1"), (Answer("A", "a1", 3),)),
     ],
 )
 def test_the_receiver_decides(event, actions):
@@ -135,10 +135,10 @@ def perform(world: World, actions) -> World:
     for action in actions:
         match action:
             case Transmit("B", life, follows, signal):
-                message = Received("A", world.a.life, life, follows, signal.number, signal.data)
+                message = SignalReceived("A", world.a.life, life, follows, signal.number, signal.data)
                 world = replace(world, there=(*world.there, message))
-            case Ask("B"):
-                world = replace(world, there=(*world.there, Received("A", world.a.life)))
+            case AskReceiver("B"):
+                world = replace(world, there=(*world.there, SignalReceived("A", world.a.life)))
             case Expired(_, signals):
                 world = replace(world, expired=world.expired | {signal.data for signal in signals})
             case Accept(data):

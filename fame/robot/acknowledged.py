@@ -24,14 +24,14 @@ from fame.robot.delivery_protocol import (
     Accept,
     Answer,
     Answered,
-    Ask,
+    AskReceiver,
     Expired,
     Incoming,
     Outgoing,
     OutgoingEvent,
-    Received,
     Receiver,
     Signal,
+    SignalReceived,
     Thrown,
     Tick,
     Transmit,
@@ -168,7 +168,7 @@ class AcknowledgedSignals:
                 case Transmit(robot, life, follows, signal):
                     found = {"receiver": life, "follows": follows, "number": signal.number, "data": signal.data}
                     self._leave(_signals(name, robot), self._own(name, found))
-                case Ask(robot):
+                case AskReceiver(robot):
                     self._leave(_signals(name, robot), self._own(name, {}))
                 case Expired(robot, signals):
                     self._report(name, robot, signals)
@@ -204,7 +204,7 @@ class AcknowledgedSignals:
     # ---- what it catches ---------------------------------------------------------------------------------------------
 
     def _on_signal(self, name: str, found: Mapping[str, Any]) -> None:
-        event = Received(
+        event = SignalReceived(
             _text(found["robot"]), _text(found["life"]), _text(found.get("receiver", "")),
             _number(found.get("follows", 0)), _number(found.get("number", 0)), _text(found.get("data", "")),
         )  # fmt: skip

@@ -130,7 +130,7 @@ class Transmit:
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class AskReceiver:
     """Ask a robot what it has accepted."""
 
     robot: str
@@ -145,7 +145,7 @@ class Expired:
 
 
 OutgoingEvent = Thrown | Answered | Tick
-OutgoingAction = Transmit | Ask | Expired
+OutgoingAction = Transmit | AskReceiver | Expired
 
 
 def step_outgoing(state: Outgoing, event: OutgoingEvent) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
@@ -210,7 +210,7 @@ def _send_on(state: Outgoing) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
     for receiver in state.receivers:
         sent, follows, owed = receiver.sent, 0, tuple(islice(state.owed(receiver), WINDOW))
         if owed and not receiver.life and not receiver.asked:
-            actions.append(Ask(receiver.robot))
+            actions.append(AskReceiver(receiver.robot))
             receiver = replace(receiver, asked=True)
         for signal in owed if receiver.life else ():
             if signal.number > receiver.sent:
@@ -226,7 +226,7 @@ def _ask(state: Outgoing) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
     receivers, actions = [], list[OutgoingAction]()
     for receiver in state.receivers:
         if asked := bool(state.kept) and not receiver.moved:
-            actions.append(Ask(receiver.robot))
+            actions.append(AskReceiver(receiver.robot))
         receivers.append(replace(receiver, moved=False, asked=asked))
     return replace(state, receivers=tuple(receivers)), tuple(actions)
 
@@ -243,7 +243,7 @@ class Incoming:
 
 
 @dataclass(frozen=True, slots=True)
-class Received:
+class SignalReceived:
     """A signal of a life of a sender for a life of this robot; without a number it asks what was accepted."""
 
     robot: str
@@ -270,7 +270,7 @@ class Answer:
     number: int
 
 
-def step_incoming(state: Incoming, event: Received) -> tuple[Incoming, tuple[Accept | Answer, ...]]:
+def step_incoming(state: Incoming, event: SignalReceived) -> tuple[Incoming, tuple[Accept | Answer, ...]]:
     """The next state of the catching end, and what is to be done in this order. One is left out: it is sent again."""
     sender = event.robot, event.life
     last = state.accepted.get(sender, 0)
