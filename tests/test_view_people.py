@@ -107,7 +107,7 @@ def test_a_task_with_a_boundary_timer_has_a_deadline(page: Page, hospital: LiveR
 
 def test_a_form_is_filled_in_and_checked_by_the_browser(page: Page, hospital: LiveRun) -> None:
     page.locator(".ask.user").get_by_role("button", name="Complete").click()
-    dialog = page.locator("dialog")
+    dialog = page.locator("dialog.ask")
     assert "FAME does not draw fields of type filepicker" in dialog.inner_text()
     dialog.get_by_role("button", name="Complete").click()
     assert dialog.is_visible()  # the ward is required
@@ -131,7 +131,7 @@ def test_a_form_is_filled_in_and_checked_by_the_browser(page: Page, hospital: Li
 def test_a_signal_is_sent_with_the_fields_of_its_type(page: Page, hospital: LiveRun) -> None:
     page.get_by_role("button", name="Signal").click()
     page.get_by_label("Topic").select_option(label="/round")
-    page.get_by_role("button", name="Next").click()
+    page.get_by_role("button", name="Next", exact=True).click()
     page.get_by_label("data").fill("ward_1")
     page.get_by_role("button", name="Send").click()
     eventually(lambda: variables(hospital, "Porter_1").get("round") == "ward_1")
