@@ -331,3 +331,20 @@ def test_a_narrow_terminal_gets_the_columns_that_matter() -> None:
     assert table_within(80, heads, rows, ["process", "state"]) == table(heads, rows)
     assert table_within(20, heads, rows, ["process", "state"]) == "robot      state\nTractor_1  running"
     assert table_within(9, heads, rows, ["process", "state"]) == "robot\nTractor_1"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("view run.mcap --properties x.yaml", "fame log judge"),
+        ("view run.mcap --as ann:nurse", "--as is for a running team"),
+        ("view --as ann:nurse", "--as needs --control"),
+        ("run examples/shuttle.yaml --as ann:nurse", "--as needs --view"),
+        ("run examples/shuttle.yaml --paused", "--paused needs --view"),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(words: str, said: str, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(Path(__file__).parent.parent)
+    assert main(words.split()) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line

@@ -140,6 +140,8 @@ def run(arguments: Namespace) -> int:
         )
     if arguments.paused and not arguments.view:
         raise ConfigError("--paused needs --view")
+    if vars(arguments)["as"] and not arguments.view:
+        raise ConfigError("--as needs --view: its addresses are of a page")
     if arguments.on_error == "hold" and not arguments.view:
         raise ConfigError("--on-error hold needs --view, where somebody repairs what has failed")
     if arguments.state is not None:

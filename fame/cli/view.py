@@ -102,6 +102,10 @@ def run(arguments: Namespace) -> int:
         return _team(arguments)
     if arguments.branch is not None:
         return _branch(arguments)
+    if arguments.properties is not None:
+        raise ConfigError("--properties judges a running team; of a recording: fame log judge FILE.yaml RUN.mcap")
+    if vars(arguments)["as"]:
+        raise ConfigError("--as is for a running team (with --control) or a run: nobody completes tasks of a file")
     with _source(path, arguments) as source, _serving(source, arguments), suppress(KeyboardInterrupt):
         threading.Event().wait()
     return 0
@@ -130,6 +134,8 @@ def _team(arguments: Namespace) -> int:
 
     if arguments.branch is not None:
         raise ConfigError("--branch needs a recording: fame view run.mcap --branch S")
+    if vars(arguments)["as"] and not arguments.control:
+        raise ConfigError("--as needs --control: without it nobody completes tasks")
     key, judging = private_key(arguments), live_judge(arguments, note)
     with ExitStack() as served:
 
