@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -20,7 +20,7 @@ from fame.check.explore.abstraction import Step, emitted
 from fame.check.explore.aliases import SHARED, shared
 from fame.check.explore.asking import asking, functions
 from fame.check.explore.purity import STEPS, catches, is_certain, is_computable, waits
-from fame.check.explore.remembering import Outcomes, Remembered, key_of, memory_of
+from fame.check.explore.remembering import Outcomes, key_of, memory_of
 from fame.check.explore.script_effects import may_change, script_writes
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
@@ -28,6 +28,7 @@ from fame.engine import UNDEFINED, Engine, Instance
 from fame.engine.data import Variables
 from fame.engine.host import BpmnError
 from fame.engine.state import Trail
+from fame.engine.tasks import SCRIPT
 from fame.errors import FameError, ModelError
 from fame.iso8601 import parse_duration
 from fame.middleware import typesystem
@@ -121,7 +122,7 @@ class ExplorationHost:
         self.traceable = True
         """Whether `Watched` variables note all that texts read and write."""
         self.kept: Callable[[str], bool] = lambda name: True
-        self.remembered: Mapping[str, Remembered] = {}
+        self.remembered: Mapping[str, Set[str]] = {}
         """Conditions whose outcome is remembered, see `remembering`."""
         self.readers: Mapping[str, Sequence[str]] = {}
         self._again: deque[int] = deque()
@@ -172,7 +173,8 @@ class ExplorationHost:
         if ":=" in expression.text:  # within a comprehension it sets a variable past all methods of the dict
             self.traceable = False
         if script:
-            return self._noted(self._forgetting(self._script(expression, element, file), expression), element)
+            run = self._script(expression, element, file)
+            return self._noted(run if waits(expression) else self._forgetting(run, expression), element)
         key = key_of(expression)
         made = self._expression(expression, element, file)
         return self._remembering(made, key) if key in self.remembered else made
@@ -192,11 +194,11 @@ class ExplorationHost:
 
     def _remembering(self, run: Callable[..., Any], key: str) -> Callable[..., Any]:
         """A condition with the same outcome until a variable that it reads is set."""
-        reads = self.remembered[key].reads
+        reads = self.remembered[key]
 
         def evaluate(variables: dict[str, Any]) -> Any:
             memory = memory_of(variables, reads)
-            if memory is None:
+            if memory is None or any(reads & changed for changed in self._changed_meanwhile()):
                 return run(variables)
             begun = len(self.outcome.choices)
             self._again = deque(memory.get(key, ()))
@@ -214,7 +216,7 @@ class ExplorationHost:
 
     def _forgetting(self, run: Callable[..., Any], script: Expression) -> Callable[..., Any]:
         """A script, after which the conditions that read what it sets may have another outcome."""
-        keys = [key for key, one in self.remembered.items() if one.forgets(script)]
+        keys = self._readers(script_writes(script) | may_change(script))
 
         def forget_and_run(variables: dict[str, Any]) -> Any:
             outer = variables
@@ -225,6 +227,16 @@ class ExplorationHost:
             return run(variables)
 
         return forget_and_run if keys else run
+
+    def _readers(self, names: Iterable[str]) -> set[str]:
+        """The remembered conditions that read some variables."""
+        return {key for name in names for key in self.readers.get(name, ())}
+
+    def _changed_meanwhile(self) -> Iterator[set[str]]:
+        """The variables that each script or behaviour under way may set at any time."""
+        for wait in self.engine.waits.values():
+            if wait.catch.trigger is SCRIPT and isinstance(made := wait.node.spec.run(wait.scope.variables), Running):
+                yield {*made.step.writes, *made.step.changes, getattr(wait.node.spec, "variable", "")}
 
     def forget(self, conditions: Iterable[str]) -> None:
         """Let conditions of all instances have another outcome."""
@@ -339,6 +351,7 @@ class ExplorationHost:
     def end_step(self, step: Step, variables: dict[str, Any]) -> None:
         """Its results are unknown; what it publishes conditionally is published or not."""
         kept = self.kept
+        self.forget(self._readers((*step.writes, *step.changes)))
         for name in step.writes:
             if kept(name):
                 variables[name] = self.values.unknown

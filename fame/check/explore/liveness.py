@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from fame.bpmn import model
 from fame.check.explore.abstraction import Abstraction, taken
-from fame.check.explore.remembering import Remembered, key_of
+from fame.check.explore.remembering import key_of
 from fame.check.explore.script_effects import certainly_set, only_changed, read_first
 from fame.check.expressions import expressions_in, names_of
 from fame.engine.data import variable_name
@@ -35,7 +35,7 @@ class Liveness:
     """
 
     def __init__(self, home: model.Definitions, process: model.Process, abstract: Abstraction, kept: Set[str],
-                 remembered: Mapping[str, Remembered] = MappingProxyType({})) -> None:  # fmt: skip
+                 remembered: Mapping[str, Set[str]] = MappingProxyType({})) -> None:  # fmt: skip
         self._abstract, self._kept, self._matters, self._remembered = abstract, kept, abstract.matters, remembered
         self.after: dict[str, set[str]] = defaultdict(set)
         self.aside: dict[str, set[str]] = defaultdict(set)
@@ -123,7 +123,7 @@ class Liveness:
             around, follows = (*aside, *boundary[node.id]), behind[node.id] or {*leaving}
             loops, own = node.loop is not None, node.io is not None
             sets = set() if loops or mapped or own else {*_set_by(node, body)}
-            sets |= {key for key, one in self._remembered.items() if one.reads & sets}
+            sets |= {key for key, one in self._remembered.items() if one & sets}
             if isinstance(node.loop, model.MultiInstance):
                 self._inner.add(node.loop.element_variable)
             self._sets[node.id] = self._sets.get(node.id, sets) & sets  # a process that is called twice

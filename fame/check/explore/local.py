@@ -73,7 +73,7 @@ class Local:
         host: Host = self.host
         explored = model.process(definitions, process)
         self.bodies = model.bodies(definitions, process)
-        self.host.remembered = remembered(self.bodies, model.steps)
+        self.host.remembered = remembered(self.bodies)
         self.host.readers = readers_of(self.host.remembered)
         self.kept = kept.union(self.host.remembered)
         self.host.kept = self.kept.__contains__
