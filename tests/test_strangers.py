@@ -196,7 +196,10 @@ WARNINGS = {
         f"/Proceso principal is not a valid ROS 2 namespace: {ROS}",
     ],
     "choreography.bpmn": ["<choreography> has no effect"],
-    "flowable.bpmn": ["flowable:executionListener is not run: FAME has no listeners"],
+    "flowable.bpmn": [
+        "assignee='${initiator}' has no effect: expected names, not an expression",
+        "flowable:executionListener is not run: FAME has no listeners",
+    ],
     "signavio.bpmn": [
         f"/Mäher is not a valid ROS 2 namespace: {ROS}",
     ],
