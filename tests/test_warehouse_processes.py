@@ -26,6 +26,7 @@ def smaller(folder: Path) -> Path:
     world = scenario["world"]
     world["parcels"] = [parcel for parcel in world["parcels"] if parcel["name"] == "parcel_4"]
     del world["robots"]["Carrier_2"]
+    del scenario["properties"]  # other processes sample no battery: what needs it is not known
     scenario["model"] = str(ROOT / "models" / "warehouse.bpmn")
     path = folder / "warehouse.yaml"
     path.write_text(json.dumps(scenario))
