@@ -15,8 +15,10 @@ from fame.cli import main
 from fame.errors import ConfigError, ModelError
 from fame.log.judge import judge_log
 from fame.log.reading import run_outcomes
+from fame.properties import parse
 from fame.properties.files import read_properties
 from fame.scenario import Scenario
+from fame.scenario.judging import team_vocabulary
 from fame.testing import ExpectationError, MissionLoader
 
 pytest_plugins = ["pytester"]
@@ -233,3 +235,11 @@ def test_a_due_date_that_is_a_duration_is_a_deadline(tmp_path: Path, due: str, n
     path = tmp_path / "due.bpmn"
     path.write_text(process(f'<userTask id="T" camunda:dueDate="{due}"/>'))
     assert {each.name for each in Scenario.load(path).properties} == named
+
+
+def test_what_is_violated_only_as_two_clocks_stand_is_not_known(team: Path) -> None:
+    log, names = team.with_name("run.mcap"), team_vocabulary(Scenario.load(team))
+    assert main(["run", str(team), "--quiet", "--log", str(log)]) == 1
+    given = [parse(f"never {one}", name="given") for one in ("A throws /go before B throws /done", "A throws /go")]
+    apart = [[each.verdict for each in judge_log(log, given, team=names, apart=ns)] for ns in (0, 10**8, 10**10)]
+    assert apart == [["violated", "violated"], ["violated", "violated"], ["not known", "violated"]]

@@ -31,6 +31,8 @@ _EXAMPLES = (
     "fame run examples/agriculture.yaml --robots Tractor=12 --fault Tractor_2@40:engine",
     "fame run mission.bpmn --duration 60 --log out/run.jsonl --log out/run.xes",
 )
+_APART = 0.1
+"""How far the clocks of two processes of a run may be apart (s on the wall clock)."""
 _SPARE = ("process", "model", "publishers", "instances", "since", "token at")
 """Columns of the live table that a narrow terminal can do without, the first one first."""
 
@@ -239,21 +241,23 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
             ).run()
         if logs is not None:
             logs.finish()
-        result = _judged(result, scenario, files)
+        result = _judged(arguments, result, scenario, files)
         with progress_line(sys.stderr, wanted=not quiet) as line:
             _draw(arguments, files, line)
     return _print_result(arguments, result, reports=False)
 
 
-def _judged(result: Result, scenario: Scenario, files: Sequence[Path]) -> Result:
+def _judged(arguments: Namespace, result: Result, scenario: Scenario, files: Sequence[Path]) -> Result:
     """The result with the judgements about the recording of the team: nobody sees all of it while it runs."""
     recording = next((path for path in files if path.suffix.lower() == ".mcap" and path.exists()), None)
     if not scenario.properties or recording is None:
         return result
+    from fame.clock import SECOND
     from fame.log.judge import judge_log
     from fame.scenario.judging import team_vocabulary
 
-    found = judge_log(recording, scenario.properties, team=team_vocabulary(scenario))
+    apart = round(_APART * (arguments.speed or 1.0) * SECOND)
+    found = judge_log(recording, scenario.properties, team=team_vocabulary(scenario), apart=apart)
     return replace(result, judgements=tuple(found))
 
 

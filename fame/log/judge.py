@@ -7,8 +7,10 @@ messages of sensors and batteries if all topics were recorded. A log of events a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from fame.bpmn.library import Library, closure
@@ -19,7 +21,7 @@ from fame.errors import ConfigError
 from fame.log.channels import CLOCKS, EVENTS, KEY, PROPERTIES, VARIABLES, WORLD
 from fame.log.conversion import models_of
 from fame.log.reading import rows_of
-from fame.log.recording import Recording, scene_values
+from fame.log.recording import RecordedMessage, Recording, scene_values
 from fame.log.team_state import TeamState
 from fame.middleware.interface import ENGINE
 from fame.properties import Judge, Judgement, Property, compile
@@ -35,18 +37,31 @@ def judge_log(
     model: Definitions | None = None,
     *,
     team: Vocabulary | None = None,
+    apart: int = 0,
 ) -> list[Judgement]:
     """The judgements about a log; `model` is that of a log of events alone, `team` what is known of the team of a run.
 
-    Raises ConfigError for a file that is no log, and for properties that name what its team does not have.
+    `apart` (ns): how far the clocks of two robots of a recording may be apart. Each robot is also judged that much
+    later; what is violated only as the clocks stand is not known. Raises ConfigError for a file that is no log, and for
+    properties that name what its team does not have.
     """
     if Path(path).suffix.lower() == ".mcap":
         with Recording(path) as recording:
-            return _replay(recording, properties, model, team)
+            found = _replay(recording, properties, model, team)
+            for robot in sorted(team.robots) if team is not None and apart else ():
+                others = _replay(recording, properties, model, team, late={robot: apart})
+                found = [_unordered(one, apart) if one.verdict == "violated" != other.verdict else one
+                         for one, other in zip(found, others, strict=True)]  # fmt: skip
+            return found
     if model is None:
         raise ConfigError("has no model: expected one beside the properties, NAME.bpmn of NAME.properties.yaml",
                           file=str(path))  # fmt: skip
     return _judge_events(path, properties, model)
+
+
+def _unordered(judgement: Judgement, apart: int) -> Judgement:
+    text = f"violated as the clocks stand, and not if they are {apart / SECOND:g} s apart"
+    return replace(judgement, verdict="not known", slack=None, time=None, text=text, began=None, elements=())
 
 
 def _judge_events(path: str | Path, properties: Sequence[Property], model: Definitions) -> list[Judgement]:
@@ -218,9 +233,10 @@ def runs(state: TeamState) -> bool:
 
 
 def _replay(
-    recording: Recording, properties: Sequence[Property], model: Definitions | None, team: Vocabulary | None
-) -> list[Judgement]:
-    """Give all of a recording to a judge, and ask it."""
+    recording: Recording, properties: Sequence[Property], model: Definitions | None, team: Vocabulary | None,
+    late: Mapping[str, int] = MappingProxyType({}),
+) -> list[Judgement]:  # fmt: skip
+    """Give all of a recording to a judge, and ask it. `late`: by how much a robot's messages are taken later (ns)."""
     last = recording.state(recording.end)
     judge = TeamJudge(properties, team, measured="clocks" in recording.metadata)
     if team is None:
@@ -230,13 +246,28 @@ def _replay(
         judge.meet(processes, [*models_of(recording), *models])
     end = int(recording.metadata.get("end", recording.end))
     ended = recording.metadata.get("ended")
-    for message in recording.messages():
+    for time, message in _delayed(recording, late):
         if not message.topic.startswith("/fame/"):
             type = recording.topics[message.topic].type
-            judge.message(message.time, message.topic, type, message.node, partial(recording.decode, message))
+            judge.message(time, message.topic, type, message.node, partial(recording.decode, message))
         elif message.topic != PROPERTIES:
-            judge.put(message.topic, message.time, message.json(), last=message.time == end)
-    return judge.finish(end, complete=ended == "complete" or (ended is None and not runs(last)))
+            judge.put(message.topic, time, message.json(), last=message.time == end)
+    return judge.finish(
+        end + max(late.values(), default=0), complete=ended == "complete" or (ended is None and not runs(last))
+    )
+
+
+def _delayed(recording: Recording, late: Mapping[str, int]) -> Iterable[tuple[int, RecordedMessage]]:
+    """The messages of a recording and when they are taken: those of some robots later (ns)."""
+    if not late:
+        return ((message.time, message) for message in recording.messages())
+    found = list[tuple[int, RecordedMessage]]()
+    for message in recording.messages():
+        robot = message.node.strip("/").rpartition("/")[0]
+        if message.topic in (EVENTS, VARIABLES):
+            robot = str(message.json()["robot"])
+        found.append((message.time + late.get(robot, 0), message))
+    return sorted(found, key=lambda one: one[0])
 
 
 def team_of_model(model: Definitions | None) -> tuple[dict[str, str], list[Definitions]]:
