@@ -269,8 +269,8 @@ def test_the_inspector_has_the_colours_of_the_robots_in_both_themes(page: Page) 
     shown = []
     for theme in ("light", "dark"):
         page.evaluate(f"fame.setTheme('{theme}')")
-        until(page, "colours('.body .swatch') === colours('.lane i')")
-        shown.append(page.evaluate("colours('.lane i')"))
+        until(page, "colours('.body .swatch') === colours('.lane:not(.property) i')")
+        shown.append(page.evaluate("colours('.lane:not(.property) i')"))
     assert shown[0] != shown[1]
 
 

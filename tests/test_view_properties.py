@@ -65,11 +65,18 @@ def test_a_click_shows_what_broke_a_property(chromium: Browser, recording: Path,
         assert page.evaluate(f"{lane('apart')}.curve.length") > 5
         span = page.evaluate(f"{lane('soon')}.spans.find((one) => one.verdict === 'violated')")
         assert span["until"] - span["from"] == 300_000_000
+        narrow = size[0] < 1101  # one panel at a time
+        if narrow:
+            page.get_by_role("tab", name="Log").click()
         page.locator(".lane.property", has_text="soon").click()
         card = page.locator(".verdict")
         until(page, "!document.querySelector('.verdict').hidden")
         assert 'some Tractor starts "Go To" within 300 ms' in card.inner_text()
+        if narrow:
+            page.get_by_role("tab", name="Diagram").click()
         until(page, "document.querySelectorAll('.is-named').length > 0")
+        if narrow:
+            page.get_by_role("tab", name="Log").click()
         card.locator("div button").first.click()
         until(page, f"fame.state?.time === {span['from']}")
         assert page.evaluate("fame.mission.elements[fame.selected.element].name") == "weed_found"

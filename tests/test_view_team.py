@@ -399,7 +399,7 @@ def test_people_retry_set_and_move_with_the_buttons_of_the_page(chromium: Browse
             page.get_by_label("Value").press("Enter")
             until(page, "[...fame.state.variables.values()].some((one) => one.values.get('load')?.[0] === 2.5)")
             page.get_by_role("button", name="Move").click()
-            page.locator("dialog select").select_option(label="a rest")
+            page.locator("dialog select").select_option(label="Rest")
             page.get_by_role("button", name="Move", exact=True).click()
             until(page, f"{waits} === 'Rest'")
     finally:
