@@ -56,7 +56,7 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
     people.stopped_engine,
     people.model_bomb,
 )
-PATIENCE, LONG_PATIENCE = 240, 7200
+PATIENCE, LONG_PATIENCE = 900, 7200
 """How long an attack may take (s), and with ``--long``."""
 DOMAINS = 232
 NOT_RUN = 77

@@ -74,6 +74,19 @@ def test_if_one_robot_stays_silent_nobody_starts():
     assert field.engines["A"].state == "waiting"
 
 
+@pytest.mark.parametrize(("patience", "failed"), [(10, True), (30, False)])
+def test_a_robot_waits_half_as_long_for_the_others_as_its_sender(patience: int, failed: bool) -> None:
+    field = Field("A")
+    sent = made(field, TEAM, "d1", 1, patience=patience)
+    sent.begin()
+    field.pass_time(8)
+    field.engines["B"] = EngineNode("B", scheduler=field.scheduler, middleware=field.middleware)
+    field.pass_time(3)
+    assert (sent.done, sent.failed) == (True, failed)
+    if failed:
+        assert sent.robots["A"].reason == "/go (subscriber) not discovered within 5 s"
+
+
 def test_an_engine_tells_whoever_looks_at_it_what_it_refused_and_the_others_why_it_was_called_off():
     field, told = Field("B"), []
     field.engines["A"] = EngineNode(

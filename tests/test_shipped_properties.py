@@ -44,6 +44,9 @@ MUTATIONS = {
     "ground_vehicles answer": {"Flow_TargetFound_GoTo": "Activity_Fire"},
     "convoy lined_up": {"Flow_TakeLane_ToLine": "Activity_Go"},
     "convoy patience": {"Flow_SetOff_Go": "Event_There"},
+    "shuttle charge": {"Flow_Low_ToCharger": "Event_Charged"},
+    "shuttle recharge": {"Flow_Charged_GoesOn": "Activity_ToCharger"},
+    "shuttle finish": {"Flow_Enough_Carried": "Gateway_NextTrip"},
 }  # fmt: skip
 """By mission and property: sequence flows and where they lead instead; a signal: its event starts by itself."""
 

@@ -210,8 +210,8 @@ def fifty_over_zenoh(field: Field) -> None:
     field.change_middleware("zenoh")
     names = [f"R{number}" for number in range(50)]
     team = Team(field, names, together=True)
-    team.finish("--wait", "30")
-    sender = team.deploy("--wait", "30", tasks=TASKS)
+    team.finish("--wait", "60")
+    sender = team.deploy("--wait", "60", tasks=TASKS)
     held(team.at("R1 ready", sender), f"R1 is not ready: {sender.outcome if not sender.alive else 'silence'}")
     for name in names[10:20]:
         team.robots[name].process.tell(signal.SIGSTOP)
@@ -222,7 +222,7 @@ def fifty_over_zenoh(field: Field) -> None:
     for name in names[20:30]:
         team.restart(name)
     team.await_robots()
-    team.finish("--wait", "30")
+    team.finish("--wait", "60")
 
 
 def bad_network(field: Field) -> None:

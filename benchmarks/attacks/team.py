@@ -149,7 +149,7 @@ class Team:
         )
         self.field.engines.append(parent)
         children = Path(f"/proc/{parent.process.pid}/task/{parent.process.pid}/children")
-        held(self.field.until(lambda: len(children.read_text().split()) == len(names), 60), "not all were forked")
+        held(self.field.until(lambda: len(children.read_text().split()) == len(names), PATIENCE), "not all were forked")
         for name, pid in zip(names, children.read_text().split(), strict=True):
             self.robots[name] = Robot(name, self.versions, Forked(name, int(pid)))
             self._listen(name)
@@ -171,7 +171,7 @@ class Team:
         self.field.engines.append(engine)
         return engine
 
-    def await_robots(self, within: float = 60) -> None:
+    def await_robots(self, within: float = PATIENCE) -> None:
         """Wait until every engine has spoken."""
         silent = lambda: [robot for robot in self.robots.values() if not robot.reports and robot.process.alive]  # noqa: E731
         held(self.field.until(lambda: not silent(), within), f"never spoke: {[robot.name for robot in silent()]}")
@@ -221,7 +221,7 @@ class Team:
             self.senders.append(sender)
         return sender
 
-    def at(self, moment: str, sender: Sender, within: float = 30) -> bool:
+    def at(self, moment: str, sender: Sender, within: float = PATIENCE) -> bool:
         """Wait for a moment of a deployment: ``load`` is sent, ``A ready`` is answered, ... Whether it came."""
         robot, _, answer = moment.rpartition(" ")
         version = f"version{sender.version}"
@@ -268,7 +268,7 @@ class Team:
             held(report is not None and report.state == "holding", f"{robot.name} is {report and report.state}")
         return [robot.name for robot in restless]
 
-    def await_version(self, version: int, within: float = 60) -> None:
+    def await_version(self, version: int, within: float = PATIENCE) -> None:
         """Wait until all robots run a version."""
 
         def others() -> dict[str, str]:
@@ -299,7 +299,7 @@ class Team:
     def finish(self, *words: str) -> None:
         """A new deployment starts on all robots."""
         sender = self.deploy(*words)
-        self.field.until(lambda: not sender.alive, 60)
+        self.field.until(lambda: not sender.alive, PATIENCE)
         held(not sender.alive, "a new deployment does not end on a healthy team")
         held(sender.process.returncode == 0, f"a new deployment fails on a healthy team: {sender.outcome}")
         self.judge()

@@ -7,7 +7,7 @@ deployments, and the identities that prove the names of robots.
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -63,7 +63,7 @@ def add_deploy(commands: Commands) -> None:
         help="wait until the mission has ended on all robots; print what fails; exit code 1 if it failed",
     )  # fmt: skip
     migration.add_options(parser)
-    parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
+    _add_wait(parser)
     add_key(parser, "sign the deployment with this key")
     parser.add_argument(
         "--explore", action="store_true",
@@ -81,6 +81,13 @@ def add_deploy(commands: Commands) -> None:
 
 _AT_ONCE = 0.5
 """How long a mission is watched that may fail as soon as it has started (s)."""
+
+
+def _add_wait(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--wait", type=positive, default=10.0, metavar="S",
+        help="how long to wait for answers (10); robots wait half of it for the other ends of their topics",
+    )  # fmt: skip
 
 
 def run_deploy(arguments: Namespace) -> int:
@@ -175,7 +182,7 @@ def add_splitter(commands: Commands) -> None:
         commands, "splitter", run_splitter, examples=("fame splitter", "fame splitter --library behaviours"),
         help="deploy the models that are published on /collaboration_diagram, also to robots that join late",
     )  # fmt: skip
-    parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
+    _add_wait(parser)
     add_key(parser, "sign deployments with this key, and accept only diagrams signed with it or a --trust key")
     add_trust(parser, "accept diagrams signed with this key; repeatable")
     parser.add_argument("--insecure", action="store_true", help="accept (and sign) diagrams of any sender")

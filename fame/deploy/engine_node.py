@@ -34,7 +34,6 @@ from fame.deploy.resumed_mission import ResumedMission
 from fame.deploy.resumption import StateKeeper
 from fame.deploy.robot_protocol import step
 from fame.deploy.robot_state import (
-    MATCHING,
     AskOthers,
     AwaitEndpoints,
     AwaitSender,
@@ -500,7 +499,7 @@ class EngineNode:
 
     def _begin_again(self, process: RobotNode, missing: Sequence[str]) -> None:
         if missing:
-            self._note(f"continues without {', '.join(missing)}, not discovered within {MATCHING:g} s")
+            self._note(f"continues without {', '.join(missing)}, not discovered in time")
         self.running = process
         if self._feed is not None:
             self._feed.begin(process, resumed=True)

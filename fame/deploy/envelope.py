@@ -20,6 +20,8 @@ STATUS_QOS = QoS(durability="transient_local", depth=100)
 """Of subscriptions to ``bpmn_status``: the last report from before the match, and every one from then on."""
 EVENTS_TOPIC, MODEL_TOPIC = "bpmn_events", "bpmn_model"
 """Topics of a robot on which it tells what happens in it (`fame.robot.live`)."""
+MATCHING = 5.0
+"""How long a robot waits for the other ends of its topics, unless its sender says more or less (s)."""
 SILENCE = 5.0
 """After how long without an envelope of its sender a robot that is ready asks the others (s)."""
 PHASES = ("load", "hold", "start", "abort", "ask")
@@ -94,6 +96,7 @@ class Envelope:
     begun     with ``start``: one of the team has started
     proof     with ``ask``, where keys are used: the signed envelope that the asking robot received, without the model
     promises  public topics at which others have the opposite end, as ``publisher`` or ``subscriber``
+    matching  how long the robot waits for those ends (s)
     team      the robots that start together with it
     engines   the `Report.engine` of each of them: reports of another engine are not believed
     receivers topics with acknowledgements that it throws: the other robots that catch them
@@ -115,6 +118,7 @@ class Envelope:
     promises: Annotated[Mapping[str, str], fields.mapping(fields.topic, fields.among("publisher", "subscriber"))] = (
         field(default_factory=dict, hash=False)
     )
+    matching: fields.Number = MATCHING
     team: Annotated[Sequence[str], fields.sequence(fields.robot)] = field(default=(), hash=False)
     engines: Annotated[Mapping[str, str], fields.mapping(fields.robot, fields.text(1000))] = field(
         default_factory=dict, hash=False

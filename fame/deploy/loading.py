@@ -21,7 +21,6 @@ from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope
 from fame.deploy.machine import boundary
-from fame.deploy.robot_state import MATCHING
 from fame.deploy.termination import PeerAnswered
 from fame.errors import FameError, ModelError
 from fame.gc_tuning import uncollected
@@ -225,8 +224,8 @@ class LoadedCandidate:
         self._peers: Peers | None = None
 
     def match(self, done: Callable[[Sequence[str]], object]) -> None:
-        """Wait for the promised other ends of its topics; `done` gets those missing after `MATCHING` s."""
-        self._match(done, self._scheduler.now + round(MATCHING * SECOND))
+        """Wait for the promised other ends of its topics; `done` gets those missing after `Envelope.matching` s."""
+        self._match(done, self._scheduler.now + round(self.envelope.matching * SECOND))
 
     def _match(self, done: Callable[[Sequence[str]], object], until: int) -> None:
         self.process.connect()

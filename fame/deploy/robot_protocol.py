@@ -37,7 +37,6 @@ from dataclasses import replace
 from fame.deploy import termination
 from fame.deploy.envelope import SILENCE, Envelope, Problem
 from fame.deploy.robot_state import (
-    MATCHING,
     AskOthers,
     AwaitEndpoints,
     AwaitSender,
@@ -302,7 +301,7 @@ class _Transition:
         if candidate is None or candidate.stage != "matching":
             return
         if missing and not self._is_promised(candidate.envelope.deployment):
-            self._drop("refused", f"{', '.join(missing)} not discovered within {MATCHING:g} s")
+            self._drop("refused", f"{', '.join(missing)} not discovered within {candidate.envelope.matching:g} s")
         elif candidate.envelope.phase == "run":
             self._replace(candidate)
         elif candidate.envelope.migrate and self.state.running is not None:

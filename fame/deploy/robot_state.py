@@ -12,10 +12,6 @@ from typing import Literal
 from fame.deploy.envelope import Envelope, Problem
 from fame.deploy.termination import PeerAnswered, Ready, Silence
 
-MATCHING = 5.0
-"""How long a robot waits for the other ends of its topics (s)."""
-
-
 # ---- state -----------------------------------------------------------------------------------------------------------
 
 
@@ -234,7 +230,7 @@ class Discard:
 
 @dataclass(frozen=True, slots=True)
 class AwaitEndpoints:
-    """Wait until the promised other ends of the candidate's topics are there, at most `MATCHING` s; give `Matched`."""
+    """Wait until the promised other ends of the candidate's topics are there, for `Envelope.matching` s; give `Matched`."""
 
     envelope: Envelope
 

@@ -148,6 +148,7 @@ class Deployment:
                 model=parts[pool.name],
                 hash=model_hash(parts[pool.name].encode()),
                 promises=promised[robot],
+                matching=self._options.patience / 2,  # the rest is for loading, and for saying what is missing
                 team=list(sent),
                 receivers=caught[robot],
                 again=robot in again,

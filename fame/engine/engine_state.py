@@ -35,6 +35,7 @@ class EngineState:
     waiting_starts  queued triggers of a process that runs as many instances as it may
     gathered        triggers of parallel multiple start events that are not complete
     armed_starts    start events with a timer, by key
+    suspensions     scopes that were suspended since the loop last looked at the bound of a livelock
     held            all scopes and waits, while the host holds the engine
     untaken         BPMN messages that no event has taken, by topic; those in queues count
     incidents       tokens at elements that have failed, with code and text (`fame.engine.repair`)
@@ -63,6 +64,7 @@ class EngineState:
         self.waiting_starts: dict[Node, deque[tuple[int, Any]]] = {}
         self.gathered: dict[Node, list[Gathered]] = {}
         self.armed_starts: dict[int, Node] = {}
+        self.suspensions = 0
         self.held: tuple[list[Scope], list[Wait]] | None = None
         self.untaken: Counter[str] = Counter()
         self.incidents: dict[Wait, tuple[str, str]] = {}

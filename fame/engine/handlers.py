@@ -76,6 +76,7 @@ def open_handler(engine: EngineState, start: Node, scope: Scope, cancelling: Can
 
 def suspend(engine: EngineState, scope: Scope, handler: Scope) -> Cancelling:
     """Suspend a scope except `handler` and the other armed event sub-processes."""
+    engine.suspensions += 1
     scope.suspender, scope.mark = handler, handler.key
     scope.state += 1
     for inner in _held_scopes(scope):

@@ -20,8 +20,11 @@ from fame.engine.state import Instance, Mailbox, Scope, scopes_of
 from fame.engine.waiting import MESSAGE, catch, take
 from fame.errors import MissionError
 
-MOVES = 10_000_000
+MOVES = 1_000_000
 """Moves of tokens within one stimulus that count as a livelock."""
+
+SUSPENSIONS = 10_000
+"""The same for suspensions by event sub-processes, each of which is the work of many moves."""
 
 PORTION = 300
 """Moves after which observers are informed during a long stimulus."""
@@ -217,6 +220,7 @@ class Engine(EngineState):
         """Move every token until it waits."""
         ready, pop = self.ready, self.ready.popleft
         left, portion = self.limit, self.portion
+        price, self.suspensions = self.limit // SUSPENSIONS, 0
         moves = repeat(None, portion)
         self.unsettled: bool = bool(self.conditions)
         while True:
@@ -237,7 +241,8 @@ class Engine(EngineState):
                     if node is None:
                         break
                 else:
-                    left, moves = left - portion, repeat(None, portion)
+                    left, moves = left - portion - self.suspensions * price, repeat(None, portion)
+                    self.suspensions = 0
                     self.observe()
                     if len(ready) > state.TOKENS:
                         faults.abandon_crowd(self, scope.instance, node)
@@ -267,7 +272,7 @@ class Engine(EngineState):
         passes: dict[str, int] = {}
         ready.appendleft((node, scope))
         for _ in range(min(TRACE, self.limit)):
-            if not ready:
+            if not ready or self.suspensions > SUSPENSIONS // 100:
                 break
             follower, place = ready.popleft()
             if follower is None:
@@ -283,7 +288,8 @@ class Engine(EngineState):
                     ready.appendleft((following, place))
         if instance.status == "running":
             loop = ", ".join(id for id, count in passes.items() if id and count > 1)
-            text = f"{self.limit} moves without waiting, in a loop over {loop}"
+            work = f"more than {SUSPENSIONS} suspensions" if self.suspensions else f"{self.limit} moves"
+            text = f"{work} without waiting, in a loop over {loop}"
             faults.abandon(self, instance, node, text, "livelock")
 
     # ---- callbacks -----------------------------------------------------------------------------------

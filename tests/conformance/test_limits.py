@@ -9,6 +9,7 @@ from engine_models import (
     boundary,
     call,
     catch,
+    condition,
     end,
     error,
     flow,
@@ -38,8 +39,8 @@ def test_a_loop_without_rest_fails_with_the_ids_of_the_loop(play: Play) -> None:
     assert " s" not in str(failure).partition("loop over")[2]
 
 
-def test_the_default_limit_is_ten_million_moves(play: Play) -> None:
-    assert play(LOOP).node.engine.limit == 10_000_000
+def test_the_default_limit_is_a_million_moves(play: Play) -> None:
+    assert play(LOOP).node.engine.limit == 1_000_000
 
 
 def test_a_loop_through_throw_and_catch_is_one_too(play: Play) -> None:
@@ -55,6 +56,16 @@ def test_a_loop_through_a_sub_process_is_one_too(play: Play) -> None:
     failure = play(content, moves=1000).run().instance.error
     assert failure is not None
     assert {"m", "p", "a"} <= set(str(failure).replace(",", "").split())
+
+
+def test_an_event_sub_process_that_suspends_again_and_again_is_one_long_before(play: Play) -> None:
+    low = handler("h", start("i", condition("low")), script("d"), end("e"), *path("i d e"), resume=True)
+    run = play(start() + user("u") + path("s u") + low, {"low": True}).run()
+    failure = run.instance.error
+    assert failure is not None
+    assert (run.status, failure.code) == ("failed", "livelock")
+    assert "more than 10000 suspensions without waiting, in a loop over d" in str(failure)
+    assert run.visits["d"] < 20_000
 
 
 def test_other_instances_go_on(play: Play) -> None:
