@@ -214,7 +214,7 @@ class Field:
         if topic not in self._publishers:
             usual = LATCHED if topic.endswith("_status") else QoS(depth=1000)
             self._publishers[topic] = self.stranger.publisher(topic, type, qos or usual)
-            self.until(self._publishers[topic].matched, 5)
+            self.until(self._publishers[topic].matched, 60)
         return self._publishers[topic]
 
     def say(self, topic: str, text: str) -> None:

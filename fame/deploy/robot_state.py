@@ -230,7 +230,7 @@ class Discard:
 
 @dataclass(frozen=True, slots=True)
 class AwaitEndpoints:
-    """Wait until the promised other ends of the candidate's topics are there, for `Envelope.matching` s; give `Matched`."""
+    """Wait `Envelope.matching` s for the promised other ends of the candidate's topics; give `Matched`."""
 
     envelope: Envelope
 

@@ -64,7 +64,8 @@ FOLLOWS: dict[type, set[str]] = {
     Instance: {"program", "status", "scopes"},  # only running ones are there; scopes are counted
     EngineState: {
         "program", "host", "new_variables", "on_incident", "settled", "at_once", "parameters",  # the host's
-        "instances", "ready", "unsettled", "suspensions", "_trail", "place", "emit",  # a list; nothing between two stimuli
+        "instances", "ready", "unsettled", "suspensions",  # a list of its own;
+        "_trail", "place", "emit",  # nothing between two stimuli
     },
 }  # fmt: skip
 """Attributes in no table: they follow from others, or belong to the host."""
