@@ -139,6 +139,6 @@ def test_a_threshold_that_no_score_could_meet_is_refused_before_anything_is_watc
     threshold: float, tmp_path: Path
 ) -> None:
     scheduler = Scheduler()
-    context = ServiceContext("ARM", "ARM", LocalMiddleware(scheduler), scheduler, tmp_path, print, print)
+    context = ServiceContext("ARM", "ARM", LocalMiddleware(scheduler), scheduler, tmp_path, print, print, print)
     with pytest.raises(ConfigError, match="expected a number from 0 to 1"):
         SERVICES["adm_operate"].start(context, {"model": "best.skops", "threshold": threshold})

@@ -67,19 +67,21 @@ class FaultyDisk(SystemDisk):
 class Durable(Field):
     """A field of one robot with a state directory."""
 
+    robot = "A"
+
     def __init__(self, folder: Path, **options: Any) -> None:
         super().__init__()
         self.folder, self.options = folder, options
         self.notes: list[str] = []
         self.disk = FaultyDisk()
         self.start()
-        self.listen("A")
+        self.listen(self.robot)
 
     def start(self) -> None:
         """Start an engine on the directory."""
         self.state = StateDirectory(self.folder, self.disk)
-        self.engines["A"] = EngineNode(
-            "A",
+        self.engines[self.robot] = EngineNode(
+            self.robot,
             scheduler=self.scheduler,
             middleware=self.middleware,
             options=EngineOptions(
@@ -89,7 +91,7 @@ class Durable(Field):
 
     def crash(self) -> None:
         """The engine ends without a word: nothing more is written, all its endpoints are gone."""
-        engine = self.engines.pop("A")
+        engine = self.engines.pop(self.robot)
         if engine.running is not None:
             runner = engine.running.runner
             for task in runner._tasks.values():
@@ -106,7 +108,7 @@ class Durable(Field):
 
     @property
     def engine(self) -> EngineNode:
-        return self.engines["A"]
+        return self.engines[self.robot]
 
 
 @pytest.fixture

@@ -77,7 +77,7 @@ class Robot:
 @pytest.mark.parametrize("name", SERVICES)
 def test_the_required_variables_of_a_service_are_those_it_asks_for(name: str, tmp_path: Path) -> None:
     scheduler = Scheduler()
-    context = ServiceContext("REX", "REX", LocalMiddleware(scheduler), scheduler, tmp_path, print, print)
+    context = ServiceContext("REX", "REX", LocalMiddleware(scheduler), scheduler, tmp_path, print, print, print)
 
     def asks(variables: Mapping[str, Any]) -> str:
         try:

@@ -7,7 +7,7 @@ messages of sensors and batteries if all topics were recorded. A log of events a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -26,7 +26,8 @@ from fame.log.team_state import TeamState
 from fame.middleware.interface import ENGINE
 from fame.properties import Judge, Judgement, Property, compile
 from fame.properties.conditions import Pose, Source, field_of
-from fame.properties.vocabulary import Closure, Vocabulary, vocabulary
+from fame.properties.vocabulary import Closure, RobotTerms, Vocabulary, vocabulary
+from fame.robot.robot_state import RobotState
 
 BATTERY = "sensor_msgs/msg/BatteryState"
 
@@ -117,6 +118,8 @@ class TeamJudge:
         self._seen: set[str] = set()
         self._heard: dict[str, int] = {}  # when each robot did something (ns)
         self._expected: set[str] = set()
+        self._robots: dict[str, RobotState] = {}  # what each has done so far
+        self._taken_up: dict[str, dict[str, Any]] = {}  # what robots had done that were not seen since
         self.judge = Judge([])
         if team is not None:
             self._use(Judge([compile(each, team) for each in properties]), team)
@@ -125,12 +128,50 @@ class TeamJudge:
         """Use the names of robots with these processes (ids). Raises ConfigError for a property with another name."""
         team = _team_of(processes, models)
         monitors = [compile(each, team) for each in self._properties]
+        if self._expected - team.robots.keys():
+            return  # of what was taken up, some robots are still to come
         if self._expected:
             self.judge.adopt(monitors)
         self._use(self.judge if self._expected else Judge(monitors), team)
 
+    def kept(self) -> dict[str, Any]:
+        """What it has to keep, as plain data: another one goes on from it (`take_up`), perhaps in another process."""
+        team = self._team.part({(robot, element) for robot, element, _ in self._named})
+        done = {robot: self._done(robot, state) for robot, state in self._robots.items()}
+        return {
+            "robots": {robot: asdict(terms) for robot, terms in team.robots.items()},
+            "pools": dict(team.pools),
+            "judge": self.judge.kept(),
+            "done": {**self._taken_up, **done},
+        }
+
+    def take_up(self, kept: Mapping[str, Any]) -> None:
+        """Go on from what another one has kept."""
+        team = Vocabulary({robot: RobotTerms(**terms) for robot, terms in kept["robots"].items()}, kept["pools"])
+        self._use(Judge([compile(each, team) for each in self._properties]), team)
+        self.judge.take_up(kept["judge"])
+        self._taken_up = dict(kept["done"])
+
+    def _done(self, robot: str, state: RobotState) -> dict[str, Any]:
+        """What a robot has done of what properties name, as far as its state has it."""
+        named = [(element, what) for one, element, what in self._named if one == robot]
+        done: dict[str, Any] = {f"{what} {id}": state.counts.get(id, {}).get(what, 0) for id, what in named}
+        if any(what in ("start", "end") for _, what in named):
+            done["instances"] = {str(number): status for number, (_, status) in state.instances.items()}
+        return done
+
+    def _missed(self, robot: str, state: RobotState) -> bool:
+        """Whether a robot with this state may have done something that properties name and this judge did not see."""
+        if any(one == robot and what == "log" for one, _, what in self._named):
+            return True
+        if any(source.subject == robot for source in self.judge.sources):
+            return True
+        before = self._taken_up.get(robot) or self._done(robot, self._robots.get(robot, RobotState()))
+        return any(value and value != before.get(name) for name, value in self._done(robot, state).items())
+
     def _use(self, judge: Judge, team: Vocabulary) -> None:
-        self.judge = judge
+        self.judge, self._team = judge, team
+        self._named = {key for one in judge.monitors for key in one.events}
         for robot in team.robots.keys() - self._expected:
             judge.doubt(robot, None)
         self._expected |= team.robots.keys()
@@ -174,6 +215,7 @@ class TeamJudge:
             return
         self._see([robot])
         self._heard[robot] = time
+        self._robots.setdefault(robot, RobotState()).apply(EVENTS, data)
         for mark in marks:
             element, what, detail = (*mark, None)[:3]
             if not (last and _is_stop(what, detail)):
@@ -219,8 +261,12 @@ class TeamJudge:
     def _take_gaps(self, data: Mapping[str, Any]) -> None:
         """What was lost, and robots that were in the middle of their missions when the recording began."""
         for robot, lost in data.get("gaps", {}).items():
-            if lost:
-                self.judge.lose(robot, f"{lost} batches of {robot} were lost", self._heard.get(robot, 0))
+            state = RobotState.from_key(data["robots"][robot])
+            if (lost or robot in self._taken_up) and self._missed(robot, state):
+                why = f"{lost} batches of {robot} were lost" if lost else f"{robot} was not watched for a while"
+                self.judge.lose(robot, why, self._heard.get(robot, 0))
+            self._taken_up.pop(robot, None)
+            self._robots[robot] = state
         for robot in data["robots"].keys() - self._seen:
             if self._whole and data["robots"][robot]["instances"]:
                 self.judge.lose(robot, f"the recording does not have the beginning of {robot}")

@@ -73,6 +73,20 @@ class LiveJudge(Sink):
             self._models += [read(str(each["xml"]).encode(), file=str(each["name"])) for each in model["models"]]
         self._meet()
 
+    def kept(self) -> dict[str, Any]:
+        """What it has to keep, as plain data; nothing before all robots have come."""
+        return self._judge.kept() if self._ready else {}
+
+    def take_up(self, kept: Mapping[str, Any]) -> None:
+        """Go on from what another one has kept."""
+        self._judge.take_up(kept)
+        self._judge.judge.watch, self._ready = self._watch, True
+
+    @property
+    def so_far(self) -> list[Judgement]:
+        """The judgements until now."""
+        return self._judge.judge.judgements()
+
     def _meet(self) -> None:
         try:
             self._judge.meet(self._processes, self._models)

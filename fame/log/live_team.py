@@ -76,7 +76,8 @@ class LiveTeam(Closing):
         floor: Callable[[], int] = lambda: 0,
     ) -> None:
         self._node, self._middleware, self._scheduler, self._floor = node, middleware, scheduler, floor
-        self._on_model, self._wanted, self._delay = on_model, robots, delay
+        self._on_model, self._wanted = on_model, robots
+        self.delay: int = delay
         self._writer = KeyWriter(put)
         self.epoch: datetime | None = None
         self.models: dict[str, Mapping[str, Any]] = {}
@@ -186,15 +187,15 @@ class LiveTeam(Closing):
         heappush(self._waiting, (time + self._ahead, number, action))
         self._arrived[number] = self._scheduler.now
         if self._release is None:
-            self._release = self._scheduler.after(self._delay, self._on_due)
+            self._release = self._scheduler.after(self.delay, self._on_due)
 
     def _on_due(self) -> None:
         """Pass on the messages that have waited long enough, and all earlier ones."""
         self._release = None
-        due = [time for time, number, _ in self._waiting if self._arrived[number] <= self._scheduler.now - self._delay]
+        due = [time for time, number, _ in self._waiting if self._arrived[number] <= self._scheduler.now - self.delay]
         self._give(max(due, default=-1))
         if self._waiting:
-            self._release = self._scheduler.at(min(self._arrived.values()) + self._delay, self._on_due)
+            self._release = self._scheduler.at(min(self._arrived.values()) + self.delay, self._on_due)
 
     def _give(self, until: int) -> None:
         """Pass on all messages up to a time."""

@@ -52,7 +52,7 @@ class _NodeService:
         self._node.close()
 
 
-def _watch_property(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+def _watch_property(context: ServiceContext, variables: dict[str, Any]) -> RunningService:
     from fame.monitor.property_watch import PropertyWatch
 
     return PropertyWatch(context, variables)

@@ -154,6 +154,19 @@ class Judge:
             for source in one.condition.sources if one.condition else ():
                 self._readers[source].append((number, part))
 
+    def kept(self) -> list[Any]:
+        """What it has to keep, as plain data: a judge of the same monitors goes on from it (`take_up`)."""
+        began = [(*place, *what) for place, what in self._began.items()]
+        return [[list(each) for each in self._states], began, dict(self._doubts)]
+
+    def take_up(self, kept: Sequence[Any]) -> None:
+        """Go on from what another one has kept."""
+        states, began, doubts = kept
+        self._states = [list(each) for each in states]
+        self._began = {(number, part): (since, robot, element) for number, part, since, robot, element in began}
+        for robot, doubt in doubts.items():
+            self.doubt(robot, doubt)
+
     # ---- what happens ------------------------------------------------------------------------------------------------
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:

@@ -52,6 +52,18 @@ class Vocabulary:
     pools: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     check_field: CheckField = lambda topic, path: ""
 
+    def part(self, names: Collection[tuple[str, str]]) -> Vocabulary:
+        """What monitors need of it whose events are at these (robot, element)."""
+        robots = dict[str, RobotTerms]()
+        for robot, terms in self.robots.items():
+            own, called = ({id: each[id] for id in each if (robot, id) in names} for each in (terms.own, terms.called))
+            throws, catches = (
+                {topic: tuple(id for id in ids if (robot, id) in names) for topic, ids in each.items()}
+                for each in (terms.throws, terms.catches)
+            )
+            robots[robot] = RobotTerms(terms.process, own, called, throws, catches)
+        return Vocabulary(robots, self.pools)
+
     def robots_of(self, name: Word, at: Property) -> tuple[str, ...]:
         """The robots that a name means: one, those of a pool, or none: one of a pool that is not there.
 

@@ -126,7 +126,8 @@ class EngineHost:
             scheduler=self._scheduler,
             folder=self._options.files or Path(self._mission.definitions.file).parent,
             report=partial(self.report, element),
-            changed=self.runner.poll,
+            changed=self.scripts.on_changed,
+            signals=self.scripts.signals,
         )
 
     # ---- messages ----------------------------------------------------------------------------------------------------

@@ -73,7 +73,7 @@ class Scripts:
             publish=self._publish,
             log=log,
             report=report,
-            stepped=self._on_callback_ended,
+            stepped=self.on_changed,
             lost=self._on_callback_lost,
             failed=self._on_callback_failed,
             alive=self._is_alive,
@@ -119,7 +119,8 @@ class Scripts:
         if self.on_step is not None:
             self.on_step()
 
-    def _on_callback_ended(self) -> None:
+    def on_changed(self) -> None:
+        """Go on: outside of a script, variables have changed or messages were published."""
         self._on_stepped()
         self.runner.poll()
 
@@ -130,6 +131,11 @@ class Scripts:
         if known is None and payload is not None:
             raise MessageError(f"topic {full}: its type is unknown; use robot.publish, which names one")
         self._emit(full, known or "std_msgs/msg/Empty", payload, self._send)
+
+    def signals(self, topic: str, type: str) -> Callable[[Any], object]:
+        """A function that throws a signal on a topic (full name)."""
+        self._endpoints.publisher(topic, type)  # at once, so that discovery is over in time
+        return lambda payload: self._emit(topic, type, payload, self._send)
 
     def _publish(self, topic: str, type: str, fields: Any) -> None:
         self._emit(resolve(topic, self._namespace), type, fields, lambda publisher, message: publisher.publish(message))

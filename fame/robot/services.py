@@ -33,7 +33,8 @@ class ServiceContext:
 
     folder   folder of the mission's model: names of files are relative to it
     report   gets a line of text for people
-    changed  to be called when the service has ended by itself
+    changed  to be called when the service has ended by itself, has thrown a signal, or has changed a variable
+    signals  (full topic, type): a function that throws a signal there, as an event of the robot does
     """
 
     robot: str
@@ -43,6 +44,7 @@ class ServiceContext:
     folder: Path
     report: Callable[[str], object]
     changed: Callable[[], object]
+    signals: Callable[[str, str], Callable[[Any], object]]
 
 
 class RunningService(Protocol):
@@ -55,7 +57,7 @@ class RunningService(Protocol):
         """End the service, which may have ended by itself already."""
 
 
-StartService: TypeAlias = Callable[[ServiceContext, Mapping[str, Any]], RunningService]
+StartService: TypeAlias = Callable[[ServiceContext, dict[str, Any]], RunningService]
 """Starts a service with the variables of its task. Raises FameError."""
 
 

@@ -26,7 +26,6 @@ from fame.text import suggestion
 
 if TYPE_CHECKING:
     from fame.middleware.local import LocalMiddleware
-    from fame.monitor.property_watch import Alarm
     from fame.robot import RobotNode
     from fame.scenario.plan import Plan
     from sim2d.world import World
@@ -215,20 +214,26 @@ class RunWatches(Observer):
 
         alarm = Alarm(context, variables)
         plan = replace(self._plan, properties=(alarm.property,))
-        watch = RunJudge(plan, lambda judgement: alarm.raise_signal(str(judgement)))
+
+        def throw(judgement: Judgement) -> None:
+            alarm.throw(str(judgement))
+            context.changed()
+
+        # not while an engine moves, perhaps this one
+        watch = RunJudge(plan, lambda judgement: context.scheduler.soon(partial(throw, judgement)))
         watch.begin(middleware, world)
         for node in self._nodes:
             watch.watch(node)
         watch.judge.advance(context.scheduler.now)
         self._watches.append(watch)
-        return _RunWatch(self._watches, watch, alarm, context.scheduler)
+        return _RunWatch(self._watches, watch, context.scheduler)
 
 
 class _RunWatch:
     """A watch of a run. It looks for bounds that have passed 20 times a second."""
 
-    def __init__(self, watches: list[RunJudge], watch: RunJudge, alarm: Alarm, scheduler: Scheduler) -> None:
-        self._watches, self._watch, self._alarm, self._scheduler = watches, watch, alarm, scheduler
+    def __init__(self, watches: list[RunJudge], watch: RunJudge, scheduler: Scheduler) -> None:
+        self._watches, self._watch, self._scheduler = watches, watch, scheduler
         self._next: Entry = scheduler.after(_LOOK, self._look)
 
     def _look(self) -> None:
@@ -242,7 +247,6 @@ class _RunWatch:
         """Watch no more."""
         self._next.cancel()
         self._watches.remove(self._watch)
-        self._alarm.node.close()
 
 
 def pose(x: float, y: float, altitude: float) -> Pose:
