@@ -170,6 +170,15 @@ def reading(count: int, rounds: int) -> dict[str, Any]:
             "per_second": round(count / cpu), "cpu": round(cpu, 6), "wall": round(wall, 6)}  # fmt: skip
 
 
+def starting(count: int, rounds: int) -> dict[str, Any]:
+    """A further simulation of a model, until the first token could move."""
+    model = read(sequence(count))
+    fame.Simulation(model, "P")
+    cpu, wall = min(timed(lambda: fame.Simulation(model, "P")) for _ in range(100 * rounds))
+    return {"case": f"start {count} again", "size": count, "face": "simulation", "elements": count,
+            "per_second": round(count / cpu), "cpu": round(cpu, 6), "wall": round(wall, 6)}  # fmt: skip
+
+
 def flatness(rounds: int) -> Iterator[dict[str, Any]]:
     """Nanoseconds of CPU time for an element, in loops of several lengths by turns; and peak memory of each."""
     models = {count: read(loop(count)) for count in LOOPS}
@@ -210,6 +219,8 @@ def lines(only: str, faces: tuple[str, ...], rounds: int) -> Iterator[dict[str, 
     for count in (1000, 10_000):
         if only in f"read and compile {count}":
             yield reading(count, min(rounds, 5))
+    if only in "start 100 again":
+        yield starting(100, rounds)
     if only in "loop":
         yield from flatness(rounds)
 

@@ -12,7 +12,7 @@ from random import Random
 from typing import Any
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Process
+from fame.bpmn.model import Definitions, Process, Task
 from fame.bpmn.topics import TopicUse, topic_table
 from fame.clock import EPOCH, SECOND, Scheduler
 from fame.engine import Instance
@@ -20,12 +20,14 @@ from fame.errors import ConfigError, ModelError, expect
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.services import SERVICES
 from fame.randomness import SEEDS, ModuleRandom, robot_random
-from fame.robot import Event, RobotNode, ServiceFunction, make_mission
+from fame.robot import Event, Mission, RobotNode, ServiceFunction, make_mission
 from fame.robot.options import RobotOptions
 
 
 class Simulation:
     """Runs one process of a model in simulated time.
+
+    A process without services and without calls of other files is compiled once for all simulations of `definitions`.
 
     definitions  a model, from `fame.read`, or its path
     process      its id, or the name of its pool; may be left out if the file has one that is executable
@@ -74,11 +76,14 @@ class Simulation:
         self.middleware: LocalMiddleware = LocalMiddleware(self.scheduler)
         self.reports: list[Event] = []
         chosen = choose_process(definitions, process, "; fame.Scenario.load(path).run() runs all of them")
+        folders, kept = Library(library), (chosen.id, observer is not None)
+        mission, program = definitions.made.get(kept) or (
+            make_mission(definitions, chosen, library=folders, services=services, shared=_declared(definitions)),
+            None,
+        )
         self.node: RobotNode = RobotNode(
             robot,
-            make_mission(
-                definitions, chosen, library=Library(library), services=services, shared=_declared(definitions)
-            ),
+            mission,
             scheduler=self.scheduler,
             middleware=self.middleware,
             options=RobotOptions(
@@ -89,7 +94,11 @@ class Simulation:
                 epoch=epoch,
                 random=robot_random(seed, robot),
             ),
+            compiled=False,
         )
+        self.node.assemble(program or self.node.compile_process())
+        if program is None and _is_for_all(mission):
+            definitions.made[kept] = mission, self.node.engine.program
         self.node.load()
         self._outside = self.middleware.node("outside")
         self._strict = strict
@@ -251,6 +260,14 @@ class Simulation:
 def _expect_values(argument: str, values: object) -> None:
     names = all(isinstance(name, str) for name in values) if isinstance(values, Mapping) else values is None
     expect(names, argument, values, "a mapping of names to values")
+
+
+def _is_for_all(mission: Mission) -> bool:
+    """Whether its program is the same for each simulation of its file: without services and calls of other files."""
+    return all(
+        home is mission.definitions and not (isinstance(node, Task) and node.operation)
+        for home, node in mission.flow_nodes()
+    )
 
 
 def _declared(definitions: Definitions) -> dict[str, TopicUse]:

@@ -6,10 +6,14 @@ from typing import Any
 
 import pytest
 
+import fame
+from fame.bpmn import read_text
 from fame.bpmn.model import Expression
 from fame.engine import UNDEFINED
 from fame.errors import ModelError
 from fame.scripting import compile_expression
+from fame.scripting.languages import MISSING
+from tests.bpmn_text import process, properties
 
 
 def payload(text: str, /, **variables: Any) -> Any:
@@ -71,14 +75,15 @@ def test_a_value_is_inserted_as_a_value_whatever_letters_it_is_made_of() -> None
     assert payload("a ${t} b", t=evil) == f"a {evil} b"
 
 
-def test_a_name_that_is_not_set_leaves_its_field_out_and_is_said_once() -> None:
-    said: list[str] = []
-    evaluate = compile_expression(Expression("{x: ${a}, p: {y: ${b}, z: 1}, t: 'n ${b}'}", "payload"), warn=said.append)
-    assert evaluate({"a": 1}) == {"x": 1, "p": {"z": 1}}
-    assert evaluate({"a": 1}) == {"x": 1, "p": {"z": 1}}
+def test_a_name_that_is_not_set_leaves_its_field_out_and_is_reported() -> None:
+    said: list[tuple[str, ...]] = []
+    names = {"__builtins__": {MISSING: lambda *of: said.append(tuple(map(str, of)))}}
+    text = Expression("{x: ${a}, p: {y: ${b}, z: 1}, t: 'n ${b}'}", "payload")
+    evaluate = compile_expression(text, element="Task_1")
+    assert evaluate({"a": 1, **names}) == {"x": 1, "p": {"z": 1}}
     assert said == [
-        "payload field p.y: `b` is not set; left at its default",
-        "payload field t: `b` is not set; left at its default",
+        ("Task_1", "payload field p.y", "`b` is not set"),
+        ("Task_1", "payload field t", "`b` is not set"),
     ]
     assert evaluate({"a": 1, "b": 2}) == {"x": 1, "p": {"y": 2, "z": 1}, "t": "n 2"}
 
@@ -92,20 +97,27 @@ def test_a_whole_payload_that_is_not_set_is_undefined() -> None:
     assert payload("is ${closest}") is UNDEFINED
 
 
-def test_what_is_null_in_a_feel_payload_is_left_out_and_said_once() -> None:
+def test_what_is_null_in_a_feel_payload_is_left_out_and_reported() -> None:
     said: list[str] = []
-    evaluate = compile_expression(Expression("={x: a, p: {y: b + 1, z: 1}}", "payload"), warn=said.append)
-    assert evaluate({"a": 1}) == evaluate({"a": 1}) == {"x": 1, "p": {"z": 1}}
-    assert said == ["payload field p.y: is null; left at its default"]
+    names = {"__builtins__": {MISSING: lambda element, field, error: said.append(f"{field}: {error}")}}
+    evaluate = compile_expression(Expression("={x: a, p: {y: b + 1, z: 1}}", "payload"))
+    assert evaluate({"a": 1, **names}) == {"x": 1, "p": {"z": 1}}
+    assert said == ["payload field p.y: is null"]
     assert payload("=missing") is UNDEFINED
-    with pytest.raises(NameError, match="payload field x: is null"):
-        compile_expression(Expression("={x: a}", "payload"), strict=True)({})
 
 
-def test_a_strict_payload_refuses_names_that_are_not_set() -> None:
-    evaluate = compile_expression(Expression("{x: ${a}}", "payload"), strict=True)
-    with pytest.raises(NameError, match="payload field x: `a` is not set"):
-        evaluate({})
+@pytest.mark.parametrize(("text", "reason"), [("{x: ${a}}", "`a` is not set"), ("={x: a}", "is null")])
+def test_a_missing_field_is_reported_once_or_refused_if_strict(text: str, reason: str) -> None:
+    content = properties(type="geometry_msgs/msg/Point", payload=text)
+    event = f'<endEvent id="e">{content}<signalEventDefinition signalRef="S"/></endEvent>'
+    flow = '<startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="e"/>'
+    definitions = read_text(process(flow + event, root='<signal id="S" name="point"/>'), file="m.bpmn")
+    for _ in range(2):  # the second simulation has the program of the first, and its own reports
+        simulation = fame.Simulation(definitions).run()
+        simulation.start()
+        assert [one.detail for one in simulation.run().reports] == [f"payload field x: {reason}; left at its default"]
+    strict = fame.Simulation(definitions, strict=True).run()
+    assert f"payload field x: {reason}" in str(strict.instances[0].error)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """`fame.Simulation` drives one process from Python, in simulated time."""
 
+import dataclasses
+
 import pytest
 
 import fame
@@ -215,3 +217,20 @@ def test_what_waits_for_a_condition_names_it_and_its_values():
     simulation = fame.Simulation(model(catch, ("s", "Ca_Full")), variables={"level": 2}).run()
     (wait,) = simulation.node.waiting_tokens()
     assert (wait.element, wait.text) == ("Ca_Full", "condition full and level > 3 (full is not set, level = 2)")
+
+
+def test_a_second_simulation_has_the_program_of_the_first_but_nothing_of_its_run() -> None:
+    definitions = script("x = x + 1")
+    first, second = (fame.Simulation(definitions, variables={"x": x}) for x in (1, 5))
+    watched = fame.Simulation(definitions, observer=print)
+    assert first.node.engine.program is second.node.engine.program
+    assert first.node.engine.program is not watched.node.engine.program
+    assert [each.run().instances[0].variables["x"] for each in (first, second)] == [2, 6]
+    assert not dataclasses.replace(definitions).made
+
+
+def test_a_program_with_services_is_compiled_for_each_simulation() -> None:
+    definitions = model('<serviceTask id="t" camunda:type="external" camunda:topic="grip" camunda:resultVariable="x"/>')
+    for value in (1, 2):
+        run = fame.Simulation(definitions, services={"grip": lambda variables, value=value: value}).run()
+        assert run.instances[0].variables["x"] == value

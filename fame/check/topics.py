@@ -221,7 +221,7 @@ def payload_findings(process: CheckedProcess, node: FlowNode, expression: Expres
         return
     computed: list[str] = []
     try:
-        value = payload(expression.text, lambda path, error: computed.append(path))[0]({})
+        value = payload(expression.text, lambda variables, path, error: computed.append(path))[0]({})
     except ExpressionError:  # the compiler reports it
         return
     except (Exception, BudgetExceeded):  # a ${...} of constants that cannot be evaluated: no telling

@@ -264,7 +264,7 @@ def _misfits(end: TopicEndpoint, known: _Samples, types: Mapping[str, str]) -> I
     if not names or math.prod(map(len, values)) > _MOST:
         return
     try:
-        evaluate = payload(expression.text, lambda path, error: None)[0]
+        evaluate = payload(expression.text, lambda variables, path, error: None)[0]
         if _error(evaluate({}), type) is not None:  # reported as an error
             return
         errors = [_error(evaluate(dict(zip(names, case, strict=True))), type) for case in itertools.product(*values)]

@@ -91,19 +91,17 @@ class EngineHost:
             report=self.report,
             log=self._log,
             send=self._send,
+            missing=self._field_missing,
         )
         self.runner, self.inbox = self.scripts.runner, self.scripts.runner.inbox
         self.timers: Timers = Timers(scheduler, options.epoch, self._on_timer)
         self._late: set[str] = set()  # elements whose timer was reported as too late
-        self._missing_outputs: set[tuple[str, str]] = set()
+        self._known_missing: set[tuple[str, str]] = set()
 
     # ---- texts and services ------------------------------------------------------------------------------------------
 
     def compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Compiled:
-        if script:
-            return compile_script(expression, file=file, element=element)
-        warn = partial(self.report, element)
-        return compile_expression(expression, file=file, element=element, warn=warn, strict=self._options.strict)
+        return (compile_script if script else compile_expression)(expression, file=file, element=element)
 
     def service(self, operation: str, *, element: str, file: str) -> Compiled:
         services, built_in = self._mission.services, self._options.built_in_services
@@ -217,12 +215,18 @@ class EngineHost:
         return Event(self._scheduler.now, self._robot, 0, 0, element, what, text)
 
     def output_missing(self, element: str, output: str) -> None:
-        text = f"has ended, and nothing has set its output {output}"
+        self._missing(element, output, f"has ended, and nothing has set its output {output}")
+
+    def _field_missing(self, element: str, field: str, error: NameError) -> None:
+        self._missing(element, field, f"{field}: {error}", "; left at its default")
+
+    def _missing(self, element: str, name: str, text: str, instead: str = "") -> None:
+        """Report once that a value is missing, and what takes its place. Raises NameError if names are strict."""
         if self._options.strict:
-            raise NameError(text)
-        if (element, output) not in self._missing_outputs:
-            self._missing_outputs.add((element, output))
-            self.report(element, text)
+            raise NameError(text) from None
+        if (element, name) not in self._known_missing:
+            self._known_missing.add((element, name))
+            self.report(element, text + instead)
 
     # ---- instances ---------------------------------------------------------------------------------------------------
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 from fame.bpmn.library import Library
@@ -23,7 +24,7 @@ ServiceFunction = Callable[[dict[str, Any]], Any]
 """The Python function of a service task: takes the variables; gives a result, or a coroutine of awaitable requests."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Mission:
     """The mission of a robot.
 
@@ -58,9 +59,10 @@ class Mission:
         found = {node.id: node.properties.get("missed") for _, node in self.flow_nodes()}
         return {element: missed for element, missed in found.items() if missed in MISSED}
 
-    def scripts(self) -> Iterator[Expression]:
+    @cached_property
+    def scripts(self) -> tuple[Expression, ...]:
         """The texts of all its script tasks."""
-        return (node.script for _, node in self.flow_nodes() if node.script is not None)
+        return tuple(node.script for _, node in self.flow_nodes() if node.script is not None)
 
 
 def make_mission(

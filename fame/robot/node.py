@@ -134,7 +134,7 @@ class RobotNode:
     def load(self) -> None:
         """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""
         self.endpoints.open(self.on_message)
-        self.endpoints.open_for_scripts(self.mission.scripts(), self.runner.inbox)
+        self.endpoints.open_for_scripts(self.mission.scripts, self.runner.inbox)
         if self.acknowledged is not None:
             self.acknowledged.open()
 
@@ -360,7 +360,7 @@ class RobotNode:
 
     def _check_topic(self, full: str) -> None:
         """Raise MessageError if no script names a topic."""
-        scripts = (topic for script in self.mission.scripts() for topic in script_topics(script))
+        scripts = (topic for script in self.mission.scripts for topic in script_topics(script))
         named = {resolve(topic.name, self.namespace) for topic in scripts if topic.direction not in ("call", "act")}
         if full not in named:
             known = sorted({*named, *(resolve(name, self.namespace) for name in self.mission.types)})

@@ -20,6 +20,7 @@ from fame.robot.endpoints import Endpoints
 from fame.scripting import Robot, Runner, another
 from fame.scripting.interface import interface
 from fame.scripting.javascript import HOST_API, HostApi
+from fame.scripting.languages import MISSING
 
 
 class Scripts:
@@ -35,6 +36,7 @@ class Scripts:
     report      (element, text): takes what a person should know
     log         (level, text): takes the lines that scripts log
     send        (publisher, message): sends a signal of a script
+    missing     (element, field, error): takes what a payload leaves out
     """
 
     def __init__(
@@ -49,6 +51,7 @@ class Scripts:
         report: Callable[[str, str], object],
         log: Callable[[str, str], object],
         send: Callable[[Publisher, Any], object],
+        missing: Callable[[str, str, NameError], object],
     ) -> None:
         self._send = send
         self.engine: Engine
@@ -80,7 +83,8 @@ class Scripts:
         )
         clock = lambda: scheduler.now / SECOND  # noqa: E731
         api = Robot(robot, node.namespace, self._publish, self.runner.inbox, clock, epoch, random)
-        self._builtins = interface(robot=api, signal=self._signal, log=log) | {HOST_API: self.javascript}
+        own = {HOST_API: self.javascript, MISSING: missing}
+        self._builtins = interface(robot=api, signal=self._signal, log=log) | own
 
     def variables(self) -> dict[str, Any]:
         """The variables of a new instance: the interface of its scripts alone."""

@@ -333,7 +333,7 @@ def _topics(
     found: dict[str, tuple[str, Mapping[str, str]]] = {}
     for robot, pool in cast.items():
         mission = make_mission(definitions, pool.process, library=library, shared=shared)
-        for script in mission.scripts():
+        for script in mission.scripts:
             for topic in script_topics(script):
                 if topic.type is not None and topic.direction in ("publish", "subscribe"):
                     found[resolve(topic.name, robot)] = topic.type, {}

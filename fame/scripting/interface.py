@@ -26,6 +26,12 @@ NAMES = ("robot", "signal", "BpmnError", "log", "print", "math", "sleep", "recei
 _ABSENT = {"input", "breakpoint", "help", "exit", "quit", "copyright", "credits", "license"}
 """Builtins of a terminal, which a robot does not have."""
 
+_NAMES = {
+    **{name: value for name, value in vars(builtins).items() if name not in _ABSENT},
+    **{"BpmnError": BpmnError, "math": math, "sleep": Sleep, "receive": Receive, "until": Until},
+}
+"""The names that are the same for all."""
+
 Publish = Callable[[str, str, Any], object]
 Emit = Callable[[str, str], object]
 
@@ -141,14 +147,12 @@ def interface(
     `signal(name, payload=None)` throws a signal; `log(level, text)` writes a line of log, as ``print`` in
     a script does. `budget` limits the loop iterations and function calls of one step.
     """
-    names = {name: value for name, value in vars(builtins).items() if name not in _ABSENT}
     logger = Log(log)
 
     def print_to_log(*values: Any, sep: str | None = " ", end: str = "", file: Any = None, flush: bool = False) -> None:
         log("info", _joined(values, " " if sep is None else sep))
 
-    names |= {"robot": robot, "signal": signal, "log": logger, "print": print_to_log}
-    names |= {"BpmnError": BpmnError, "math": math, "sleep": Sleep, "receive": Receive, "until": Until}
+    names = _NAMES | {"robot": robot, "signal": signal, "log": logger, "print": print_to_log}
     Budget(names, budget)
     return names
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
+from typing import Any
 
 from fame.bpmn.model import Expression
 from fame.errors import ModelError
@@ -12,9 +13,10 @@ from fame.scripting.grammar import ExpressionError, ExpressionParser, Parsed
 from fame.scripting.javascript import compile_javascript
 from fame.scripting.juel import JUEL
 from fame.scripting.python import Code, compile_python
-from fame.scripting.substitution import feel_payload, inside, payload, template, value
+from fame.scripting.substitution import Missing, feel_payload, inside, payload, template, value
 
-Warn = Callable[[str], object]
+MISSING = "__missing__"
+"""The key in ``__builtins__`` of a function (element, field, error), called when a payload leaves out a field."""
 
 
 def compile_script(expression: Expression, *, file: str = "", element: str = "") -> Code:
@@ -32,25 +34,20 @@ def compile_script(expression: Expression, *, file: str = "", element: str = "")
                      file=file, line=expression.line, element=element)  # fmt: skip
 
 
-def compile_expression(
-    expression: Expression, *, file: str = "", element: str = "", warn: Warn | None = None, strict: bool = False
-) -> Code:
+def compile_expression(expression: Expression, *, file: str = "", element: str = "") -> Code:
     """A condition or value. The callable takes the variables and gives the value.
 
-    Of languages ``value`` and ``payload`` it gives UNDEFINED where a name is not set, and leaves fields out; a
-    payload says so through `warn`, once for each field, or raises NameError if `strict`. Raises ModelError and
-    UnavailableError as `compile_script`.
+    Of languages ``value`` and ``payload`` it gives UNDEFINED where a name is not set, and leaves fields out; a payload
+    calls `MISSING` of the variables for each. Raises ModelError and UnavailableError as `compile_script`.
     """
     if expression.language == "python":
         return compile_python(expression, "eval", file, element)
     if expression.language == "javascript":
         return compile_javascript(expression, script=False, file=file, element=element)
-    return parse_expression(expression, file=file, element=element, warn=warn, strict=strict)[0]
+    return parse_expression(expression, file=file, element=element)[0]
 
 
-def parse_expression(
-    expression: Expression, *, file: str = "", element: str = "", warn: Warn | None = None, strict: bool = False
-) -> Parsed:
+def parse_expression(expression: Expression, *, file: str = "", element: str = "") -> Parsed:
     """As `compile_expression`, of any language that is ours; with the names that it reads, in order."""
     text = expression.text
     try:
@@ -59,11 +56,11 @@ def parse_expression(
                 return template(text)
             case "payload" if text.lstrip().startswith("="):
                 text = text.lstrip().removeprefix("=")
-                return feel_payload(text, _missing(warn, strict))
+                return feel_payload(text, _missing(element))
             case "payload":
-                return payload(text, _missing(warn, strict))
+                return payload(text, _missing(element))
             case "value" if not text.lstrip().startswith("="):
-                return value(text, lambda path, error: None)
+                return value(text, lambda variables, path, error: None)
             case "value" | "feel":
                 text = text.lstrip().removeprefix("=")
                 parser = ExpressionParser(text, FEEL)
@@ -79,15 +76,10 @@ def parse_expression(
         raise ModelError(f"{error}{shown}", file=file, line=line, element=element) from None
 
 
-def _missing(warn: Warn | None, strict: bool) -> Callable[[str, Undefined], object]:
-    warned: set[str] = set()
-
-    def missing(path: str, error: Undefined) -> None:
-        field = f"payload field {path}" if path else "payload"
-        if strict:
-            raise NameError(f"{field}: {error}") from None
-        if warn is not None and path not in warned:
-            warned.add(path)
-            warn(f"{field}: {error}; left at its default")
+def _missing(element: str) -> Missing:
+    def missing(variables: Mapping[str, Any], path: str, error: Undefined) -> None:
+        names = variables.get("__builtins__")
+        if isinstance(names, dict) and MISSING in names:
+            names[MISSING](element, f"payload field {path}" if path else "payload", error)
 
     return missing

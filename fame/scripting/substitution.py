@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from typing import Any
 
 from fame.engine.data import UNDEFINED
@@ -21,8 +21,8 @@ from fame.scripting.juel import JUEL
 # ---- texts with ${...} -----------------------------------------------------------------------------------------------
 
 
-Missing = Callable[[str, Undefined], object]
-"""Called for a name that is not set with (path of the field, error); may raise."""
+Missing = Callable[[Mapping[str, Any], str, Undefined], object]
+"""Called for a name that is not set with (variables, path of the field, error); may raise."""
 
 _HOLE = re.compile(r"[$#]\{")
 _MARK = re.compile("\ue000([0-9]+)\ue001")
@@ -113,10 +113,12 @@ def payload(text: str, missing: Missing) -> Parsed:
 def feel_payload(text: str, missing: Missing) -> Parsed:
     """As `payload`, of one FEEL expression (without its ``=``): what is null in it is as a name that is not set."""
     evaluate, names, constants = ExpressionParser(text, FEEL).parsed()
-    return Parsed(lambda variables: _without_nulls(evaluate(variables), "", missing), names, constants)
+    return Parsed(
+        lambda variables: _without_nulls(evaluate(variables), "", partial(missing, variables)), names, constants
+    )
 
 
-def _without_nulls(value: Any, path: str, missing: Missing) -> Any:
+def _without_nulls(value: Any, path: str, missing: Callable[[str, Undefined], object]) -> Any:
     if value is None:
         missing(path, Undefined("is null"))
         return UNDEFINED
@@ -199,7 +201,7 @@ def _or_missing(found: Evaluate, path: str, missing: Missing) -> Evaluate:
         try:
             return found(variables)
         except Undefined as error:
-            missing(path, error)
+            missing(variables, path, error)
             return UNDEFINED
 
     return evaluate

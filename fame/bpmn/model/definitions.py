@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from fame.bpmn.model.elements import Element
 from fame.bpmn.model.flow_nodes import Body
@@ -163,6 +163,7 @@ class Definitions:
     planes          id of the element that each diagram shows
     notes           remarks of the reader
     sent            it came as a message, so that there are no files beside it
+    made            what was compiled of it, to be used again; a copy by `replace` begins without
     """
 
     file: str
@@ -177,6 +178,7 @@ class Definitions:
     artifacts: tuple[Artifact, ...] = ()
     notes: tuple[Note, ...] = ()
     sent: bool = field(default=False, compare=False)
+    made: dict[Any, Any] = field(default_factory=dict, compare=False, init=False)
 
     @property
     def path(self) -> Path | None:
