@@ -25,7 +25,7 @@ from fame.engine.host import BpmnError
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, AnyMessage, Middleware, Node, Publisher, QoS, resolve
-from fame.scripting import Inbox, script_topics
+from fame.scripting import Inbox, ScriptTopic
 
 _PATIENCE, _POLL = 5 * SECOND, SECOND // 100
 """Time that a direct message waits for its publisher to be connected, and interval of the checks (ns)."""
@@ -66,13 +66,12 @@ class Endpoints:
                     str(error), file=event.file, line=node.line, element=node.id, name=node.name
                 ) from error
 
-    def open_for_scripts(self, scripts: Iterable[Expression], inbox: Inbox) -> None:
+    def open_for_scripts(self, topics: Iterable[tuple[Expression, ScriptTopic]], inbox: Inbox) -> None:
         """Make the endpoints that scripts name, as far as their types are known by now."""
-        for script in scripts:
-            for topic in script_topics(script):
-                # A script in JavaScript reports the error itself when it runs.
-                with suppress(*([MessageError] if script.language == "javascript" else [])):
-                    self._open_for_script(topic.name, topic.direction, topic.type, inbox)
+        for script, topic in topics:
+            # A script in JavaScript reports the error itself when it runs.
+            with suppress(*([MessageError] if script.language == "javascript" else [])):
+                self._open_for_script(topic.name, topic.direction, topic.type, inbox)
 
     def prepare(self, name: str, value: Any) -> tuple[Publisher, Any]:
         """The publisher of an event's topic, and the message of a payload. Raises MessageError."""

@@ -13,6 +13,7 @@ from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.topics import TopicUse, topics_of_processes
 from fame.errors import ModelError
 from fame.robot.timers import Missed
+from fame.scripting import ScriptTopic, script_topics
 from fame.text import NAMES, is_ros_name
 
 Retry = Literal["safe", "never", "ask"]
@@ -59,10 +60,14 @@ class Mission:
         found = {node.id: node.properties.get("missed") for _, node in self.flow_nodes()}
         return {element: missed for element, missed in found.items() if missed in MISSED}
 
-    @cached_property
-    def scripts(self) -> tuple[Expression, ...]:
+    def scripts(self) -> Iterator[Expression]:
         """The texts of all its script tasks."""
-        return tuple(node.script for _, node in self.flow_nodes() if node.script is not None)
+        return (node.script for _, node in self.flow_nodes() if node.script is not None)
+
+    @cached_property
+    def script_topics(self) -> tuple[tuple[Expression, ScriptTopic], ...]:
+        """What its scripts name, each with its script. Raises ModelError for a script that is wrong."""
+        return tuple((script, topic) for script in self.scripts() for topic in script_topics(script))
 
 
 def make_mission(

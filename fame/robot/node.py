@@ -29,7 +29,7 @@ from fame.robot.host import EngineHost
 from fame.robot.mission import Mission
 from fame.robot.options import RobotOptions
 from fame.robot.waiting_tokens import WaitingToken, WaitingTokens
-from fame.scripting import Runner, script_topics
+from fame.scripting import Runner
 
 PendingStarts = Literal["", "endless", "due"]
 """The timers of start events that will still fire: none, only cycles without end, or others."""
@@ -134,7 +134,7 @@ class RobotNode:
     def load(self) -> None:
         """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""
         self.endpoints.open(self.on_message)
-        self.endpoints.open_for_scripts(self.mission.scripts, self.runner.inbox)
+        self.endpoints.open_for_scripts(self.mission.script_topics, self.runner.inbox)
         if self.acknowledged is not None:
             self.acknowledged.open()
 
@@ -360,8 +360,8 @@ class RobotNode:
 
     def _check_topic(self, full: str) -> None:
         """Raise MessageError if no script names a topic."""
-        scripts = (topic for script in self.mission.scripts for topic in script_topics(script))
-        named = {resolve(topic.name, self.namespace) for topic in scripts if topic.direction not in ("call", "act")}
+        topics = (topic for _, topic in self.mission.script_topics if topic.direction not in ("call", "act"))
+        named = {resolve(topic.name, self.namespace) for topic in topics}
         if full not in named:
             known = sorted({*named, *(resolve(name, self.namespace) for name in self.mission.types)})
             similar = difflib.get_close_matches(full, known, 1) or known

@@ -144,7 +144,7 @@ class Loader:
 
 def imported(mission: Mission) -> Iterator[str]:
     """The modules that the scripts of a mission import."""
-    for script in mission.scripts:
+    for script in mission.scripts():
         if script.language == "python" and "import" in script.text:
             for node in ast.walk(parse_python(script)):
                 if isinstance(node, ast.Import):

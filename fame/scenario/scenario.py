@@ -23,7 +23,6 @@ from fame.scenario.plan import Completion, Fault, OutsideSignal, Plan, ScenarioF
 from fame.scenario.result import Progress, Result
 from fame.scenario.run import Pace, Run
 from fame.scenario.settings import check_network, with_parameters
-from fame.scripting import script_topics
 from fame.text import suggestion
 
 if TYPE_CHECKING:
@@ -333,10 +332,9 @@ def _topics(
     found: dict[str, tuple[str, Mapping[str, str]]] = {}
     for robot, pool in cast.items():
         mission = make_mission(definitions, pool.process, library=library, shared=shared)
-        for script in mission.scripts:
-            for topic in script_topics(script):
-                if topic.type is not None and topic.direction in ("publish", "subscribe"):
-                    found[resolve(topic.name, robot)] = topic.type, {}
+        for _, topic in mission.script_topics:
+            if topic.type is not None and topic.direction in ("publish", "subscribe"):
+                found[resolve(topic.name, robot)] = topic.type, {}
         found |= {resolve(name, robot): (use.type, use.qos) for name, use in mission.types.items()}
     return found
 
