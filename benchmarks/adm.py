@@ -21,18 +21,18 @@ from joblib.externals.loky import get_reusable_executor
 from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import DEFAULTS, fit, make
 from fame.monitor.anomaly.learn import best, learn
-from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning
+from fame.monitor.anomaly.learning_file import CandidateClassifier, DataFile, Learning
 from fame.monitor.anomaly.model import Model, PointClassifier
 from fame.monitor.anomaly.recording import Recording, read_csv
 
 ROOT = Path(__file__).resolve().parent.parent
-PATH = Candidate(
+PATH = CandidateClassifier(
     "path", "PathDetector", {"chain": str(ROOT / "robots" / "arm" / "mh5.yaml")}, reduction=0, threshold=0.002
 )
 COLUMNS = (0, 1, 2, 3, 4, 5)
 
 
-def model(candidate: Candidate, benign: Recording, both: Recording) -> Model:
+def model(candidate: CandidateClassifier, benign: Recording, both: Recording) -> Model:
     """A classifier fitted to all data: only its speed is of interest."""
     detector = make(candidate, ROOT)
     if isinstance(detector, PointClassifier):

@@ -24,7 +24,7 @@ from fame.monitor.anomaly.classifiers import (
     make,
     run_scores,
 )
-from fame.monitor.anomaly.learning_file import Candidate
+from fame.monitor.anomaly.learning_file import CandidateClassifier
 from fame.monitor.anomaly.model import PointClassifier
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs, read_csv
@@ -36,7 +36,7 @@ from robots.arm.task import FILE, MH5, TRIANGLE, simulated_runs
 HELD_OUT = range(24, 30)
 """Benign runs that nothing is learned from in the tables of attacks and of simulated sets."""
 
-PATH = Candidate("path", "PathDetector", {"chain": str(FILE)}, reduction=0, threshold=0.002)
+PATH = CandidateClassifier("path", "PathDetector", {"chain": str(FILE)}, reduction=0, threshold=0.002)
 ENTRIES = (*DEFAULTS, PATH)
 TABLE_1 = {
     "OC train": ("15528", "15528", "30", "0", "0"),
@@ -59,7 +59,7 @@ TABLE_4 = {
 class Trained:
     """A classifier and how it scores."""
 
-    def __init__(self, candidate: Candidate, benign: Recording, both: Recording) -> None:
+    def __init__(self, candidate: CandidateClassifier, benign: Recording, both: Recording) -> None:
         self.candidate = candidate
         self.estimator = make(candidate, Path())
         if isinstance(self.estimator, PointClassifier):

@@ -11,7 +11,7 @@ from bpmn_text import document, extensions, process, properties
 
 from fame.bpmn import read_text
 from fame.bpmn.library import Library
-from fame.check.explain import Reading, ReadingKind, readings
+from fame.check.explain import ReadingDetail, ReadingKind, readings
 from fame.cli import main
 from fame.scripting.analysis import identifiers_of
 
@@ -130,7 +130,7 @@ def test_it_says_in_which_language_a_text_is_written() -> None:
 def test_it_says_whose_form_a_file_has(name: str, text: str) -> None:
     path = MODELS / "dialects" / f"{name}.bpmn"
     first = readings(read_text(path.read_text(), file=str(path)))[0]
-    assert first == Reading("form", text, str(path))
+    assert first == ReadingDetail("form", text, str(path))
 
 
 # ---- quirks ----------------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from fame.deploy.late_joiners import (
     Left,
     Polled,
     Reported,
-    Started,
+    RobotStarted,
     Supply,
     Withhold,
     step,
@@ -36,8 +36,8 @@ def after(*events, supplied: frozenset[str] = frozenset()) -> list[Supply]:
         ((*WAIT, Polled(0), Polled(60 * SECOND)), None),
         ((*WAIT, Polled(0), DeploymentEnded(), Polled(5 * SECOND)), None),
         ((*WAIT, Polled(0), DeploymentEnded(), Polled(10 * SECOND)), ("A", "B")),
-        ((*WAIT, Polled(0), Started("A"), DeploymentEnded(), Polled(10 * SECOND)), ("B",)),
-        ((*WAIT, Polled(0), Started("A"), DeploymentEnded(), WAIT[0], Polled(SECOND)), ("A",)),
+        ((*WAIT, Polled(0), RobotStarted("A"), DeploymentEnded(), Polled(10 * SECOND)), ("B",)),
+        ((*WAIT, Polled(0), RobotStarted("A"), DeploymentEnded(), WAIT[0], Polled(SECOND)), ("A",)),
         ((*WAIT, Polled(0), CalledOff("A"), DeploymentEnded(), Polled(SECOND)), ("A",)),
         ((*WAIT, Polled(0), CalledOff("A"), DeploymentEnded(), Polled(10 * SECOND)), ("A", "B")),
         ((WAIT[0], Polled(0), Left("A"), DeploymentEnded(), WAIT[0], Polled(SECOND)), ("A",)),
@@ -57,5 +57,5 @@ def test_a_team_that_has_gone_on_to_another_model_gets_no_late_joiner():
 
 def test_a_robot_that_had_the_model_before_is_told_so():
     assert after(*WAIT, Polled(0), supplied=frozenset({"B"})) == [Supply(("A", "B"), frozenset({"B"}))]
-    again = after(WAIT[0], Polled(0), Started("A"), DeploymentEnded(), WAIT[0], Polled(SECOND))
+    again = after(WAIT[0], Polled(0), RobotStarted("A"), DeploymentEnded(), WAIT[0], Polled(SECOND))
     assert again == [Supply(("A",), frozenset({"A"}))]

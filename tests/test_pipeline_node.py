@@ -301,11 +301,13 @@ def test_a_processor_slower_than_its_period_misses_calls_and_the_share_is_report
 
 
 def test_a_model_of_other_columns_keeps_the_node_alive_and_silent(bench: Bench) -> None:
-    from fame.monitor.pipeline.detectors import Network
+    from fame.monitor.pipeline.detectors import ChannelAutoencoders
     from fame.monitor.pipeline.estimators import Autoencoder
     from fame.monitor.pipeline.trained_model import TrainedModel
 
-    layers = Network((np.zeros((2, 10, 3)), np.zeros((2, 3, 10))), (np.zeros((2, 1, 3)), np.zeros((2, 1, 10))), "tanh")
+    layers = ChannelAutoencoders(
+        (np.zeros((2, 10, 3)), np.zeros((2, 3, 10))), (np.zeros((2, 1, 3)), np.zeros((2, 1, 10))), "tanh"
+    )
     model = TrainedModel(("Efforts.a", "Efforts.b"), 10, 500.0, np.zeros(2), np.ones(2), layers, (1.0, 1.0))
     bench.node([Autoencoder(model)])
     heard = bench.hear("filtered")

@@ -18,7 +18,7 @@ from fame.bpmn.model import Definitions
 from fame.middleware import messages
 from fame.monitor.calibration import Calibration, calibrate
 from fame.monitor.data_files import read_runs
-from fame.monitor.pipeline.detectors import Network
+from fame.monitor.pipeline.detectors import ChannelAutoencoders
 from fame.monitor.pipeline.trained_model import TrainedModel
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -31,7 +31,7 @@ def model(path: Path, calibration: Calibration | None = None) -> Path:
     """Autoencoders that know nothing but zero: the loss is the mean square of the effort."""
     weights = (np.zeros((6, 50, 4)), np.zeros((6, 4, 50)))
     biases = (np.zeros((6, 1, 4)), np.zeros((6, 1, 50)))
-    network = Network(weights, biases, "tanh")
+    network = ChannelAutoencoders(weights, biases, "tanh")
     columns = tuple(f"Efforts.{joint}" for joint in JOINTS)
     TrainedModel(
         columns, 50, 500.0, np.zeros(6), np.ones(6), network, (0.5,) * 6, 5.0, 20.0, calibration=calibration

@@ -14,7 +14,7 @@ from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.monitor.calibration import MARGIN
 from fame.monitor.data_files import hash_files, read_runs
-from fame.monitor.pipeline.detectors import Network
+from fame.monitor.pipeline.detectors import ChannelAutoencoders
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import LowPass, Threshold, run
@@ -84,7 +84,7 @@ def test_inference_is_that_of_scikit_learn(activation: str) -> None:
             estimators.append(estimator.fit(data, data))
     inputs = random.normal(size=(3, 40, 20))
     expected = np.stack([item.predict(part) for item, part in zip(estimators, inputs, strict=True)])
-    np.testing.assert_allclose(Network.of(estimators)(inputs), expected, rtol=1e-5, atol=1e-8)
+    np.testing.assert_allclose(ChannelAutoencoders.of(estimators)(inputs), expected, rtol=1e-5, atol=1e-8)
 
 
 def test_the_loss_is_the_mean_squared_error_over_the_window(model: TrainedModel) -> None:

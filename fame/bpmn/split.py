@@ -33,7 +33,7 @@ _XSI_TYPE = "{http://www.w3.org/2001/XMLSchema-instance}type"
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class PoolModel:
     """The self-contained executable model of a pool, as XML. `filename` has no folder."""
 
     name: str
@@ -47,7 +47,7 @@ class Part:
         return re.sub(r"[^\w.-]+", "_", self.name).strip("._") + ".bpmn"
 
 
-def split(definitions: Definitions | str | Path, library: Library | None = None) -> list[Part]:
+def split(definitions: Definitions | str | Path, library: Library | None = None) -> list[PoolModel]:
     """One self-contained model per pool: its process, called processes, signals with their types, and diagram.
 
     `definitions` may be a path. Raises ModelError.
@@ -58,7 +58,7 @@ def split(definitions: Definitions | str | Path, library: Library | None = None)
     types = {name: use.declared for name, use in shared.items() if use.declared and name[0] == "/"}
     acknowledged = {name for name, use in shared.items() if use.ttl}
     return [
-        Part(
+        PoolModel(
             pool.name,
             pool.multi_instance,
             pool.process.id,

@@ -47,7 +47,7 @@ _LANGUAGES = {"javascript": "JavaScript", "juel": "Camunda 7, ${...}", "feel": "
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ReadingDetail:
     """One detail of how the file was read. `line` is 1-based, 0 unknown; `element` is an id, empty for the file."""
 
     kind: ReadingKind
@@ -62,7 +62,7 @@ class Reading:
         return ": ".join(part for part in (place, self.kind, self.element, self.text) if part)
 
 
-def readings(definitions: Definitions, *, library: Library | None = None) -> list[Reading]:
+def readings(definitions: Definitions, *, library: Library | None = None) -> list[ReadingDetail]:
     """Return all readings of a file and of the processes that it calls, by file and line."""
     about = find_scope(definitions, library or Library())
     homes = {process.file: process.definitions for process in about.processes} or {definitions.file: definitions}
@@ -84,19 +84,19 @@ def readings(definitions: Definitions, *, library: Library | None = None) -> lis
     return sorted(dict.fromkeys(found), key=lambda one: (order[one.file], one.line, KINDS.index(one.kind)))
 
 
-def _at(process: CheckedProcess, kind: ReadingKind, text: str, element: Element, line: int = 0) -> Reading:
-    return Reading(kind, text, process.file, line or element.line, element.id)
+def _at(process: CheckedProcess, kind: ReadingKind, text: str, element: Element, line: int = 0) -> ReadingDetail:
+    return ReadingDetail(kind, text, process.file, line or element.line, element.id)
 
 
-def _forms(home: Definitions) -> Iterator[Reading]:
+def _forms(home: Definitions) -> Iterator[ReadingDetail]:
     forms = dialects_of(parse(home.source, home.file))
-    yield Reading("form", f"has {', '.join(forms)}" if forms else "has no extension elements", home.file)
+    yield ReadingDetail("form", f"has {', '.join(forms)}" if forms else "has no extension elements", home.file)
 
 
-def _notes(home: Definitions) -> Iterator[Reading]:
+def _notes(home: Definitions) -> Iterator[ReadingDetail]:
     for note in home.notes:
         if note.quirk:
-            yield Reading("quirk", note.text, home.file, note.line, note.element)
+            yield ReadingDetail("quirk", note.text, home.file, note.line, note.element)
 
 
 # ---- topics ----------------------------------------------------------------------------------------------------------
@@ -128,7 +128,7 @@ def _where_to(end: TopicEndpoint, type: str) -> str:
     return ", ".join([f"into {variable_name(topic.name)}", *(f"{name} = {field}" for name, field in loose.items())])
 
 
-def _services(process: CheckedProcess) -> Iterator[Reading]:
+def _services(process: CheckedProcess) -> Iterator[ReadingDetail]:
     for node in process.nodes():
         if node.service is not None:
             payload, type = node.service.payload, node.service.type
@@ -150,7 +150,7 @@ def _objects(process: CheckedProcess) -> Iterator[DataObject]:
         yield from body.data_objects
 
 
-def _parameters(process: CheckedProcess, about: CheckScope, library: Library) -> Iterator[Reading]:
+def _parameters(process: CheckedProcess, about: CheckScope, library: Library) -> Iterator[ReadingDetail]:
     """The variables of a robot's process that `fame run --set` can set."""
     if process in about.roots and not about.missing:
         known = parameters(process.definitions, process.bpmn, library)
@@ -159,13 +159,13 @@ def _parameters(process: CheckedProcess, about: CheckScope, library: Library) ->
             yield _at(process, "parameter", f"can be set: {', '.join(given)}", process.bpmn)
 
 
-def _data(process: CheckedProcess) -> Iterator[Reading]:
+def _data(process: CheckedProcess) -> Iterator[ReadingDetail]:
     for item in _objects(process):
         held = [f"{name} = {value.text}" if value.text else name for name, value in item.values]
         yield _at(process, "data", f"holds {', '.join(held)}" if held else "holds no variables", item)
 
 
-def _calls(process: CheckedProcess, about: CheckScope) -> Iterator[Reading]:
+def _calls(process: CheckedProcess, about: CheckScope) -> Iterator[ReadingDetail]:
     missing = {error.element: error.text for error in about.missing if error.file == process.file}
     for call, callee in process.calls:
         if callee is None:
@@ -186,7 +186,7 @@ def _drawn(home: Definitions) -> set[str | None]:
     return {one.get("id") for one in children(parse(home.source, home.file), "process")}
 
 
-def _texts(process: CheckedProcess) -> Iterator[Reading]:
+def _texts(process: CheckedProcess) -> Iterator[ReadingDetail]:
     for body in process.bodies():
         for text in expressions_in(body):
             language = _LANGUAGES.get(text.expression.language)
@@ -207,7 +207,7 @@ def _shown(payload: Expression | None) -> str:
 # ---- semantics=original ----------------------------------------------------------------------------------------------
 
 
-def _semantics(process: CheckedProcess) -> Iterator[Reading]:
+def _semantics(process: CheckedProcess) -> Iterator[ReadingDetail]:
     for node in suspending(process.bpmn):
         if process.bpmn.semantics == "original":
             text = "suspends its scope, which resumes afterwards (semantics=original)"

@@ -13,7 +13,7 @@ from fame.errors import NOT_KNOWN
 
 if TYPE_CHECKING:
     from fame.monitor.data_files import LabelledRun
-    from fame.monitor.judge import Event, Judgement
+    from fame.monitor.judge import Event, JudgedRuns
     from fame.monitor.pipeline.trained_model import TrainedModel
 
 _JUDGE_EXAMPLES = (
@@ -113,7 +113,7 @@ def _of_bag(path: Path, config: Path, model: TrainedModel) -> list[LabelledRun]:
         return [run._replace(file=str(path)) for run in read_labelled_runs([csv], model.columns)]
 
 
-def _print(judgement: Judgement) -> None:
+def _print(judgement: JudgedRuns) -> None:
     from fame.monitor.judge import shown
 
     rows = [

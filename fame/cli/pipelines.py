@@ -368,9 +368,9 @@ def _comparison(compared: Sequence[Compared]) -> str:
 
 
 def _detector_text(model: TrainedModel) -> str:
-    from fame.monitor.pipeline.detectors import Network, detector_name
+    from fame.monitor.pipeline.detectors import ChannelAutoencoders, detector_name
 
-    if isinstance(model.detector, Network):
+    if isinstance(model.detector, ChannelAutoencoders):
         return f"{'-'.join(map(str, model.network.layers))} per channel"
     return detector_name(model.detector)
 

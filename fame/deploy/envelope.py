@@ -111,7 +111,7 @@ class Envelope:
 
     deployment: fields.Name
     sequence: fields.Count
-    robot: fields.Robot
+    robot: fields.RobotField
     phase: Annotated[str, fields.among(*PHASES)]
     hash: fields.Hash = ""
     model: _Text = ""
@@ -126,12 +126,12 @@ class Envelope:
     receivers: Annotated[Mapping[str, Sequence[str]], fields.mapping(fields.topic, fields.sequence(fields.robot))] = (
         field(default_factory=dict, hash=False)
     )
-    migrate: fields.Flag = False
+    migrate: fields.FlagField = False
     plan: Annotated[Mapping[str, Any], fields.is_object] = field(default_factory=dict, hash=False)
-    preview: fields.Flag = False
+    preview: fields.FlagField = False
     who: fields.Name = ""
-    again: fields.Flag = False
-    begun: fields.Flag = False
+    again: fields.FlagField = False
+    begun: fields.FlagField = False
     proof: Annotated[Mapping[str, Any], _is_proof] = field(default_factory=dict, hash=False)
     born: fields.Birth = 0
     issued: fields.Number = 0.0
@@ -181,7 +181,7 @@ class Report:
     key        where keys are used, its public key; `voucher`: signature of a trusted key for its name
     """
 
-    robot: fields.Robot
+    robot: fields.RobotField
     state: Annotated[str, fields.among(*STATES)]
     hash: fields.Hash = ""
     deployed: fields.Name = ""

@@ -116,8 +116,8 @@ def is_object(value: Any) -> bool:
 
 Name = Annotated[str, text(1000)]
 Hash = Annotated[str, text(64)]
-Robot = Annotated[str, robot]
-Flag = Annotated[bool, flag]
+RobotField = Annotated[str, robot]
+FlagField = Annotated[bool, flag]
 Number = Annotated[float, number]
 Count = Annotated[int, integer()]
 Birth = Annotated[int, integer(0, 2**63)]

@@ -82,7 +82,7 @@ class Polled:
 
 
 @dataclass(frozen=True, slots=True)
-class Started:
+class RobotStarted:
     """A robot of the current deployment has started its process."""
 
     robot: str
@@ -116,7 +116,7 @@ class Withhold:
 
 
 LateJoinerAction = Supply | Withhold
-LateJoinerEvent = Reported | Left | Polled | Started | CalledOff | DeploymentEnded
+LateJoinerEvent = Reported | Left | Polled | RobotStarted | CalledOff | DeploymentEnded
 
 
 def step(state: JoinersState, event: LateJoinerEvent) -> tuple[JoinersState, tuple[LateJoinerAction, ...]]:
@@ -129,7 +129,7 @@ def step(state: JoinersState, event: LateJoinerEvent) -> tuple[JoinersState, tup
         case Left(robot):
             state = _placed(state, robot, None)
             return replace(state, waiting=state.waiting - {robot}, retry=_without(state, {robot})), ()
-        case Started(robot):
+        case RobotStarted(robot):
             state = replace(state, waiting=state.waiting - {robot}, retry=_without(state, {robot}))
             return replace(state, supplied=state.supplied | {robot}), ()
         case CalledOff(robot):
@@ -255,7 +255,7 @@ class LateJoiners:
     def _on_end(self, deployment: Deployment) -> None:
         for robot, progress in deployment.robots.items():
             if progress.state == "started":
-                self._protocol.handle(Started(robot))
+                self._protocol.handle(RobotStarted(robot))
             elif progress.called_off:
                 self._protocol.handle(CalledOff(robot))
             self._log(str(progress))

@@ -52,7 +52,7 @@ class Reader:
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class FieldCodec:
     """How a value becomes data, and comes back.
 
     empty    makes the data of an empty container; None: `write` makes it
@@ -67,28 +67,28 @@ class Kind:
     ordered: bool = True
 
 
-def many(kind: Kind, container: Callable[[Iterable[Any]], Any]) -> Kind:
+def many(kind: FieldCodec, container: Callable[[Iterable[Any]], Any]) -> FieldCodec:
     """Several values of a kind."""
     write, read = kind.write, kind.read
 
     def write_all(items: Any, to: StateWriter) -> Any:
         return [item.key for item in items] if kind.single else [write(item, to) for item in items]
 
-    return Kind(write_all, lambda data, of: container([read(item, of) for item in data]), list)
+    return FieldCodec(write_all, lambda data, of: container([read(item, of) for item in data]), list)
 
 
-def mapping(keys: Kind, values: Kind) -> Kind:
+def mapping(keys: FieldCodec, values: FieldCodec) -> FieldCodec:
     """Return a dict whose keys and values have these kinds."""
-    return Kind(
+    return FieldCodec(
         lambda found, to: {keys.write(key, to): values.write(value, to) for key, value in found.items()},
         lambda data, of: {keys.read(key, of): values.read(value, of) for key, value in data.items()},
         dict,
     )
 
 
-def parts(*kinds: Kind) -> Kind:
+def parts(*kinds: FieldCodec) -> FieldCodec:
     """Return a tuple whose parts have these kinds."""
-    return Kind(
+    return FieldCodec(
         lambda found, to: [kind.write(part, to) for kind, part in zip(kinds, found, strict=True)],
         lambda data, of: tuple([kind.read(part, of) for kind, part in zip(kinds, data, strict=True)]),
     )
@@ -116,54 +116,56 @@ def _read_continuations(data: list[Any], of: Reader) -> dict[int, Any]:
     return {}
 
 
-VALUE = Kind(lambda value, to: value, lambda data, of: data)
-COUNTS = Kind(lambda counts, to: counts.copy(), lambda data, of: list(data))
-NUMBER = Kind(lambda number, to: str(number), lambda data, of: int(data))
-DATA = Kind(lambda value, to: encode(value, to.dump), lambda data, of: decode(data, of.load))
-ERROR = Kind(_write_error, _read_error)
-VARIABLES = Kind(lambda variables, to: to.dicts.number(variables), lambda number, of: of.dicts[number])
-NODE = Kind(lambda node, to: node.key, lambda key, of: of.nodes.get(key), single=True)
-BODY = Kind(lambda body, to: to.bodies[body], lambda key, of: of.nodes[key].body if key else of.engine.program.body)
-OBJECT = Kind(lambda item, to: item.key, lambda key, of: of.objects.get(key), single=True)
+VALUE = FieldCodec(lambda value, to: value, lambda data, of: data)
+COUNTS = FieldCodec(lambda counts, to: counts.copy(), lambda data, of: list(data))
+NUMBER = FieldCodec(lambda number, to: str(number), lambda data, of: int(data))
+DATA = FieldCodec(lambda value, to: encode(value, to.dump), lambda data, of: decode(data, of.load))
+ERROR = FieldCodec(_write_error, _read_error)
+VARIABLES = FieldCodec(lambda variables, to: to.dicts.number(variables), lambda number, of: of.dicts[number])
+NODE = FieldCodec(lambda node, to: node.key, lambda key, of: of.nodes.get(key), single=True)
+BODY = FieldCodec(
+    lambda body, to: to.bodies[body], lambda key, of: of.nodes[key].body if key else of.engine.program.body
+)
+OBJECT = FieldCodec(lambda item, to: item.key, lambda key, of: of.objects.get(key), single=True)
 """A scope, wait or mailbox."""
-INSTANCE_OF = Kind(lambda instance, to: instance.key, lambda key, of: of.instances[key], single=True)
+INSTANCE_OF = FieldCodec(lambda instance, to: instance.key, lambda key, of: of.instances[key], single=True)
 NODES = many(NODE, tuple)
 OBJECTS = many(OBJECT, tuple)
 SET = many(OBJECT, dict.fromkeys)
 MESSAGES = many(parts(VALUE, DATA), deque)
-RECORDS = many(Kind(lambda record, to: _record.write(_parts(record), to),
+RECORDS = many(FieldCodec(lambda record, to: _record.write(_parts(record), to),
                    lambda data, of: Record(*_record.read(data, of))), list)  # fmt: skip
-MAIL = Kind(lambda mail, to: [box.key for box in mail.values()],
+MAIL = FieldCodec(lambda mail, to: [box.key for box in mail.values()],
             lambda keys, of: {of.objects[key].node: of.objects[key] for key in keys}, list)  # fmt: skip
-BY_KEY = Kind(lambda waits, to: list(waits), lambda keys, of: {key: of.objects[key] for key in keys}, list,
+BY_KEY = FieldCodec(lambda waits, to: list(waits), lambda keys, of: {key: of.objects[key] for key in keys}, list,
               ordered=False)  # fmt: skip
-INCIDENTS = Kind(lambda found, to: [[wait.key, *why] for wait, why in found.items()],
+INCIDENTS = FieldCodec(lambda found, to: [[wait.key, *why] for wait, why in found.items()],
                  lambda data, of: {of.objects[key]: tuple(why) for key, *why in data}, list)  # fmt: skip
-HELD = Kind(_write_held, parts(many(OBJECT, list), many(OBJECT, list)).read)
-CONTINUATIONS = Kind(_write_continuations, _read_continuations, list)
+HELD = FieldCodec(_write_held, parts(many(OBJECT, list), many(OBJECT, list)).read)
+CONTINUATIONS = FieldCodec(_write_continuations, _read_continuations, list)
 _PAIRS = many(parts(NODE, DATA), dict)
-COUNTER = Kind(lambda found, to: dict(found), lambda data, of: Counter(data), dict)
-GATHERED = many(parts(DATA, Kind(lambda found, to: _PAIRS.write(found.items(), to), _PAIRS.read)), list)
+COUNTER = FieldCodec(lambda found, to: dict(found), lambda data, of: Counter(data), dict)
+GATHERED = many(parts(DATA, FieldCodec(lambda found, to: _PAIRS.write(found.items(), to), _PAIRS.read)), list)
 
 
-Table = dict[str, Kind]
+FieldTable = dict[str, FieldCodec]
 """The kind of each field of a class."""
 
-SCOPE: Table = {
+SCOPE: FieldTable = {
     "key": VALUE, "instance": INSTANCE_OF, "parent": OBJECT, "node": NODE, "body": BODY, "variables": VARIABLES,
     "tokens": VALUE, "state": VALUE, "depth": VALUE, "children": SET, "arms": OBJECTS, "joins": mapping(NODE, COUNTS),
     "mail": MAIL, "handles": NODES, "suspender": OBJECT, "mark": VALUE, "held": NODES, "items": DATA, "done": RECORDS,
 }  # fmt: skip
-WAIT: Table = {
+WAIT: FieldTable = {
     "key": VALUE, "node": NODE, "scope": OBJECT, "owner": OBJECT, "token": VALUE, "true": VALUE, "started": VALUE,
     "paused": VALUE, "due": VALUE, "arms": OBJECTS, "box": OBJECT,
 }  # fmt: skip
-MAILBOX: Table = {"key": VALUE, "node": NODE, "scope": OBJECT, "messages": MESSAGES, "passed": VALUE}
-INSTANCE: Table = {
+MAILBOX: FieldTable = {"key": VALUE, "node": NODE, "scope": OBJECT, "messages": MESSAGES, "passed": VALUE}
+INSTANCE: FieldTable = {
     "key": VALUE, "root": OBJECT, "counts": COUNTS, "root_variables": VARIABLES, "error": ERROR,
 }  # fmt: skip
-RECORD: Table = {"node": NODE, "variables": VARIABLES, "inner": RECORDS}
-ENGINE: Table = {
+RECORD: FieldTable = {"node": NODE, "variables": VARIABLES, "inner": RECORDS}
+ENGINE: FieldTable = {
     "counter": VALUE, "conditions": SET, "waits": BY_KEY, "inclusive": replace(SET, ordered=False), "untaken": COUNTER,
     "incidents": INCIDENTS, "held": HELD, "cancelling": CONTINUATIONS, "armed_starts": mapping(NUMBER, NODE),
     "waiting_starts": mapping(NODE, MESSAGES), "gathered": mapping(NODE, GATHERED), "listeners": mapping(VALUE, SET),
@@ -173,11 +175,11 @@ STORED = {
 }  # fmt: skip
 """Names in a snapshot of fields that have another name there."""
 
-_record: Kind = parts(*RECORD.values())
+_record: FieldCodec = parts(*RECORD.values())
 _parts: Callable[[Record], tuple[Any, ...]] = attrgetter(*RECORD)
 
 
-def writing(table: Table) -> Callable[[Any, StateWriter], Data]:
+def writing(table: FieldTable) -> Callable[[Any, StateWriter], Data]:
     """Return the function that gives the data of an object with these fields."""
     values, names = attrgetter(*table), [STORED.get(field, field) for field in table]
     kinds = [(name, kind) for name, kind in zip(names, table.values(), strict=True) if kind is not VALUE]
@@ -200,7 +202,7 @@ def writing(table: Table) -> Callable[[Any, StateWriter], Data]:
     return write
 
 
-def reading(table: Table) -> Callable[[Any, Data, Reader], None]:
+def reading(table: FieldTable) -> Callable[[Any, Data, Reader], None]:
     """Return the function that sets these fields of an object from its data."""
     kinds = [(field, STORED.get(field, field), kind.read) for field, kind in table.items()]
 

@@ -28,7 +28,7 @@ from fame.monitor.pipeline.processor import Samples
 STAMP, RUN, LABEL = "stamp", "run", "label"
 
 
-class Table(NamedTuple):
+class CsvTable(NamedTuple):
     """A CSV file: `names` is empty without a header, `cells` (rows, columns), `first` is the line of the first row."""
 
     names: tuple[str, ...]
@@ -165,7 +165,7 @@ def rate_of(runs: Sequence[Samples]) -> float:
     return 1 / usual
 
 
-def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP) -> Table:
+def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP) -> CsvTable:
     """Read the numbers of a CSV file; in the column `stamp`, dates too.
 
     A `recorded` table is one of `fame monitor record`: it has a header, empty cells are NaN, and a partial last line,
@@ -191,10 +191,10 @@ def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP) -> Tab
     first = 2 if header else 1
     if len(lines) < first:
         raise ConfigError("has no rows of numbers", file=str(path))
-    return Table(names, _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp), first)
+    return CsvTable(names, _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp), first)
 
 
-def _read_parquet(path: Path) -> Table:
+def _read_parquet(path: Path) -> CsvTable:
     """Read the numbers of a Parquet file; dates in s since 1970. Raises ConfigError, UnavailableError."""
     require("pandas")
     require("pyarrow")
@@ -205,7 +205,7 @@ def _read_parquet(path: Path) -> Table:
         dated = frame.select_dtypes(include=["datetime", "datetimetz"]).columns
         for name in dated:
             frame[name] = (frame[name].dt.tz_localize(None) - pd.Timestamp(0)) / pd.Timedelta(seconds=1)
-        return Table(tuple(map(str, frame.columns)), frame.to_numpy(dtype=np.float64), 1)
+        return CsvTable(tuple(map(str, frame.columns)), frame.to_numpy(dtype=np.float64), 1)
     except (OSError, ValueError, TypeError) as error:
         raise ConfigError(f"is not a Parquet table of numbers: {error}", file=str(path)) from None
 

@@ -92,7 +92,7 @@ class JudgedRun:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class JudgedRuns:
     """All runs, and the figures over them."""
 
     model: str
@@ -186,7 +186,7 @@ def shown(value: Any) -> str:
     return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def write_scores(judgement: Judgement, path: Path) -> None:
+def write_scores(judgement: JudgedRuns, path: Path) -> None:
     """Write a row per loss: file, run, time (s from the start of the run), and of each channel the loss divided by its
     threshold, above 1 in an alarm. Raises ConfigError for a file that cannot be written."""
     try:
@@ -242,7 +242,7 @@ def _refuse_contradictions(runs: Sequence[tuple[Floats, Whole, str]]) -> None:
 # ---- models of fame monitor train ------------------------------------------------------------------------------------
 
 
-def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str, *, labelled: bool) -> Judgement:
+def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str, *, labelled: bool) -> JudgedRuns:
     """Judge runs by a model of ``fame monitor train``. `labelled`: the data say which runs are anomalous.
 
     Raises ConfigError for labels that contradict each other.
@@ -258,7 +258,7 @@ def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str, *
             monitor.add(judged[-1].ratios.max(axis=0) * np.array(model.thresholds))
             sums.append(monitor.sums)
     drifting = monitor.drifting if monitor is not None else ()
-    return Judgement(name, tuple(judged), drifting, np.array(sums))
+    return JudgedRuns(name, tuple(judged), drifting, np.array(sums))
 
 
 def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: bool) -> JudgedRun:
@@ -336,7 +336,7 @@ def _labelled(run: JudgedRun, labels: Whole, stamps: Floats) -> JudgedRun:
 # ---- models of fame monitor adm learn --------------------------------------------------------------------------------
 
 
-def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str = "/joint_states") -> Judgement:
+def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str = "/joint_states") -> JudgedRuns:
     """Judge recordings of joint states by a model of ``fame monitor adm learn``: CSV files, and bags with such a topic.
 
     Raises ConfigError for other joints, and for labels that contradict each other.
@@ -358,7 +358,7 @@ def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str 
             _judge_recording(model, run, len(judged) + index, labelled=recording.labelled)
             for index, run in enumerate(recording)
         ]
-    return Judgement(name, tuple(judged), notes=tuple(dict.fromkeys(notes)))
+    return JudgedRuns(name, tuple(judged), notes=tuple(dict.fromkeys(notes)))
 
 
 def _joint_states(model: Model, path: Path, topic: str) -> Recording:

@@ -14,7 +14,7 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats
-from fame.monitor.judge import RESAMPLINGS, JudgedRun, Judgement, shown
+from fame.monitor.judge import RESAMPLINGS, JudgedRun, JudgedRuns, shown
 from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, QUIET, line_style
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ svg{width:100%;height:auto;margin-top:1em}
 """
 
 
-def write_report(judgement: Judgement, card: dict[str, Any], path: str | Path) -> None:
+def write_report(judgement: JudgedRuns, card: dict[str, Any], path: str | Path) -> None:
     """Write the page. Raises UnavailableError without matplotlib, ConfigError for a file that cannot be written."""
     parts = [
         f"<h1>{escape(Path(judgement.model).name)}</h1>",
@@ -78,7 +78,7 @@ def _cell(text: object, kind: str = "") -> str:
     return f'<td class="{kind}">{escape(str(text))}</td>' if kind else f"<td>{escape(str(text))}</td>"
 
 
-def _figures(judgement: Judgement) -> str:
+def _figures(judgement: JudgedRuns) -> str:
     rows = [[_cell(name), _cell(shown(value), "n")] for name, value in judgement.figures.items()]
     drift = f"drifting, learn again: {', '.join(judgement.drifting)}" if judgement.drifting else "none"
     rows.append([_cell("drift"), _cell(drift, "bad" if judgement.drifting else "n")])
@@ -148,7 +148,7 @@ def _svg(width: float, height: float, draw: Callable[..., object], *shown: Any) 
                   text[text.index("<svg") :], count=1)  # fmt: skip
 
 
-def _overview(judgement: Judgement) -> str:
+def _overview(judgement: JudgedRuns) -> str:
     runs = judgement.runs
     plots = [_svg(9, 2.8, _draw_scores, runs)]
     if judgement.drift.size:
@@ -178,7 +178,7 @@ def _draw_scores(axes: Axes, runs: Sequence[JudgedRun]) -> None:
     axes.legend(fontsize=8, frameon=False)
 
 
-def _draw_drift(axes: Axes, judgement: Judgement) -> None:
+def _draw_drift(axes: Axes, judgement: JudgedRuns) -> None:
     from fame.monitor.drift import LIMIT
 
     channels = judgement.runs[0].channels

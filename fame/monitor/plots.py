@@ -23,7 +23,7 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.middleware.interface import resolve
-from fame.monitor.anomaly.benign_changes import Reading
+from fame.monitor.anomaly.benign_changes import PointScores
 from fame.monitor.anomaly.classifiers import ConfusionMatrix
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording
@@ -165,7 +165,7 @@ def _save_with_legend(figure: Figure, axes: Any, file: str | Path) -> None:
     _save(figure, Path(file))
 
 
-def _mark(above: Any, below: Any, readings: Sequence[Reading]) -> None:
+def _mark(above: Any, below: Any, readings: Sequence[PointScores]) -> None:
     """Dots where a point is anomalous."""
     bad = [reading for reading in readings if reading.anomalous]
     phase = [reading.phase for reading in bad]

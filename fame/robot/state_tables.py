@@ -39,15 +39,15 @@ from fame.engine.snapshot import without_instances
 from fame.errors import MissionError
 from fame.robot.stored_values import dump, message_json
 
-Table = dict[str, Any]
-Tables = dict[str, Table]
+TableRows = dict[str, Any]
+Tables = dict[str, TableRows]
 _Change = dict[str, Any]
 
 _KEYED = ("instances", "scopes", "waits", "boxes")
 _MAPPED = ("listeners", "waiting_starts", "gathered", "starts")
 _ATOMS = frozenset({type(None), bool, int, str})
 _ABSENT = object()
-_EMPTY: Table = {}
+_EMPTY: TableRows = {}
 
 
 def fold(tables: Tables, change: _Change) -> Tables:
@@ -73,7 +73,7 @@ class StateTables:
         self._last: Tables = {}
         self._counts: dict[int, list[int]] = {}
 
-    def changes(self, more: Mapping[str, Table], *, whole: bool = False) -> _Change:
+    def changes(self, more: Mapping[str, TableRows], *, whole: bool = False) -> _Change:
         """The changes since the last call, or the whole state.
 
         `more` are tables of the caller: those that are missing have not changed.
@@ -90,7 +90,7 @@ class StateTables:
         self._note_tables(change, {"engine": data, **more})
         return change
 
-    def _running(self, change: _Change) -> Table:
+    def _running(self, change: _Change) -> TableRows:
         """Note what has changed in instances. Returns what the engine has once."""
         self._variables.begin()
         data = snapshot(self._engine, dump=self._dump, dicts=self._variables)
@@ -104,7 +104,7 @@ class StateTables:
         self._variables.note(change)
         return data
 
-    def _note_tables(self, change: _Change, tables: Mapping[str, Table]) -> None:
+    def _note_tables(self, change: _Change, tables: Mapping[str, TableRows]) -> None:
         """Note how tables differ from the last ones."""
         last = self._last
         for name, table in tables.items():
@@ -131,8 +131,8 @@ class StateTables:
             self._unstorable("", str(error))
             return {"lost": type(value).__name__}
 
-    def _changed_counts(self) -> tuple[Table, list[str]]:
-        changed: Table = {}
+    def _changed_counts(self) -> tuple[TableRows, list[str]]:
+        changed: TableRows = {}
         known, self._counts = self._counts, {}
         for key, instance in self._engine.instances.items():
             old, new = known.pop(key, None), instance.counts
@@ -144,7 +144,7 @@ class StateTables:
         return changed, [f"{key} {slot}" for key, old in known.items() for slot, count in enumerate(old) if count]
 
 
-def _note(change: _Change, name: str, changed: Table, gone: list[str]) -> None:
+def _note(change: _Change, name: str, changed: TableRows, gone: list[str]) -> None:
     if changed:
         change.setdefault("set", {})[name] = changed
     if gone:
@@ -188,7 +188,7 @@ class _VariableTable:
 
     def note(self, change: _Change) -> None:
         """Add what has changed since the last snapshot."""
-        values: Table = {}
+        values: TableRows = {}
         gone: list[str] = []
         lost = [number for number in self._dicts if number not in self._seen]
         for number in lost:
@@ -204,7 +204,7 @@ class _VariableTable:
         variables = self._dicts[number]
         return self._numbers[id(variables.outer)] if isinstance(variables, Variables) else None
 
-    def _note_dict(self, number: int, values: Table, gone: list[str]) -> None:
+    def _note_dict(self, number: int, values: TableRows, gone: list[str]) -> None:
         variables, known = self._dicts[number], self._known.setdefault(number, {})
         for name, value in variables.items():
             old = known.get(name)
@@ -218,7 +218,9 @@ class _VariableTable:
                 del known[name]
                 gone.append(f"{number} {name}")
 
-    def _note_value(self, key: str, name: str, value: Any, known: dict[str, tuple[Any, Any]], values: Table) -> None:
+    def _note_value(
+        self, key: str, name: str, value: Any, known: dict[str, tuple[Any, Any]], values: TableRows
+    ) -> None:
         """A value whose content may change: compare that."""
         old = known.get(name)
         type: Any = getattr(value, "__msgtype__", None)

@@ -51,7 +51,7 @@ from fame.engine.state_fields import (
     VALUE,
     VARIABLES,
     WAIT,
-    Kind,
+    FieldCodec,
 )
 
 TABLES = {"scopes": SCOPE, "waits": WAIT, "boxes": MAILBOX, "instances": INSTANCE, "engine": ENGINE}
@@ -180,7 +180,7 @@ def test_every_attribute_is_in_a_table_or_follows_from_others(kind: type) -> Non
 
 
 @FIELDS
-def test_every_field_has_a_value_in_a_sample(table: str, field: str, kind: Kind) -> None:
+def test_every_field_has_a_value_in_a_sample(table: str, field: str, kind: FieldCodec) -> None:
     found = [item[field] for name in runs() for item in items(data_of(name), table)]
     assert any(found) or (kind is VARIABLES and 0 in found)
 
@@ -243,7 +243,7 @@ def forms_of(program: Program) -> Forms:
     return Forms(program, lambda value: json.dumps(encode(value, dump)), lambda text: decode(json.loads(text), load))
 
 
-def changed(value: Any, kind: Kind, others: list[Any]) -> Iterator[Any]:
+def changed(value: Any, kind: FieldCodec, others: list[Any]) -> Iterator[Any]:
     """Other values of a field."""
     if isinstance(value, bool):
         yield not value
@@ -258,7 +258,7 @@ def changed(value: Any, kind: Kind, others: list[Any]) -> Iterator[Any]:
 
 
 @FIELDS
-def test_a_form_has_every_field_that_is_not_left_out(table: str, field: str, kind: Kind) -> None:
+def test_a_form_has_every_field_that_is_not_left_out(table: str, field: str, kind: FieldCodec) -> None:
     """Two states that differ in this field alone have different forms."""
     if (table, field) in NO_PART_OF_A_FORM:
         return
@@ -280,7 +280,7 @@ def test_a_form_has_every_field_that_is_not_left_out(table: str, field: str, kin
 
 
 @FIELDS
-def test_the_order_of_a_list_is_part_of_the_form_if_it_matters(table: str, field: str, kind: Kind) -> None:
+def test_the_order_of_a_list_is_part_of_the_form_if_it_matters(table: str, field: str, kind: FieldCodec) -> None:
     differs = []
     for name in ("suspended", "joined", "started"):
         engine = runs()[name].node.engine

@@ -87,7 +87,7 @@ class PathParameters:
         return self.floor, self.floor_late, self.floor_late, self.floor_tilt
 
 
-class Reading(NamedTuple):
+class PointScores(NamedTuple):
     """Scores of a point: the deviation (m), change of lateness and lateness (samples), where along the nominal run
     (samples), whether it is off the path, and whether it is anomalous for that or another reason; the tilt (rad), and
     what is anomalous: ``path``, ``orientation``, ``speed``, nothing; or that all of it may come from ``noise`` or
@@ -103,7 +103,7 @@ class Reading(NamedTuple):
     kind: str = ""
 
 
-NO_READING = Reading(0.0, 0.0, 0.0, 0.0, False, False)
+NO_READING = PointScores(0.0, 0.0, 0.0, 0.0, False, False)
 
 
 class Change(NamedTuple):
@@ -216,7 +216,7 @@ class LostSamples:
         return self.known or self.count <= 2 + self._parameters.lost * self.points
 
 
-class Noise:
+class NoiseEstimate:
     """The noise of a run: the median of the second differences of its deviations, each of means of three points."""
 
     def __init__(self) -> None:
@@ -246,7 +246,7 @@ class BenignChanges:
         self.lateness: Lateness = Lateness(parameters)
         self._without_lost = Lateness(parameters)
         self.lost: LostSamples = LostSamples(parameters)
-        self.noise: Noise = Noise()
+        self.noise: NoiseEstimate = NoiseEstimate()
         self._height, self._count = 0.0, 0
         self._starting, self._began, self._points = True, 0.0, 0
         self._nearest, self._nearer = math.inf, 0  # the smallest deviation of the start, and the point of it
@@ -296,7 +296,7 @@ class BenignChanges:
             return "sampling"
         return "noise" if self.excess >= _NOISY and deviation <= 2 * limit else kind
 
-    def excuse(self, reading: Reading) -> Reading:
+    def excuse(self, reading: PointScores) -> PointScores:
         """Give a reading that is not anomalous if it is of a start from another pose, while the tool comes nearer."""
         self._points += 1
         if not self._starting:

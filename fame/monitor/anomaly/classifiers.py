@@ -20,7 +20,7 @@ import numpy as np
 
 from fame.errors import ConfigError, UnavailableError
 from fame.monitor.anomaly.benign_changes import PathParameters
-from fame.monitor.anomaly.learning_file import DEFAULTS as DEFAULTS, Candidate, Learning
+from fame.monitor.anomaly.learning_file import DEFAULTS as DEFAULTS, CandidateClassifier, Learning
 from fame.monitor.anomaly.model import DataProcess, Model, PointClassifier
 from fame.monitor.anomaly.paths import MARGIN, PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording
@@ -38,7 +38,7 @@ _MODULES = {
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
 
-def make(candidate: Candidate, folder: Path, scaling: str = "minmax") -> PathDetector | PointClassifier:
+def make(candidate: CandidateClassifier, folder: Path, scaling: str = "minmax") -> PathDetector | PointClassifier:
     """Make the detector of a candidate, with a `scaling` if it has none. Raises ConfigError for a wrong one."""
     if candidate.cls == "PathDetector":
         parameters = dict(candidate.parameters)
@@ -70,14 +70,14 @@ def make(candidate: Candidate, folder: Path, scaling: str = "minmax") -> PathDet
     )
 
 
-def _build(cls: Any, candidate: Candidate, parameters: dict[str, Any]) -> Any:
+def _build(cls: Any, candidate: CandidateClassifier, parameters: dict[str, Any]) -> Any:
     try:
         return cls(**parameters)
     except TypeError as error:
         raise candidate.error("parameters", f"expected the parameters of {candidate.cls}: {error}") from None
 
 
-def expand_candidates(learning: Learning) -> Iterator[Candidate]:
+def expand_candidates(learning: Learning) -> Iterator[CandidateClassifier]:
     """Every classifier to try, each with its parameters and reduction: the candidates, multiplied by the grid."""
     for candidate in learning.classifiers or _defaults(learning):
         own = dict(learning.grid.get(candidate.name, {}))
@@ -92,14 +92,14 @@ def expand_candidates(learning: Learning) -> Iterator[Candidate]:
             label = ", ".join([f"{name} {value}" for name, value in chosen.items()])
             several = len(reductions) > 1
             name = " ".join(part for part in (candidate.name, label, f"pca {reduction}" if several else "") if part)
-            yield Candidate(
+            yield CandidateClassifier(
                 name, candidate.cls, {**candidate.parameters, **chosen}, reduction,
                 candidate.scaling or learning.scaling, _threshold(candidate, learning), candidate.unique,
                 candidate.place,
             )  # fmt: skip
 
 
-def _defaults(learning: Learning) -> Iterator[Candidate]:
+def _defaults(learning: Learning) -> Iterator[CandidateClassifier]:
     """Yield those that the learning file names data for (no ``name: Null``), with its reduction if it has one."""
     named = {"ocsvm": learning.unsupervised, "rbfsvm": learning.supervised}
     reduced = learning.reduction or "reduction" in learning.grid
@@ -108,7 +108,7 @@ def _defaults(learning: Learning) -> Iterator[Candidate]:
             yield replace(candidate, reduction=None) if reduced else candidate
 
 
-def _threshold(candidate: Candidate, learning: Learning) -> Any:
+def _threshold(candidate: CandidateClassifier, learning: Learning) -> Any:
     if candidate.combined and candidate.threshold in (None, "auto"):
         return 1.0  # in units of the thresholds of its members
     return learning.threshold if candidate.threshold is None else candidate.threshold
@@ -269,7 +269,7 @@ class Evaluation:
 class TrainedClassifier:
     """A classifier with its model and its evaluations. `note` names what is doubtful about it."""
 
-    candidate: Candidate
+    candidate: CandidateClassifier
     model: Model
     evaluations: tuple[Evaluation, ...]
     note: str = ""

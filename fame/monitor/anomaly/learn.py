@@ -46,7 +46,7 @@ from fame.monitor.anomaly.classifiers import (
     make,
     run_scores,
 )
-from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning, load
+from fame.monitor.anomaly.learning_file import CandidateClassifier, DataFile, Learning, load
 from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, PointClassifier, data_hash
 from fame.monitor.anomaly.recording import BENIGN, Recording, read_csv, require_same_joints
 from fame.monitor.anomaly.thresholds import set_threshold, together
@@ -56,7 +56,7 @@ from fame.text import table
 _REFERENCE_RUNS = 3
 
 
-class Progress(NamedTuple):
+class LearningProgress(NamedTuple):
     """How far learning is: fits done and to do, and what was fitted last."""
 
     done: int
@@ -143,7 +143,7 @@ def learn(
     data: LearningData | None = None,
     *,
     jobs: int = 1,
-    progress: Callable[[Progress], object] | None = None,
+    progress: Callable[[LearningProgress], object] | None = None,
 ) -> list[TrainedClassifier]:
     """Fit and evaluate every classifier, `jobs` at a time. Raises ConfigError for data that cannot be learned from."""
     try:
@@ -155,7 +155,7 @@ def learn(
 
 
 def _learn(
-    learning: Learning, data: LearningData, jobs: int, progress: Callable[[Progress], object] | None
+    learning: Learning, data: LearningData, jobs: int, progress: Callable[[LearningProgress], object] | None
 ) -> list[TrainedClassifier]:
     every = list(expand_candidates(learning))
     candidates = [candidate for candidate in every if candidate.combined is None]
@@ -168,7 +168,7 @@ def _learn(
     for done, (task, result) in enumerate(_run(tasks, candidates, learning, data, jobs), start=1):
         results[task] = result
         if progress is not None:
-            progress(Progress(done, len(tasks), candidates[task.candidate].name))
+            progress(LearningProgress(done, len(tasks), candidates[task.candidate].name))
     whole = data.both or data.benign
     single = [_learned(number, candidates[number], results, learning, data) for number in range(len(candidates))]
     combined = []
@@ -203,7 +203,7 @@ class _Fitted(NamedTuple):
 
 
 def _run(
-    tasks: Sequence[_Task], candidates: Sequence[Candidate], learning: Learning, data: LearningData, jobs: int
+    tasks: Sequence[_Task], candidates: Sequence[CandidateClassifier], learning: Learning, data: LearningData, jobs: int
 ) -> Iterator[tuple[_Task, _Fitted]]:
     """All fits, in order, `jobs` at a time in processes of their own."""
     if jobs == 1:
@@ -215,7 +215,7 @@ def _run(
     yield from zip(tasks, Parallel(n_jobs=jobs, return_as="generator")(work), strict=True)
 
 
-def _fit(candidate: Candidate, fold: int, learning: Learning, data: LearningData) -> _Fitted:
+def _fit(candidate: CandidateClassifier, fold: int, learning: Learning, data: LearningData) -> _Fitted:
     """Fit without a fold and evaluate the fold; fold -1: fit all data and evaluate them."""
     detector = make(candidate, learning.file.parent, learning.scaling)
     source = data.both if detector.supervised else data.benign or data.both
@@ -254,7 +254,7 @@ def data_hash_of_run(run: Recording) -> str:
     return data_hash(replace(run, runs=run.runs[:0], labels=run.labels[:0]))
 
 
-def _folds(candidate: Candidate, learning: Learning, data: LearningData) -> list[int]:
+def _folds(candidate: CandidateClassifier, learning: Learning, data: LearningData) -> list[int]:
     target = data.both or data.benign
     count = 0 if target is None else min(target.run_labels().count(label) for label in set(target.run_labels()))
     if 0 < count < learning.folds:
@@ -268,7 +268,7 @@ def _folds(candidate: Candidate, learning: Learning, data: LearningData) -> list
 
 
 def _learned(
-    number: int, candidate: Candidate, results: dict[_Task, _Fitted], learning: Learning, data: LearningData
+    number: int, candidate: CandidateClassifier, results: dict[_Task, _Fitted], learning: Learning, data: LearningData
 ) -> TrainedClassifier:
     final = results[_Task(number, -1)]
     whole = data.both or data.benign

@@ -59,7 +59,7 @@ class DataFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class CandidateClassifier:
     """A classifier to try. None for `reduction`, `scaling` or `threshold`: as for all. `place`: its entry."""
 
     name: str
@@ -85,8 +85,8 @@ class Candidate:
 
 
 DEFAULTS = (
-    Candidate("ocsvm", "OneClassSVM", {"nu": 0.05, "gamma": 1000}, reduction=0, threshold=0.22, unique=True),
-    Candidate(
+    CandidateClassifier("ocsvm", "OneClassSVM", {"nu": 0.05, "gamma": 1000}, reduction=0, threshold=0.22, unique=True),
+    CandidateClassifier(
         "rbfsvm", "SVC", {"gamma": 20000, "C": 1000, "tol": 0.01, "cache_size": 400}, reduction=3, threshold=0.01
     ),
 )
@@ -104,7 +104,7 @@ class Learning:
     testing: tuple[DataFile, ...]
     reduction: int = 0
     scaling: str = "minmax"
-    classifiers: tuple[Candidate, ...] = ()
+    classifiers: tuple[CandidateClassifier, ...] = ()
     grid: Mapping[str, Any] = field(default_factory=dict)
     folds: int = FOLDS
     threshold: Threshold = "auto"
@@ -138,7 +138,7 @@ def load(path: str | Path) -> Learning:
     return Learning(path, fit, unsupervised, supervised, used, classifiers=classifiers, **settings)
 
 
-def _check_combined(sections: Mapping[str, ConfigValue], classifiers: Sequence[Candidate]) -> None:
+def _check_combined(sections: Mapping[str, ConfigValue], classifiers: Sequence[CandidateClassifier]) -> None:
     """Raise ConfigError for a combination of classifiers that the file does not have."""
     own = [each.name for each in classifiers if each.combined is None]
     for value, each in zip(_items(sections, "Classifiers"), classifiers, strict=True):
@@ -192,11 +192,11 @@ def _columns(value: ConfigValue) -> tuple[int, ...]:
     return tuple(columns)
 
 
-def _candidate(value: ConfigValue) -> Candidate:
+def _candidate(value: ConfigValue) -> CandidateClassifier:
     parts = value.mapping(_CANDIDATE)
     value.required("name", "rbfsvm"), value.required("class", "SVC")
     given = _read({key: part for key, part in parts.items() if part.data is not None}, _CANDIDATE)
-    return Candidate(cls=given.pop("class"), place=value, **given)
+    return CandidateClassifier(cls=given.pop("class"), place=value, **given)
 
 
 def _grid(value: ConfigValue, names: Sequence[str]) -> Mapping[str, Any]:

@@ -22,7 +22,7 @@ from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.benign_changes import Change
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.recording import JUMP, NEAR, STILL, WHOLE, Recording, Rule, RunSegmenter
-from fame.monitor.anomaly.scoring import Verdict
+from fame.monitor.anomaly.scoring import PointVerdict
 from fame.monitor.pipeline.fields import UnusableMessage
 
 _DEFAULT_NAME = re.compile(r"joint_\d+")
@@ -36,7 +36,7 @@ class Point:
     run: int
     index: int
     stamp: float
-    verdict: Verdict
+    verdict: PointVerdict
     score: float
     alarm: bool
 

@@ -43,7 +43,7 @@ from fame.monitor.anomaly.benign_changes import (
     BenignChanges,
     Change,
     PathParameters,
-    Reading,
+    PointScores,
 )
 from fame.monitor.anomaly.recording import Recording
 from fame.monitor.arrays import Floats
@@ -127,7 +127,7 @@ class PathDetector:
         self.limits = np.maximum(self.margin * around, self.parameters.floors)
         return self
 
-    def follow(self, run: Recording) -> list[Reading]:
+    def follow(self, run: Recording) -> list[PointScores]:
         """Every point of one run."""
         return self.tracker().follow(run)
 
@@ -199,7 +199,7 @@ class Tracker:
         self._tilts: deque[Vector] = deque(maxlen=SMOOTH)
         self._changes = BenignChanges(self._parameters, self._usual)
 
-    def step(self, values: Sequence[float], stamp: float | None = None) -> Reading:
+    def step(self, values: Sequence[float], stamp: float | None = None) -> PointScores:
         """One more point: angles (rad), and its time (s) if there is one."""
         before, time = self._time, self._update_time(stamp)
         if not any(values):
@@ -230,7 +230,7 @@ class Tracker:
         late = changes.late(clock, clock - phase if phase < self._arrival else 0.0, resting=resting)
         return changes.excuse(self._judge(changes.above(deviation), late, phase, self._tilt(values, beside, along)))
 
-    def follow(self, run: Recording) -> list[Reading]:
+    def follow(self, run: Recording) -> list[PointScores]:
         """Every point of one run."""
         stamps = [None] * len(run) if run.stamps is None else run.stamps.tolist()
         return [self.step(values, stamp) for values, stamp in zip(run.values.tolist(), stamps, strict=True)]
@@ -263,7 +263,7 @@ class Tracker:
         if math.dist(place, self._first) > self._left:
             self._offset = offset
 
-    def _judge(self, deviation: float, late: list[tuple[float, float]], phase: float, tilt: float) -> Reading:
+    def _judge(self, deviation: float, late: list[tuple[float, float]], phase: float, tilt: float) -> PointScores:
         limit = self._limits[bin_of(phase, len(self._limits), self._parameters.bin)]
         most = limit[0] + self._changes.widening
         off_path, tilted = deviation > most, tilt > limit[3]
@@ -271,7 +271,7 @@ class Tracker:
         slow = all(abs(change) > limit[1] or abs(lateness) > limit[2] for lateness, change in late)
         kind = "path" if off_path else "orientation" if tilted else "speed" if slow else ""
         kind = self._changes.kind(kind, deviation, most, early=lateness < 0) if kind else ""
-        return Reading(deviation, change, lateness, phase, off_path, bool(kind), tilt, kind)
+        return PointScores(deviation, change, lateness, phase, off_path, bool(kind), tilt, kind)
 
     def _direction(self, place: Vector) -> Vector:
         """The direction of travel since the point before; all zero if that is too near."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fame.monitor.anomaly.paths import PathDetector
 
 
-class Verdict(NamedTuple):
+class PointVerdict(NamedTuple):
     """The verdict on a point. `magnitude` is in `unit` (``mm`` across the path, ``deg`` turned, ``samples`` late,
     ``rad``); `joint` is the one that is farthest from where it should be; `kind` is ``path``, ``orientation``,
     ``speed`` or empty. They are set for anomalous points only. `votes` are those of several detectors."""
@@ -33,7 +33,7 @@ class Verdict(NamedTuple):
     votes: tuple[bool, ...] = ()
 
 
-BENIGN_POINT = Verdict(False)
+BENIGN_POINT = PointVerdict(False)
 
 
 class Scorer:
@@ -42,7 +42,7 @@ class Scorer:
     def reset(self) -> None:
         """The next run begins."""
 
-    def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
+    def step(self, values: Sequence[float], stamp: float | None = None) -> PointVerdict:
         """One point: values of the joints in the model's order, and its time (s) if known."""
         raise NotImplementedError
 
@@ -61,12 +61,12 @@ class PointScorer(Scorer):
     def __init__(self, benign: Callable[[Floats], bool], worst: Worst) -> None:
         self._benign, self._worst = benign, worst
 
-    def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
+    def step(self, values: Sequence[float], stamp: float | None = None) -> PointVerdict:
         point = np.asarray(values, dtype=np.float64)
         if self._benign(point):
             return BENIGN_POINT
         joint, apart = self._worst(point)
-        return Verdict(True, apart, "rad", joint)
+        return PointVerdict(True, apart, "rad", joint)
 
 
 class PathScorer(Scorer):
@@ -78,16 +78,16 @@ class PathScorer(Scorer):
     def reset(self) -> None:
         self._tracker.reset()
 
-    def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
+    def step(self, values: Sequence[float], stamp: float | None = None) -> PointVerdict:
         reading = self._tracker.step(values, stamp)
         if not reading.anomalous:
             return BENIGN_POINT
         joint, _ = self._worst(np.asarray(values))
         if reading.off_path:
-            return Verdict(True, 1000 * reading.deviation, "mm", joint, reading.kind)
+            return PointVerdict(True, 1000 * reading.deviation, "mm", joint, reading.kind)
         if reading.kind == "orientation":
-            return Verdict(True, math.degrees(reading.tilt), "deg", joint, reading.kind)
-        return Verdict(True, reading.lateness, "samples", joint, reading.kind)
+            return PointVerdict(True, math.degrees(reading.tilt), "deg", joint, reading.kind)
+        return PointVerdict(True, reading.lateness, "samples", joint, reading.kind)
 
     def changes(self) -> Sequence[Change]:
         return list(self._tracker.changes())
@@ -103,7 +103,7 @@ class SeveralScorer(Scorer):
         for scorer in self._scorers:
             scorer.reset()
 
-    def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
+    def step(self, values: Sequence[float], stamp: float | None = None) -> PointVerdict:
         verdicts = [scorer.step(values, stamp) for scorer in self._scorers]
         votes = tuple(verdict.anomalous for verdict in verdicts)
         first = next((verdict for verdict in verdicts if verdict.anomalous), verdicts[0])

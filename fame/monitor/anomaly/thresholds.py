@@ -13,14 +13,14 @@ import numpy as np
 
 from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import VALIDATION, Evaluation, TrainedClassifier
-from fame.monitor.anomaly.learning_file import Candidate, Learning
+from fame.monitor.anomaly.learning_file import CandidateClassifier, Learning
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording
 from fame.monitor.calibration import Calibration, calibrate_runs, false_alarm_rate
 from fame.monitor.pipeline.detectors import Several, combined
 
 
 def set_threshold(
-    candidate: Candidate, learning: Learning, whole: Recording, held: Evaluation | None
+    candidate: CandidateClassifier, learning: Learning, whole: Recording, held: Evaluation | None
 ) -> tuple[float, str, Calibration | None]:
     """The threshold, what is wrong with it, and its calibration if a rate of false alarms is asked for."""
     if not learning.false_alarms:
@@ -42,7 +42,7 @@ def _calibrated(
     return calibration.thresholds[0], "" if calibration.promised else calibration.text, calibration
 
 
-def _threshold(candidate: Candidate, whole: Recording, held: Evaluation | None) -> tuple[float, str]:
+def _threshold(candidate: CandidateClassifier, whole: Recording, held: Evaluation | None) -> tuple[float, str]:
     """The threshold, and what is wrong with it."""
     if candidate.threshold != "auto":
         return float(candidate.threshold or 0.0), ""
@@ -57,7 +57,7 @@ def _threshold(candidate: Candidate, whole: Recording, held: Evaluation | None) 
 
 
 def together(
-    candidate: Candidate, chosen: Sequence[TrainedClassifier], learning: Learning, whole: Recording
+    candidate: CandidateClassifier, chosen: Sequence[TrainedClassifier], learning: Learning, whole: Recording
 ) -> TrainedClassifier:
     """Combine classifiers that have been learned, by ``any of`` or ``all of``. Raises ConfigError."""
     rule, _ = candidate.combined or ("any of", ())

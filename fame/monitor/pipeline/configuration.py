@@ -58,7 +58,7 @@ class Port:
     name: str
     topic: str
     type: str
-    path: fields.Path
+    path: fields.FieldPath
     qos: QoS
     description: str = ""
     rate: float = 0.0

@@ -43,7 +43,7 @@ _RIDGE = 1e-5
 """What is added to each variance before it is inverted, relative to the mean variance."""
 
 
-class Detector(Protocol):
+class FittedDetector(Protocol):
     """A fitted detector."""
 
     kind: ClassVar[str]
@@ -56,7 +56,7 @@ class Detector(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Network:
+class ChannelAutoencoders:
     """Autoencoders of the same shape, one per channel, evaluated with one matrix product per layer.
 
     weights     per layer (channels, in, out)
@@ -96,7 +96,7 @@ class Network:
         return np.asarray(np.einsum("cnw,cnw->nc", errors, errors) / windows.shape[1])
 
     @classmethod
-    def of(cls, estimators: Sequence[Any]) -> Network:
+    def of(cls, estimators: Sequence[Any]) -> ChannelAutoencoders:
         """That of scikit-learn's MLPRegressors, one per channel."""
         layers = range(len(estimators[0].coefs_))
         weights = tuple(np.stack([item.coefs_[layer] for item in estimators]) for layer in layers)
@@ -104,7 +104,7 @@ class Network:
         return cls(weights, biases, str(estimators[0].activation))
 
     @classmethod
-    def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> Network:
+    def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> ChannelAutoencoders:
         require("sklearn")
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.neural_network import MLPRegressor
@@ -397,7 +397,7 @@ class Several:
 # ---- by name ---------------------------------------------------------------------------------------------------------
 
 _KINDS: dict[str, Any] = {
-    kind.kind: kind for kind in (Network, Components, Whitening, Nearest, OneClass, Forest, Phases)
+    kind.kind: kind for kind in (ChannelAutoencoders, Components, Whitening, Nearest, OneClass, Forest, Phases)
 }
 DETECTORS = tuple(_KINDS)
 STORED: Mapping[str, Any] = {**_KINDS, Several.kind: Several}
@@ -426,13 +426,13 @@ def detector_names(name: str) -> tuple[str, tuple[str, ...]]:
     return rule, names
 
 
-def fit_detector(name: str, windows: Floats, settings: Training, times: Floats | None = None) -> Detector:
+def fit_detector(name: str, windows: Floats, settings: Training, times: Floats | None = None) -> FittedDetector:
     """Learn a detector from scaled windows (n, window, channels) that end at `times` (n,), s since the start.
 
     Raises ConfigError for an unknown name, UnavailableError without the package that learns it.
     """
     rule, names = detector_names(name)
-    detector: Detector = (
+    detector: FittedDetector = (
         _KINDS[names[0]].fit(windows, settings, times)
         if not rule
         else Several.fit(rule, names, windows, settings, times)
@@ -440,7 +440,7 @@ def fit_detector(name: str, windows: Floats, settings: Training, times: Floats |
     return detector
 
 
-def detector_name(detector: Detector) -> str:
+def detector_name(detector: FittedDetector) -> str:
     """Give the name that `fit_detector` takes."""
     if isinstance(detector, Several):
         return f"{detector.rule} {', '.join(part.kind for part in detector.parts)}"

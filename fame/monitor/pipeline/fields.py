@@ -22,8 +22,8 @@ from fame.errors import MessageError
 from fame.middleware import messages, typesystem
 from fame.middleware.definitions import Definition, Field
 
-Step: TypeAlias = str | int | list[Any]
-Path: TypeAlias = tuple[Step, ...]
+FieldStep: TypeAlias = str | int | list[Any]
+FieldPath: TypeAlias = tuple[FieldStep, ...]
 Read: TypeAlias = Callable[[Any], tuple[Any, tuple[str, ...]]]
 
 _NAMES = ("name", "joint_names", "names")
@@ -47,7 +47,7 @@ def stamp_of(message: Any) -> float:
     return float(stamp.sec + stamp.nanosec * 1e-9)
 
 
-def reader(type: str, path: Path) -> Read:
+def reader(type: str, path: FieldPath) -> Read:
     """Give a function that reads the numbers at a path of a message, and the names of their channels if it has some.
 
     A single number is a float, several are an array. The function raises UnusableMessage for a message that lacks an
@@ -56,7 +56,7 @@ def reader(type: str, path: Path) -> Read:
     return _read(typesystem.definition(type), path, ())
 
 
-def _read(content: Definition, path: Path, done: tuple[Any, ...]) -> Read:
+def _read(content: Definition, path: FieldPath, done: tuple[Any, ...]) -> Read:
     if not path:
         if content.name in _TIMES:
             return lambda message: (message.sec + message.nanosec * 1e-9, ())
@@ -77,7 +77,7 @@ def _read(content: Definition, path: Path, done: tuple[Any, ...]) -> Read:
     return _read_array(content, field, rest, place)
 
 
-def _read_element(content: Definition, field: Field, rest: Path, place: tuple[Any, ...]) -> Read:
+def _read_element(content: Definition, field: Field, rest: FieldPath, place: tuple[Any, ...]) -> Read:
     """One message of a list of messages."""
     if not rest or type(rest[0]) is not int:
         text = f"{format_path(place)} is a list of {field.base}; expected an index such as 0 after it"
@@ -94,7 +94,7 @@ def _read_element(content: Definition, field: Field, rest: Path, place: tuple[An
     return read
 
 
-def _read_array(content: Definition, field: Field, rest: Path, place: tuple[Any, ...]) -> Read:
+def _read_array(content: Definition, field: Field, rest: FieldPath, place: tuple[Any, ...]) -> Read:
     beside = names_field(content, field)
     if not rest:
         return _read_whole(field, beside)
@@ -176,7 +176,7 @@ def field_of(content: Definition, step: Any, done: tuple[Any, ...]) -> Field:
     raise MessageError(f"there is no field {format_path((*done, step))}; it has {have}", type=content.name)
 
 
-def _check_number(content: Definition, field: Field, rest: Path, place: tuple[Any, ...]) -> None:
+def _check_number(content: Definition, field: Field, rest: FieldPath, place: tuple[Any, ...]) -> None:
     if field.base == "string":
         raise MessageError(f"{format_path(place)} is a text; expected a number", type=content.name)
     if rest:
@@ -245,7 +245,7 @@ class Writer:
         return messages.create(self.type, content)
 
 
-def writer(type: str, paths: Sequence[Path]) -> Writer:
+def writer(type: str, paths: Sequence[FieldPath]) -> Writer:
     """What makes messages of a type from values at these paths.
 
     Raises MessageError for a path that the type lacks, for two outputs at one place, and for gaps in an array.
@@ -283,7 +283,9 @@ def _slot(
     raise MessageError(f"{format_path(steps)}: two outputs set this field", type=content.name)
 
 
-def _checked(content: Definition, path: Path, done: tuple[str, ...]) -> tuple[tuple[str, ...], Any, bool, str | None]:
+def _checked(
+    content: Definition, path: FieldPath, done: tuple[str, ...]
+) -> tuple[tuple[str, ...], Any, bool, str | None]:
     """The names of fields of a path, what follows them, whether that is in an array, and the field for its names."""
     if not path:
         have = ", ".join(field.name for field in content.fields)

@@ -24,7 +24,7 @@ _PAUSE = 5 * SECOND
 EMPTY = "std_msgs/msg/Empty"
 
 
-class Sink(Protocol):
+class RowSink(Protocol):
     """A destination of rows."""
 
     def put(self, row: Row) -> None: ...
@@ -75,7 +75,7 @@ class RecordingNode:
         topics = [resolve(port.topic, namespace) for port in ports]
         check_types(middleware, list(zip(topics, (port.type for port in ports), strict=True)), [])
         self.node = middleware.node(name or f"{configuration.name}_recorder", namespace)
-        self._sinks: list[Sink] = []
+        self._sinks: list[RowSink] = []
         self._bags: list[BagWriter] = []
         try:
             self._open(configuration, outputs, topics, append)

@@ -11,7 +11,7 @@ import numpy as np
 from fame.clock import SECOND, Scheduler
 from fame.errors import MessageError
 from fame.middleware.interface import SENSOR_DATA, Middleware, Node
-from fame.monitor.pipeline.fields import Path, UnusableMessage, has_stamp, reader, stamp_of
+from fame.monitor.pipeline.fields import FieldPath, UnusableMessage, has_stamp, reader, stamp_of
 from fame.text import printable
 
 
@@ -52,7 +52,7 @@ class Series:
     label: str
     unusable: int
 
-    def __init__(self, node: Node, scheduler: Scheduler, topic: str, type: str, path: Path) -> None:
+    def __init__(self, node: Node, scheduler: Scheduler, topic: str, type: str, path: FieldPath) -> None:
         """Raises MessageError if the type has no such path."""
         self._scheduler, self._read, self._stamped = scheduler, reader(type, path), has_stamp(type)
         self.label = f"{topic} {'.'.join(map(str, path))}"
@@ -73,7 +73,7 @@ class Series:
         self.values.append(value)
 
 
-def parse_path(text: str) -> Path:
+def parse_path(text: str) -> FieldPath:
     """``effort.3``, ``effort.elbow_joint``, ``pose.position.x``."""
     return tuple(int(step) if step.isdecimal() else step for step in text.replace("/", ".").split("."))
 

@@ -88,7 +88,7 @@ class Training:
         return Special(self.time_column, self.run_column)
 
 
-Report = Callable[[str], object]
+ReportProgress = Callable[[str], object]
 OUTLIER = 30.0
 """A run whose left-out loss is this many times those of the others, or of the training, is not one of them."""
 UNLIKE = 1.2
@@ -97,14 +97,16 @@ REPEATING = 0.5
 """Share of the variance of a channel that the time since the start explains in runs that repeat."""
 
 
-def train(config: Training, report: Report = lambda text: None) -> TrainedModel:
+def train(config: Training, report: ReportProgress = lambda text: None) -> TrainedModel:
     """Learn from the files. The model is not stored. Raises ConfigError, UnavailableError."""
     runs = read_runs(config.files, config.columns, config.special, undisturbed=True)
     model = fit(runs, config, data=hash_files(config.files), report=report)
     return replace(model, conditions={**model.conditions, "files": [Path(path).name for path in config.files]})
 
 
-def fit(runs: Sequence[Samples], config: Training, data: str = "", report: Report = lambda text: None) -> TrainedModel:
+def fit(
+    runs: Sequence[Samples], config: Training, data: str = "", report: ReportProgress = lambda text: None
+) -> TrainedModel:
     """Learn from runs in memory, each with values (n, channels). `data` names their origin, `report` gets progress."""
     _check(config, runs)
     rate = rate_of(runs)
@@ -169,7 +171,7 @@ def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedMo
 
 
 def left_out(
-    runs: Sequence[Samples], config: Training, rate: float, report: Report = lambda text: None
+    runs: Sequence[Samples], config: Training, rate: float, report: ReportProgress = lambda text: None
 ) -> Iterator[tuple[int, TrainedModel]]:
     """Give each of the filtered runs, by its index, with a detector that learned from the other folds."""
     folds = round(1 / config.held_back) if config.held_back else config.folds

@@ -23,7 +23,7 @@ from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
-from fame.monitor.pipeline.detectors import ACTIVATIONS, STORED, Detector, Network, detector_name
+from fame.monitor.pipeline.detectors import ACTIVATIONS, STORED, ChannelAutoencoders, FittedDetector, detector_name
 from fame.monitor.storage import StoredModel, read_model
 
 
@@ -52,7 +52,7 @@ class TrainedModel(StoredModel):
     rate: float
     mean: Floats
     scale: Floats
-    detector: Detector
+    detector: FittedDetector
     thresholds: tuple[float, ...]
     cutoff: float = 0.0
     before: float = 0.0
@@ -63,9 +63,9 @@ class TrainedModel(StoredModel):
     conditions: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def network(self) -> Network:
+    def network(self) -> ChannelAutoencoders:
         """The autoencoders. Raises ConfigError for another detector."""
-        if not isinstance(self.detector, Network):
+        if not isinstance(self.detector, ChannelAutoencoders):
             raise ConfigError(f"has no autoencoders, its detector is {detector_name(self.detector)}")
         return self.detector
 
@@ -109,7 +109,7 @@ class TrainedModel(StoredModel):
             raise ValueError("values that are not finite")
         if not (self.rate > 0 and self.cutoff >= 0 and self.before >= 0 and np.isfinite(self.rate)):
             raise ValueError(f"rate {self.rate:g}, cutoff {self.cutoff:g}, before {self.before:g}")
-        if isinstance(self.detector, Network):
+        if isinstance(self.detector, ChannelAutoencoders):
             _check_network(self.detector, self.window, channels)
         loss = self.loss(np.zeros((1, self.window, channels)))  # its parts fit each other
         if loss.shape != (1, channels) or not np.isfinite(loss).all():
@@ -125,7 +125,7 @@ class TrainedModel(StoredModel):
             raise ConfigError(text, file=str(path))
 
 
-def _check_network(network: Network, window: int, channels: int) -> None:
+def _check_network(network: ChannelAutoencoders, window: int, channels: int) -> None:
     if network.activation not in ACTIVATIONS:
         raise ValueError(f"activation {network.activation!r}")
     if network.layers[0] != window or network.layers[-1] != window:
@@ -189,7 +189,12 @@ def read_onnx(path: str | Path) -> dict[str, Any]:
         layers = range(sum(name.startswith("weight_") for name in tensors))
         weights, biases = ([tensors[f"{part}_{layer}"] for layer in layers] for part in ("weight", "bias"))
         content = {**json.loads(metadata), "mean": tensors["mean"], "scale": tensors["scale"]}
-        network = {"weights": weights, "biases": biases, "activation": content["activation"], "kind": Network.kind}
+        network = {
+            "weights": weights,
+            "biases": biases,
+            "activation": content["activation"],
+            "kind": ChannelAutoencoders.kind,
+        }
         return {**content, "kind": TrainedModel.kind, "detector": network}
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"is damaged: {error!r}", file=str(path)) from None
