@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from html import escape
 from pathlib import Path
 
 import pytest
 from collaborations import Steps, team
 from compare_explorations import judged_differently
+from test_watch_property import SENTENCE, team as watching
 
+from fame.bpmn.reader import read_text
 from fame.check.explore.properties import Judged
 from fame.cli import main
 from fame.properties.grammar import parse
@@ -98,6 +101,28 @@ def test_reduced_and_full_searches_and_real_runs_agree(part: int) -> None:
         assert not differences, differences
         compared += count
     assert compared
+
+
+@pytest.mark.parametrize(
+    ("watched", "sentence", "verdict"),
+    [
+        (SENTENCE, "never B throws /safe", "refuted"),
+        (SENTENCE, "B throws /safe only after A throws /go", "proved"),  # while it is pending
+        (SENTENCE, "B throws /safe at most 1 times", "proved"),
+        ("A throws /done only after A throws /go", "never B throws /safe", "proved"),
+        ("A throws /go only after A throws /done", "never B throws /safe", "refuted"),
+        ("A throws /go only after A throws /done", "B throws /safe only after A throws /go", "proved"),
+        ("A throws /go only after A throws /done", "B throws /safe at most 1 times", "proved"),
+        ("always A.battery > 0.1", "B throws /safe only after A throws /go", "refuted"),  # at any time
+    ],
+)
+def test_the_signal_of_a_watched_property_comes_from_its_monitor(watched: str, sentence: str, verdict: str) -> None:
+    text = watching("PT1S", ends="false").replace(SENTENCE, escape(watched))
+    model, made = read_text(text, file="team.bpmn"), [parse(sentence, NOWHERE, "p")]
+    for reduced in (True, False):
+        found = explore(model, properties=made, reduced=reduced)
+        assert [one.verdict for one in found.properties] == [verdict]
+        assert found.outside == ()
 
 
 def test_exit_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

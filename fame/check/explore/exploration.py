@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Element, Process
+from fame.bpmn.model import CallActivity, Definitions, Element, Process
 from fame.bpmn.pools import Pool, shared_topics
 from fame.check.explore.abstraction import Abstraction, abstraction
 from fame.check.explore.faults import Faults
@@ -22,7 +22,7 @@ from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
 from fame.check.explore.host import OutOfTimeError, field_names, never
 from fame.check.explore.local import Local
 from fame.check.explore.product import Delivery, Options, Product, silent
-from fame.check.explore.properties import PROOFS, Judged, Monitors
+from fame.check.explore.properties import PROOFS, Judged, Monitors, Watch
 from fame.check.explore.reduction import Reduction
 from fame.check.explore.running_states import as_explored, real_program
 from fame.check.explore.sampling import STEPS, Sampler, durations
@@ -35,7 +35,8 @@ from fame.engine import Program
 from fame.engine.encoding import Data
 from fame.errors import ModelError, expect
 from fame.gc_tuning import rarely_collected
-from fame.properties import Property, compile, vocabulary_of
+from fame.monitor.services import WATCH
+from fame.properties import Place as At, Property, compile, parse, vocabulary_of
 
 LIMIT = 200_000
 """States of all deliveries together, by default."""
@@ -191,8 +192,10 @@ class Team:
         fields = field_names(types)
         compiled = [compile(one, vocabulary_of(definitions, library, cast)) for one in request.properties]
         judged = [one for one in compiled if not (one.timed or one.spec.condition or one.reads_messages)]
+        watches = list(_watches(definitions, library, cast))
         events = frozenset((element, what) for one in judged for _, element, what in one.events)
-        observed |= bool(judged)
+        events = events.union(*(one.events for one in watches))
+        observed |= bool(events)
         made: dict[str, Local] = {}
         self.locals: list[Local] = []
         for robot, pool in cast.items():
@@ -205,12 +208,17 @@ class Team:
             self.locals.append(local)
         several = {robot for robot, pool in cast.items() if pool.multi_instance}
         team = dict(zip(self.robots, self.locals, strict=True))
-        self.monitors = Monitors(compiled, team, several) if compiled else None
+        self.monitors = Monitors(compiled, team, several, watches) if compiled or watches else None
         self.given: dict[int, Data] = {
             place: as_explored(snapshots[robot], self._real(place, observed), self.locals[place].program)
             for place, robot in enumerate(self.robots)
             if robot in snapshots
         }
+
+    @property
+    def watched(self) -> frozenset[str]:
+        """The signals of properties that robots watch."""
+        return self.monitors.thrown if self.monitors is not None else frozenset()
 
     def _real(self, place: int, observed: bool) -> Program:
         """The program that a robot really runs, with the inside of behaviours."""
@@ -373,7 +381,7 @@ class Team:
                  for one in _elements(process) if one.properties.get("outside")}  # fmt: skip
         nodes = [(place, node.id, node.catch.topic, local) for place, local in enumerate(self.locals)
                  for node in local.program.nodes if node.catch is not None]  # fmt: skip
-        known = self.request.sources | {topic for _, element, topic, _ in nodes if element in named}
+        known = self.request.sources | self.watched | {topic for _, element, topic, _ in nodes if element in named}
         found = {(self.cast[self.robots[place]].name, topic): place for place, _, topic, local in reversed(nodes)
                  if topic[:1] == "/" and topic in local.outside
                  and topic not in known | local.program.messages}  # fmt: skip
@@ -396,6 +404,20 @@ class Team:
                 yield f"more than {MOST_AT_ONE_PLACE} tokens at one element of {local.robot}"
             if len(local) >= MASK:
                 yield f"too many states of {local.robot}"
+
+
+def _watches(definitions: Definitions, library: Library, cast: Mapping[str, Pool]) -> Iterator[Watch]:
+    """The calls of ``watch_property`` in a team. Raises ConfigError for a wrong sentence."""
+    for robot, pool in cast.items():
+        for home, process in library.closure(definitions, pool.process):
+            objects = {item.id: item for body in process.body.bodies() for item in body.data_objects}
+            for node in process.body.walk():
+                if isinstance(node, CallActivity) and node.called == WATCH:
+                    given = {name: one for id in node.data_inputs for name, one in objects[id].values}
+                    if {"property", "sentence"} <= given.keys():
+                        name, sentence = given["property"].text, given["sentence"]
+                        made = parse(sentence.text, At(home.file, sentence.line), name)
+                        yield Watch(compile(made, vocabulary_of(definitions, library, cast)), robot, node.id)
 
 
 def explore_team(definitions: Definitions, library: Library, cast: Mapping[str, Pool], request: Request) -> Exploration:
@@ -481,7 +503,7 @@ def _explored(team: Team, begun: float) -> Exploration:
         findings=tuple(kept),
         searches=tuple(searches),
         local={local.robot: len(local) for local in dict.fromkeys(team.locals)},
-        outside=tuple(sorted({topic for local in team.locals for topic in local.outside})),
+        outside=tuple(sorted({topic for local in team.locals for topic in local.outside} - team.watched)),
         seconds=time.perf_counter() - begun,
         sampled=tuple(sampled),
         properties=tuple(_together(searches)),

@@ -12,7 +12,7 @@ Delivery (`Options.delivery`)::
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -31,6 +31,7 @@ from fame.check.explore.transitions import (
     MASK,
     MONITOR_BITS,
     MONITORED,
+    THROWN,
     Move,
     Reactions,
     Seen,
@@ -100,6 +101,7 @@ class Product:
         self.mark_shift: int = self.fault_shift + FAULT_BITS
         self.monitor_shift: int = self.mark_shift + len(options.required)
         self.top: int = self.monitor_shift + (MONITOR_BITS if options.monitors is not None else 0)
+        self._watched: Set[str] = options.monitors.thrown if options.monitors is not None else frozenset()
         self.marks: dict[int, int] = {
             robot: 1 << (self.mark_shift + place) for place, pool in enumerate(options.required) for robot in pool
         }
@@ -146,6 +148,8 @@ class Product:
 
     def moves(self, robot: int, state: int, stimulus: Stimulus, ways: Sequence[Successor]) -> tuple[Move, ...]:
         mark = self.marks.get(robot, 0)
+        if stimulus[0] == "outside" and stimulus[1] in self._watched:
+            ways = [way._replace(events=((stimulus[1], THROWN, None), *way.events)) for way in ways]
         found = tuple(
             Move(robot, state, way, self.network.sending(robot, way.sent), stimulus, mark if way.begins else 0)
             for way in ways
@@ -192,6 +196,8 @@ class Product:
         """The transitions of a state in which a robot, whose local state is `old`, does something by itself."""
         found: list[Transition] = []
         for move in self.own(robot, old):
+            if self._watched and move.stimulus[0] == "outside" and not self._throws(state, robot, move.stimulus[1]):
+                continue
             new = state + move.difference | move.mark
             if not move.sending:
                 found.append((new, robot, move, ()))
@@ -216,6 +222,10 @@ class Product:
             if done.successor.events:
                 number = monitors.step(number, one, done.successor.events)
         return state + ((number - before) << self.monitor_shift), robot, move, reactions
+
+    def _throws(self, state: int, robot: int, topic: str) -> bool:
+        assert self.options.monitors is not None
+        return self.options.monitors.throws(self.monitored(state), robot, topic)
 
     def monitored(self, state: int) -> int:
         """The number of the joint state of the properties."""

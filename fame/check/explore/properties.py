@@ -4,21 +4,26 @@ What a monitor reacts to is observed on the way (`ExplorationHost.observe`): a s
 silent step, and no independent one. Time stands still, so nothing is said about bounds; nor about values of variables,
 messages, distances and batteries, nor about elements inside behaviours that the exploration does not look into.
 
+A robot that calls ``watch_property`` has a monitor, too (`Watch`). It decides when ``/violated/NAME`` may come, which
+otherwise comes from outside at any time: after a violation; with a bound also while something is pending; and at any
+time while the robot watches what an exploration does not judge.
+
 A property is *refuted* by a run that violates it, by one that ends while an event is still to come, or by one that goes
 on for ever and can never come to it. It is *proved* if there is no such run in a search that has seen all states.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
 
 from fame.check.explore.graph import Explored
 from fame.check.explore.local import Local, Observed
 from fame.check.explore.trace import Runs, Step
+from fame.check.explore.transitions import THROWN
 from fame.properties import Monitor, Verdict
-from fame.properties.monitor import State
+from fame.properties.monitor import Happening, State
 
 Proof = Literal["proved", "not triggered", "refuted", "not known"]
 PROOFS: tuple[Proof, ...] = ("refuted", "not known", "not triggered", "proved")
@@ -48,33 +53,87 @@ class Judged:
         )
 
 
+WatchState = tuple[State | None, bool, tuple[str, ...]]
+"""The state of the monitor while the robot watches, whether the signal was thrown, and which robots have taken it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Watch:
+    """A call of ``watch_property``: `robot` watches while it is at `element`. `judged`: unless the bound hinders it."""
+
+    monitor: Monitor
+    robot: str
+    element: str
+    judged: bool = True
+
+    initial: ClassVar[WatchState] = None, False, ()
+
+    @property
+    def topic(self) -> str:
+        """The topic of its signal."""
+        return f"/violated/{self.monitor.spec.name}"
+
+    @property
+    def events(self) -> set[tuple[str, str]]:
+        """(element, what) of the events that it needs."""
+        own = {(self.element, what) for what in ("enter", "leave", "cancel", "fail")}
+        return own | {(element, what) for _, element, what in self.monitor.events}
+
+    def step(self, state: WatchState, event: Happening) -> WatchState:
+        """The state after an event."""
+        watched, thrown, taken = state
+        robot, element, what, _ = event
+        if what == THROWN:
+            return (watched, True, (*taken, robot)) if element == self.topic else state
+        if (robot, element) == (self.robot, self.element):
+            return (_plain(self.monitor.initial), False, ()) if what == "enter" else (None, thrown, taken)
+        if watched is not None and self.judged:
+            watched = _plain(self.monitor.step(watched, 0, event))
+        return watched, thrown, taken
+
+    def throws(self, state: WatchState, robot: str) -> bool:
+        """Whether its signal may reach a robot now."""
+        watched, thrown, taken = state
+        if robot in taken or thrown or watched is None:
+            return thrown and robot not in taken
+        parts = zip(self.monitor.parts, watched, strict=True)
+        words = {part.verdict(one).word for part, one in parts}
+        return not self.judged or "violated" in words or (self.monitor.timed and "pending" in words)
+
+
 class Monitors:
     """The monitors of a team that an exploration can judge. Their joint states have numbers, from 0.
 
     reasons   why the exploration cannot judge each of `all`; empty if it can
+    thrown    the topics of `watches`
     observed  (element, what) of the events that they need, of any robot
     apart     the robots of pools with several that a property names, which are not interchangeable any more
     """
 
-    def __init__(self, monitors: Sequence[Monitor], robots: Mapping[str, Local], several: Set[str]) -> None:
+    def __init__(
+        self, monitors: Sequence[Monitor], robots: Mapping[str, Local], several: Set[str], watches: Iterable[Watch] = ()
+    ) -> None:
         self.all = tuple(monitors)
         self.reasons = tuple(_unjudged(one, robots) for one in monitors)
         self.monitors = tuple(one for one, why in zip(monitors, self.reasons, strict=True) if not why)
         self.names = tuple(robots)
+        self.watches = tuple(replace(one, judged=not _hidden(one.monitor, robots)) for one in watches)
+        self.thrown = frozenset(one.topic for one in self.watches)
         self.observed = frozenset((element, what) for one in self.monitors for _, element, what in one.events)
         self._several = several
-        self.apart = frozenset(robot for one in self.monitors for robot in self._apart(one))
-        self.states: list[tuple[State, ...]] = []
-        self._numbers: dict[tuple[State, ...], int] = {}
+        named = (robot for one in self.monitors for robot in self._apart(one))
+        self.apart = frozenset(robots if self.watches else named)
+        self.states: list[tuple[Any, ...]] = []
+        self._numbers: dict[tuple[Any, ...], int] = {}
         self._steps: dict[tuple[int, int, Observed], int] = {}
         self._renamed: dict[tuple[int, tuple[tuple[int, int], ...]], int] = {}
-        self._number(tuple(one.initial for one in self.monitors))
+        self._number((*(one.initial for one in self.monitors), *(one.initial for one in self.watches)))
 
     def _apart(self, monitor: Monitor) -> list[str]:
         """The robots of pools with several that a property names."""
         return sorted({event.robot.text for event in monitor.spec.occurrences} & self._several)
 
-    def _number(self, states: tuple[State, ...]) -> int:
+    def _number(self, states: tuple[Any, ...]) -> int:
         number = self._numbers.setdefault(states, len(self.states))
         if number == len(self.states):
             self.states.append(states)
@@ -88,10 +147,20 @@ class Monitors:
             states = self.states[number]
             for element, what, detail in events:
                 event = (self.names[robot], element, what, detail)
-                pairs = zip(self.monitors, states, strict=True)
-                states = tuple(_plain(one.step(state, 0, event)) for one, state in pairs)
+                pairs, watches = zip(self.monitors, states), zip(self.watches, states[len(self.monitors) :])  # noqa: B905
+                states = (
+                    *(_plain(one.step(state, 0, event)) for one, state in pairs),
+                    *(one.step(state, event) for one, state in watches),
+                )
             found = self._steps[key] = self._number(states)
         return found
+
+    def throws(self, number: int, robot: int, topic: str) -> bool:
+        """Whether a message on a topic may come to a robot from outside, if that is for a watch to say."""
+        watches = zip(self.watches, self.states[number][len(self.monitors) :], strict=True)
+        return topic not in self.thrown or any(
+            one.topic == topic and one.throws(state, self.names[robot]) for one, state in watches
+        )
 
     def renamed(self, number: int, places: Mapping[int, int]) -> int:
         """The joint state when equal robots change places."""
@@ -99,7 +168,7 @@ class Monitors:
         found = self._renamed.get(key)
         if found is None:
             names = {self.names[old]: self.names[new] for old, new in places.items()}
-            states = zip(self.monitors, self.states[number], strict=True)
+            states = zip(self.monitors, self.states[number], strict=True)  # watches keep all robots apart
             found = self._renamed[key] = self._number(tuple(_exchanged(one, state, names) for one, state in states))
         return found
 
@@ -162,8 +231,11 @@ def _exchanged(monitor: Monitor, state: State, names: Mapping[str, str]) -> Stat
 
 def _unjudged(monitor: Monitor, robots: Mapping[str, Local]) -> str:
     """Why an exploration cannot judge a property; empty if it can."""
-    if monitor.timed:
-        return "it has a bound, and an exploration has no clock"
+    return "it has a bound, and an exploration has no clock" if monitor.timed else _hidden(monitor, robots)
+
+
+def _hidden(monitor: Monitor, robots: Mapping[str, Local]) -> str:
+    """What a property needs that an exploration does not see; empty for nothing."""
     if monitor.spec.condition:
         return "an exploration does not judge values"
     if monitor.reads_messages:

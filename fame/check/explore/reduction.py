@@ -45,7 +45,8 @@ class Reduction:
         self._fast: bool = product.options.delivery == "fast"
         self._alone: list[dict[int, tuple[Move, ...] | None]] = [{DEAD: None, CUT: None} for _ in product.locals]
         self._ends: list[dict[int, tuple[int, ...]]] = [{DEAD: (), CUT: ()} for _ in product.locals]
-        whole = product.options.delivery != "run" or product.options.faults or product.count < 2
+        watched = product.options.monitors is not None and product.options.monitors.watches
+        whole = product.options.delivery != "run" or product.options.faults or product.count < 2 or watched
         self._stubborn = None if whole else Stubborn(product)
         self._answering: dict[tuple[int, int, _Pending], bool] = {}
 

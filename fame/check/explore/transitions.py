@@ -19,6 +19,8 @@ FAULT_BITS = 10
 FAULTS = (1 << FAULT_BITS) - 1
 MONITOR_BITS = 32
 MONITORED = (1 << MONITOR_BITS) - 1
+THROWN = "thrown"
+"""What happens where a robot takes the signal of a watched property."""
 
 
 class Move:
