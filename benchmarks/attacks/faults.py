@@ -143,7 +143,7 @@ def flapping(field: Field) -> None:
 def late_joiners(field: Field) -> None:
     """Robots join, and one starts again, in each phase of a splitter's deployment: all end on the newest."""
     team = Team(field, ("A", "R_1"), fleet="R")
-    splitter = field.begin("splitter")
+    splitter = field.begin("splitter", "--wait", "60")
     numbers = itertools.count(2)
     for _ in range(3):
         version, file = team.write(tasks=TASKS)
@@ -210,8 +210,8 @@ def fifty_over_zenoh(field: Field) -> None:
     field.change_middleware("zenoh")
     names = [f"R{number}" for number in range(50)]
     team = Team(field, names, together=True)
-    team.finish("--wait", "60")
-    sender = team.deploy("--wait", "60", tasks=TASKS)
+    team.finish("--wait", "120")
+    sender = team.deploy("--wait", "120", tasks=TASKS)
     held(team.at("R1 ready", sender), f"R1 is not ready: {sender.outcome if not sender.alive else 'silence'}")
     for name in names[10:20]:
         team.robots[name].process.tell(signal.SIGSTOP)
@@ -222,7 +222,7 @@ def fifty_over_zenoh(field: Field) -> None:
     for name in names[20:30]:
         team.restart(name)
     team.await_robots()
-    team.finish("--wait", "60")
+    team.finish("--wait", "120")
 
 
 def bad_network(field: Field) -> None:
