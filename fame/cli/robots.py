@@ -46,7 +46,8 @@ def add_status(commands: Commands) -> None:
     parser.add_argument(
         "--why", nargs="+", metavar=("ROBOT", "ELEMENT"),
         help="explain why each token of a robot waits (or that at ELEMENT, an id or label): the condition and its "
-        "values; the topic, its publishers, when its last message came and why the token did not receive it",
+        "values; the topic, its publishers, when its last message came and why the token did not receive it, and what "
+        "the robots that publish it wait for, to the end",
     )  # fmt: skip
     add_network(parser)
     add_json(parser)
@@ -101,7 +102,8 @@ def _explain_waits(arguments: Namespace) -> int:
     from fame.deploy import engines
     from fame.errors import DeploymentError
     from fame.log.live_team import LiveTeam
-    from fame.log.wait_reasons import WaitReason, explain
+    from fame.log.wait_chain import WaitChain
+    from fame.log.wait_reasons import WaitReason, explain, files_of
     from fame.text import suggestion
 
     robot, *elements = arguments.why
@@ -109,9 +111,14 @@ def _explain_waits(arguments: Namespace) -> int:
         raise ConfigError(f"expected --why ROBOT [ELEMENT], got {' '.join(arguments.why)}")
     with connected(arguments) as (scheduler, middleware):
         node = middleware.node("_fame_status")
-        with LiveTeam(node, middleware, scheduler, lambda *warning: None, robots=frozenset([robot])) as team:
-            wait_until(scheduler, lambda: robot in team.state.robots and robot in team.models, _PATIENCE)
+        with LiveTeam(node, middleware, scheduler, lambda *warning: None) as team:
+
+            def known() -> set[str]:
+                return team.state.robots.keys() & team.models.keys()
+
+            wait_until(scheduler, lambda: robot in known(), _PATIENCE)
             there = engines(middleware)
+            wait_until(scheduler, lambda: known() >= set(there), _PATIENCE / 3)  # who runs nothing says nothing
     if robot not in there:
         raise DeploymentError(f"unknown robot {robot!r}; {suggestion(robot, there)}")
     if robot not in team.state.robots:
@@ -119,10 +126,17 @@ def _explain_waits(arguments: Namespace) -> int:
     reasons: list[WaitReason] = explain(
         team.state.robots[robot], team.models.get(robot, {}), elements[0] if elements else "", team.last_time(robot)
     )
+    chain = WaitChain(
+        team.state.robots,
+        {name: files_of(model) for name, model in team.models.items()},
+        {name: team.last_time(name) for name in team.robots},
+    )
     if arguments.json:
-        print_json({"robot": robot, "waits": [reason.to_json() for reason in reasons]})
+        waits = [reason.to_json() | {"chain": list(chain.lines(robot, reason.token))} for reason in reasons]
+        print_json({"robot": robot, "waits": waits})
     else:
-        print("\n".join(line for reason in reasons for line in reason.lines(robot)) or f"{robot}: no token waits")
+        lines = ((*reason.lines(robot), *chain.lines(robot, reason.token)) for reason in reasons)
+        print("\n".join(line for each in lines for line in each) or f"{robot}: no token waits")
     return 0
 
 

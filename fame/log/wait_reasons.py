@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
 from fame.errors import DeploymentError, display_name
+from fame.log.elements import UNKNOWN, element_info
 from fame.robot.robot_state import RobotState
 from fame.robot.waiting_tokens import silence_text
 from fame.text import printable, suggestion
+
+if TYPE_CHECKING:
+    from fame.bpmn.model import Definitions
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +68,10 @@ def explain(state: RobotState, model: Mapping[str, Any], element: str, now: int)
 
     Raises DeploymentError if no token waits at that element.
     """
-    labels = _labels(model)
+    infos = element_info(files_of(model))
     reasons = []
     for token in state.tokens.values():
-        label = labels.get(token["element"], "")
+        label = infos.get(token["element"], UNKNOWN).name
         if element and element not in (token["element"], label):
             continue
         known: dict[str, Any] = {}
@@ -83,11 +87,10 @@ def explain(state: RobotState, model: Mapping[str, Any], element: str, now: int)
     return reasons
 
 
-def _labels(model: Mapping[str, Any]) -> dict[str, str]:
-    """The labels of the elements of what a robot runs."""
+def files_of(model: Mapping[str, Any]) -> list[Definitions]:
+    """The files that a robot runs, as its ``bpmn_model`` says; without those that cannot be read."""
     from fame.bpmn import read_text
     from fame.errors import ModelError
-    from fame.log.elements import element_info
 
     files = []
     for each in model.get("models", ()):
@@ -95,4 +98,4 @@ def _labels(model: Mapping[str, Any]) -> dict[str, str]:
             files.append(read_text(str(each["xml"]), file=str(each["name"])))
         except (ModelError, KeyError):
             continue
-    return {id: info.name for id, info in element_info(files).items()}
+    return files

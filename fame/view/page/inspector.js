@@ -210,13 +210,29 @@ export class Inspector {
     const conditions = (wait.conditions ?? []).map((condition) => h("div", { cls: "why" }, h("code", null, condition.text),
       (condition.reads ?? []).map((name) => h("div", null, name, " = ", this.valueOf(state, r, wait.scope, name)))));
     return h("li", { dataset: { key: `${r}/${wait.key}` } }, h("div", null, wait.e >= 0 ? this.element(wait.e, openers) : h("b", null, wait.element), wait.suspended ? h("em", null, "suspended") : null,
-      h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`)), h("div", { cls: "reason" }, wait.text), topics, this.lastMessages(wait, time), conditions, this.app.acts.buttons(r, wait));
+      h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`)), h("div", { cls: "reason" }, wait.text), topics, this.lastMessages(wait, time), this.senders(state, wait, time, [r], new Set([r])), conditions, this.app.acts.buttons(r, wait));
   }
 
   /** Who publishes on a topic that a token waits for. */
   publishers(topic, wait) {
     const nodes = wait.publishers?.[topic] ?? [];
     return h("div", { cls: "why" }, h("code", null, topic), nodes.length ? ` is published by ${nodes.join(", ")}` : " has no publisher");
+  }
+
+  /** What the robots do that publish what a token waits for, to the end: `path` are those that wait here, `told` all that were told. */
+  senders(state, wait, time, path, told) {
+    const { robots } = this.app.mission, nodes = (wait.topics ?? []).flatMap((topic) => wait.publishers?.[topic] ?? []);
+    const found = [...new Set(nodes.map((node) => robots.findIndex(({ name }) => node.replace(/^\//, "").replace(/\/fame_engine$/, "") === name)))].filter((r) => r >= 0);
+    const circles = found.filter((r) => path.includes(r)).map((r) => h("li", null, h("b", null, `${path.slice(path.indexOf(r)).map((one) => robots[one].name).join(" and ")} wait for each other`)));
+    const rows = found.filter((r) => !told.has(r)).flatMap((r) => this.sender(state, r, time, path, told.add(r)));
+    return circles.length + rows.length ? h("ul", { cls: "chain" }, rows, circles) : null;
+  }
+
+  sender(state, r, time, path, told) {
+    const waits = [...(state.waits.get(r)?.values() ?? [])], ended = this.status(state, r);
+    if (!waits.length) return [h("li", null, this.robot(r), ended ? ` has ended: ${ended}` : " is at work: no token of it waits")];
+    return waits.map((wait) => h("li", null, this.robot(r), " waits at ", wait.e >= 0 ? this.element(wait.e, state.openers(r, wait.scope)) : wait.element,
+      `, ${duration(Math.max(0, time - wait.since))}, ${wait.suspended ? `suspended by ${wait.by}` : `for ${wait.text}`}`, this.senders(state, wait, time, [...path, r], told)));
   }
 
   /** When the last message came that a token might have received, and why it did not count. */

@@ -1,0 +1,163 @@
+"""Follow what the tokens of a robot wait for through the team: who could send it, and what those wait for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import Any
+
+from fame.bpmn.model import Body, Definitions, Event
+from fame.clock import SECOND
+from fame.errors import display_name
+from fame.log.elements import UNKNOWN, ElementInfo, element_info
+from fame.middleware.interface import ENGINE
+from fame.robot.robot_state import RobotState
+from fame.text import printable
+
+_FROM_OUTSIDE = frozenset(("timer", "conditional", "signal", "message"))
+"""Triggers of events that listen beside a token and can take it away."""
+
+
+@dataclass(eq=False, slots=True)
+class WaitChain:
+    """The waits of a team at one moment: the state of each robot, the files that it runs, its clock (ns)."""
+
+    states: Mapping[str, RobotState]
+    files: Mapping[str, Sequence[Definitions]]
+    now: Mapping[str, int]
+    _told: set[str] = field(default_factory=set)
+    _infos: Mapping[str, Mapping[str, ElementInfo]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._infos = {robot: element_info(files) for robot, files in self.files.items()}
+
+    def lines(self, robot: str, token: Mapping[str, Any]) -> Iterator[str]:
+        """What the robots wait for that publish what a token of `robot` waits for, to the end. Each is told once."""
+        self._told = {robot}
+        yield from self._senders(token, 1)
+        circle = self._circle(robot)
+        if len(circle) > 1:
+            ways = [way for one in circle for way in self._ways_out(one, circle)]
+            end = f"what can end that: {'; '.join(ways)}" if ways else "no timer, person or other robot can end that"
+            yield printable(f"  {', '.join(circle[:-1])} and {circle[-1]} wait for each other; {end}")
+
+    def _senders(self, token: Mapping[str, Any], depth: int) -> Iterator[str]:
+        for topic, senders in _publishers(token).items():
+            for sender in senders:
+                if sender not in self._told:
+                    self._told.add(sender)
+                    yield from self._robot(sender, topic, "  " * depth, depth)
+
+    def _robot(self, robot: str, topic: str, indent: str, depth: int) -> Iterator[str]:
+        """What one that publishes on a topic does now."""
+        if robot not in self.states:
+            yield printable(f"{indent}{robot} runs no process that is known: it may publish {topic} at any time")
+            return
+        waits = self._waits(robot)
+        if not waits:
+            work = "is at work: no token of it waits"
+            ended = f"has ended: its process publishes {topic} no more"
+            yield printable(f"{indent}{robot} {work if self._runs(robot) else ended}")
+        for wait in waits:
+            seconds = (
+                f", for {max(0, self.now.get(robot, 0) - wait['since']) / SECOND:.1f} s" if "since" in wait else ""
+            )
+            by = f" (suspended by {wait.get('by', 'an event sub-process')})" if wait.get("suspended") else ""
+            yield printable(f"{indent}{robot} waits at {self._label(robot, wait)}{seconds}, for {_text(wait)}{by}")
+            yield from self._senders(wait, depth + 1)
+
+    # ---- circles -----------------------------------------------------------------------------------------------------
+
+    def _circle(self, robot: str) -> Sequence[str]:
+        """The robots that wait for `robot`, among those that it waits for; with it, in order."""
+        reached = {one: self._awaited(one) for one in self.states}
+        return sorted(one for one in reached[robot] | {robot} if one == robot or robot in reached[one])
+
+    def _awaited(self, robot: str) -> set[str]:
+        """The robots that a robot waits for, through others too."""
+        found: set[str] = set()
+        ahead = [robot]
+        while ahead:
+            for wait in self._waits(ahead.pop()):
+                senders = set(chain.from_iterable(_publishers(wait).values()))
+                new = (senders & self.states.keys()) - found
+                found |= new
+                ahead.extend(new)
+        return found
+
+    def _ways_out(self, robot: str, circle: Sequence[str]) -> Iterator[str]:
+        """What may move a robot of a circle although none of the others does."""
+        for wait in self._waits(robot):
+            if not _is_held_by(wait, circle):
+                yield f"{robot}, {self._label(robot, wait)}, for {_text(wait)}"
+            for event in self._listeners(robot, wait):
+                triggers = " or ".join(each.trigger for each in event.definitions)
+                yield f"{robot}, {event.display_name}, a {triggers} event"
+
+    def _listeners(self, robot: str, wait: Mapping[str, Any]) -> Iterator[Event]:
+        """The boundary events and event sub-processes that can take a token away."""
+        inside = {*wait.get("path", ()), wait["element"]}
+        for body in self._bodies(robot):
+            if inside.isdisjoint(node.id for node in body.nodes):
+                continue
+            handlers = (node.body for node in body.nodes if node.triggered_by_event and node.id not in inside)
+            starts = chain.from_iterable(each.events("start") for each in handlers if each is not None)
+            for event in (*chain.from_iterable(map(body.boundary, inside)), *starts):
+                if any(each.trigger in _FROM_OUTSIDE for each in event.definitions):
+                    yield event
+
+    # ---- robots ------------------------------------------------------------------------------------------------------
+
+    def _waits(self, robot: str) -> list[Mapping[str, Any]]:
+        """The tokens of a robot that wait; without an instance, the starts of its process that something triggers."""
+        state = self.states[robot]
+        if state.tokens or self._runs(robot):
+            return list(state.tokens.values())
+        bodies = [
+            each.body for file in self.files.get(robot, ()) for each in file.processes if each.id == state.process
+        ]
+        events = chain.from_iterable(body.events("start") for body in bodies)
+        return [self._start(event) for event in events if event.definitions]
+
+    def _start(self, event: Event) -> Mapping[str, Any]:
+        """A start event, as a token that waits there."""
+        topics = [topic.qualified for topic, _ in event.topics()]
+        publishers = {topic: [robot for robot in self.states if topic in self._thrown(robot)] for topic in topics}
+        text = " or ".join([*(f"topic {topic}" for topic in topics)] or [each.trigger for each in event.definitions])
+        kind = "topic" if topics else "start"
+        return {"element": event.id, "kind": kind, "text": text, "topics": topics, "publishers": publishers}
+
+    def _thrown(self, robot: str) -> set[str]:
+        nodes = (node for body in self._bodies(robot) for node in body.nodes)
+        return {topic.qualified for node in nodes for topic, thrown in node.topics() if thrown}
+
+    def _bodies(self, robot: str) -> Iterator[Body]:
+        for file in self.files.get(robot, ()):
+            for process in file.processes:
+                yield from process.body.bodies()
+
+    def _runs(self, robot: str) -> bool:
+        return any(status == "running" for _, status in self.states[robot].instances.values())
+
+    def _label(self, robot: str, wait: Mapping[str, Any]) -> str:
+        return display_name(wait["element"], self._infos.get(robot, {}).get(wait["element"], UNKNOWN).name)
+
+
+def _text(wait: Mapping[str, Any]) -> str:
+    return str(wait.get("text") or wait.get("kind", "something"))
+
+
+def _publishers(wait: Mapping[str, Any]) -> dict[str, list[str]]:
+    """The robots, or other nodes, that publish on each topic that a token waits for."""
+    found = wait.get("publishers", {})
+    return {
+        topic: list(dict.fromkeys(node.strip("/").removesuffix(f"/{ENGINE}") for node in found.get(topic, ())))
+        for topic in wait.get("topics", ())
+    }
+
+
+def _is_held_by(wait: Mapping[str, Any], circle: Sequence[str]) -> bool:
+    """Whether only messages of these robots can move a token."""
+    senders = _publishers(wait)
+    return wait.get("kind") == "topic" and bool(senders) and all(set(each) <= set(circle) for each in senders.values())
