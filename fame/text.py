@@ -45,7 +45,12 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str | int]]) -> str:
 
 
 def is_deep(text: str, depth: int = DEPTH) -> bool:
-    """Whether lists and objects of a JSON text are nested deeper than this, or its brackets do not match."""
+    """Whether lists and objects of a JSON text are nested deeper than this, or its brackets do not match.
+
+    A text with fewer brackets cannot be; whoever reads it finds out whether they match.
+    """
+    if text.count("[") + text.count("{") <= depth:
+        return False
     left = _NO_BRACKETS.sub("", _STRING.sub("", text)).replace("{", "[").replace("}", "]")
     for _ in range(depth):
         if not left:

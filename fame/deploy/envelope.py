@@ -221,9 +221,14 @@ class Report:
         """Identifies this run of this engine."""
         return f"{self.born} {self.key}"
 
-    def to_json(self) -> str:
-        """The JSON text that is sent."""
-        return json.dumps(fields.values(self), sort_keys=True)
+    def to_json(self, key: Any = None) -> str:
+        """The JSON text that is sent, signed with a private key if one is given."""
+        found = fields.values(self)
+        if key is not None:
+            from fame.deploy.signing import sign
+
+            found["signature"] = sign(found, key)
+        return json.dumps(found, sort_keys=True)
 
     @classmethod
     def from_json(cls, text: str) -> Report | None:

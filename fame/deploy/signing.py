@@ -14,6 +14,7 @@ import stat
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -140,11 +141,17 @@ def is_vouched(robot: str, key: str, voucher: str, trusted: Sequence[Ed25519Publ
 def is_signed(content: Mapping[str, Any], key: str) -> bool:
     """Whether the owner of a public key (as text) signed it."""
     try:
-        public = _cryptography()[0].Ed25519PublicKey.from_public_bytes(base64.b64decode(key, validate=True))
-        verify_signature(content, [public])
+        verify_signature(content, [_public(key)])
     except (ValueError, DeploymentError):
         return False
     return True
+
+
+@lru_cache(maxsize=1000)
+def _public(key: str) -> Ed25519PublicKey:
+    """A public key of a text. Raises ValueError."""
+    public: Ed25519PublicKey = _cryptography()[0].Ed25519PublicKey.from_public_bytes(base64.b64decode(key, validate=True))
+    return public
 
 
 def _name_of(robot: str, key: str) -> dict[str, str]:
@@ -153,13 +160,11 @@ def _name_of(robot: str, key: str) -> dict[str, str]:
 
 def sign(content: Mapping[str, Any], key: Ed25519PrivateKey) -> str:
     """The signature of what an envelope says, as base64."""
-    return base64.b64encode(key.sign(_signed_part(content))).decode()
+    return base64.b64encode(_signature(key, _signed_part(content))).decode()
 
 
 def verify_signature(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> None:
     """Raises DeploymentError unless a trusted key signed it, whenever that was."""
-    from cryptography.exceptions import InvalidSignature
-
     signature = content.get("signature", "")
     if not signature:
         raise DeploymentError(
@@ -170,15 +175,26 @@ def verify_signature(content: Mapping[str, Any], trusted: Sequence[Ed25519Public
         blob = base64.b64decode(signature, validate=True)
     except ValueError:
         raise DeploymentError("the signature is not base64", cause="signature") from None
-    for key in trusted:
-        try:
-            key.verify(blob, _signed_part(content))
-            return
-        except InvalidSignature:
-            continue
+    part = _signed_part(content)
+    if any(_has_signed(key, blob, part) for key in trusted):
+        return
     raise DeploymentError(
         "not signed by a key that this robot trusts (a team of fame run trusts its --key)", cause="signature"
     )
+
+
+def _signature(key: Ed25519PrivateKey, part: bytes) -> bytes:
+    return key.sign(part)
+
+
+def _has_signed(key: Ed25519PublicKey, signature: bytes, part: bytes) -> bool:
+    from cryptography.exceptions import InvalidSignature
+
+    try:
+        key.verify(signature, part)
+    except InvalidSignature:
+        return False
+    return True
 
 
 def signer(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> str:
@@ -241,6 +257,7 @@ def _read(path: Path, load: Any) -> Any:
         raise ConfigError(f"is not a key in PEM: {error}", file=str(path)) from None
 
 
+@cache
 def _cryptography() -> tuple[Any, Any]:
     try:
         from cryptography.hazmat.primitives import serialization

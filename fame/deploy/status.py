@@ -5,15 +5,14 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.deploy import fields
 from fame.deploy.authentication import proves_presence
 from fame.deploy.envelope import STRING, Problem, Report
 from fame.deploy.machine import boundary
-from fame.deploy.signing import Identity, sign
+from fame.deploy.signing import Identity
 from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, EndpointWarning, Middleware, Node
@@ -133,6 +132,7 @@ class StatusPublisher:
         wall_time: Callable[[], float] = time.time,
     ) -> None:
         self._identity, self._trusted, self._wall_time, self._note = identity, trusted, wall_time, note
+        self._key = identity.key if identity is not None else ""
         self._met_others: set[str] = set()
         self._robot, self._topic, self._born, self._progress = robot, topic, born, progress
         self._scheduler, self._on_refusal, self._warnings = scheduler, on_refusal, warnings
@@ -191,13 +191,12 @@ class StatusPublisher:
             migration=migration or {},
             born=self._born,
             time=self._scheduler.now / SECOND,
-            key=self._identity.key if self._identity is not None else "",
+            key=self._key,
             voucher=self._identity.voucher if self._identity is not None else "",
             **self._progress(),
         )
-        if self._identity is not None:
-            report = replace(report, signature=sign(fields.values(report), self._identity.private))
-        self._out.publish(messages.create(STRING, report.to_json()))
+        key = self._identity.private if self._identity is not None else None
+        self._out.publish(messages.create(STRING, report.to_json(key)))
 
     def close(self) -> None:
         """Stop the heartbeat."""

@@ -33,6 +33,7 @@ from fame.middleware.qos import compatible
 from .processes import Process
 
 LEASE = 10.0
+_ALL = QoS(history="keep_all")
 
 
 class Fabric:
@@ -74,6 +75,11 @@ class Fabric:
         """Look at every link: processes, stops or cuts have changed."""
         for link in list(self.links.values()):
             link.check()
+
+    @property
+    def is_forgetting(self) -> bool:
+        """Whether a process that is away is still known to another one."""
+        return any(link.known and not link.open for link in self.links.values())
 
     def remove(self, wire: Wire) -> None:
         """Forget a dead process that nobody knows any more."""
@@ -156,7 +162,7 @@ class Link:
     def announce(self, action: Callable[[], object]) -> None:
         """Pass on news about an endpoint, if the target knows the source (it hears of it with the rest otherwise)."""
         if self.known or self._finding:
-            self.send(self, QoS(history="keep_all"), action)
+            self.send(self, _ALL, action)
 
     def send(self, stream: Any, qos: QoS, action: Callable[[], object]) -> None:
         """Have `action` done at the target, in the order of what was sent on the stream, unless it is lost."""
@@ -213,6 +219,8 @@ class Wire:
         self.warnings: list[EndpointWarning] = []
         self.nodes: list[WireNode] = []
         self.known: dict[End, None] = {}  # endpoints of other processes
+        self._on: dict[str, dict[End, None]] = {}  # topic -> all endpoints, own ones and known ones
+        self._infos: dict[str, TopicInfo] = {}  # of the topics that have not changed since they were asked for
         self._graph: Sequence[TopicInfo] | None = None  # until an endpoint comes or goes
 
     def node(self, name: str, namespace: str = "", part: str = "") -> WireNode:
@@ -223,6 +231,28 @@ class Wire:
     def ends(self) -> list[End]:
         """The endpoints of this process."""
         return [end for node in self.nodes for end in node.ends]
+
+    def on(self, topic: str) -> list[End]:
+        """The endpoints of a topic or service that this process has or knows."""
+        return list(self._on.get(topic, ()))
+
+    def own(self, topic: str) -> list[End]:
+        """Those that it has."""
+        return [end for end in self._on.get(topic, ()) if end.node.middleware is self]
+
+    def add(self, end: End) -> None:
+        """An endpoint is there from now on."""
+        self._on.setdefault(end.topic, {})[end] = None
+        self._change(end.topic)
+
+    def remove(self, end: End) -> None:
+        """It is not there any more."""
+        del self._on[end.topic][end]
+        self._change(end.topic)
+
+    def _change(self, topic: str) -> None:
+        self._graph = None
+        self._infos.pop(topic, None)
 
     def warn(self, warning: EndpointWarning) -> None:
         if warning not in self.warnings:
@@ -236,23 +266,16 @@ class Wire:
 
     def graph(self) -> Sequence[TopicInfo]:
         if self._graph is None:
-            self._graph = self._make_graph()
+            for topic in self._on.keys() - self._infos.keys():
+                self._infos[topic] = self._info(topic)
+            self._graph = [info for _, info in sorted(self._infos.items()) if info.publishers or info.subscribers]
         return self._graph
 
-    def _make_graph(self) -> Sequence[TopicInfo]:
-        topics: dict[str, list[End]] = {}
-        for end in (*self.ends(), *self.known):
-            if end.role in ("publisher", "subscription"):
-                topics.setdefault(end.topic, []).append(end)
-        return [
-            TopicInfo(
-                topic,
-                (ends[0].type,),
-                tuple(end.node.full_name for end in ends if end.role == "publisher"),
-                tuple(end.node.full_name for end in ends if end.role == "subscription"),
-            )
-            for topic, ends in sorted(topics.items())
-        ]
+    def _info(self, topic: str) -> TopicInfo:
+        ends = self._on[topic]
+        publishers = tuple(end.node.full_name for end in ends if end.role == "publisher")
+        subscribers = tuple(end.node.full_name for end in ends if end.role == "subscription")
+        return TopicInfo(topic, tuple(end.type for end in ends)[:1], publishers, subscribers)
 
     def namespaces(self) -> list[str]:
         return sorted({end.node.namespace for end in (*self.ends(), *self.known)} - {""})
@@ -267,7 +290,6 @@ class Wire:
 
     def tell(self, end: End, *, gone: bool = False) -> None:
         """Tell the other processes of a new endpoint, or one that was closed."""
-        self._graph = None
         for other in self.others():
             action = partial(other.lose if gone else other.discover, end)
             self.fabric.links[self.id, other.id].announce(action)
@@ -276,15 +298,16 @@ class Wire:
         """An endpoint of another process is known from now on."""
         if not end.open or end in self.known or not self.process.alive:
             return
-        self.known[end] = self._graph = None
-        for own in self.ends():
+        self.known[end] = None
+        self.add(end)
+        for own in self.own(end.topic):
             own.meet(end)
 
     def lose(self, end: End) -> None:
         """An endpoint of another process is gone."""
         if self.known.pop(end, self) is None:
-            self._graph = None
-            for own in self.ends():
+            self.remove(end)
+            for own in self.own(end.topic):
                 own.part(end)
 
     def forget(self, source: Wire) -> None:
@@ -317,11 +340,13 @@ class WireNode:
 
     def _add(self, end: Any) -> Any:
         wire = self.middleware
-        for other in (*(one for one in wire.ends() if one.node is not self), *wire.known):
-            end.meet(other)
-            if other.node.middleware is wire:
-                other.meet(end)
+        for other in wire.on(end.topic):
+            if other.node is not self:
+                end.meet(other)
+                if other.node.middleware is wire:
+                    other.meet(end)
         self.ends.append(end)
+        wire.add(end)
         wire.tell(end)
         return end
 
@@ -357,7 +382,8 @@ class End:
             self.open = False
             self.node.ends.remove(self)
             wire = self.node.middleware
-            for own in wire.ends():
+            wire.remove(self)
+            for own in wire.own(self.topic):
                 own.part(self)
             wire.tell(self, gone=True)
 
@@ -482,9 +508,8 @@ class Client(End):
         self._insistent.add(request, frozenset(self._servers()))
 
     def _servers(self) -> list[Service]:
-        wire = self.node.middleware
-        ends = (end for end in (*wire.ends(), *wire.known) if isinstance(end, Service))
-        return [end for end in ends if end.name == self.name and end.type == self.type]
+        ends = self.node.middleware.on(self.topic)
+        return [end for end in ends if isinstance(end, Service) and end.type == self.type]
 
     @property
     def available(self) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from fame.clock import SECOND
 
 from .missions import version_of
-from .once import each_model_once
+from .once import computed_once
 from .plan import DISK_FAULTS
 from .team import STRANGER, Said, Team
 
@@ -19,7 +19,7 @@ LAST = 99
 
 def judge(team: Team) -> list[str]:
     """Run a team to its end, and return what does not hold."""
-    with each_model_once():
+    with computed_once():
         return _judge(team)
 
 

@@ -1,26 +1,51 @@
-"""Models that are read, checked and split once per text: the teams of thousands of seeds run the same few."""
+"""What is computed once, since the teams of thousands of seeds compute it again and again: all of it is pure.
+
+The few models are read, checked and split once per text. What several processes of a team receive is read once, and
+what one of them has signed needs no cryptography to be found signed by it; all else is verified.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import lru_cache
 from typing import Any
 from unittest.mock import patch
 
 from fame.bpmn import reader
 from fame.check import gate
-from fame.deploy import loading, sender, splitter_node
+from fame.deploy import envelope, late_joiners, loading, sender, signing, splitter_node
 
 _results: dict[tuple[Any, ...], Any] = {}
 
 
 @contextmanager
-def each_model_once() -> Iterator[None]:
-    """What is computed of a model alone is kept meanwhile, and for the next time."""
+def computed_once() -> Iterator[None]:
+    """What is computed of a model alone is kept meanwhile, and for the next time; what is said, meanwhile."""
     with ExitStack() as patches:
         for module, name, key in _FUNCTIONS:
             patches.enter_context(patch.object(module, name, _kept(getattr(module, name), key)))
+        patches.enter_context(patch.object(envelope.Report, "from_json", lru_cache(100)(envelope.Report.from_json)))
+        for name, function in _signing().items():
+            patches.enter_context(patch.object(signing, name, function))
         yield
+
+
+def _signing() -> dict[str, Callable[..., Any]]:
+    """The functions that sign and verify."""
+    sign, verify = signing._signature, signing._has_signed
+    made = set[tuple[bytes, bytes, bytes]]()
+    public = lru_cache(lambda key: key.public_key().public_bytes_raw())
+
+    def signature(key: Any, part: bytes) -> bytes:
+        found = sign(key, part)
+        made.add((public(key), found, part))
+        return found
+
+    def has_signed(key: Any, signature: bytes, part: bytes) -> bool:
+        return (key.public_bytes_raw(), signature, part) in made or verify(key, signature, part)
+
+    return {"_signature": signature, "_has_signed": has_signed}
 
 
 def _kept(function: Callable[..., Any], key: Callable[..., tuple[Any, ...]]) -> Callable[..., Any]:
@@ -37,6 +62,7 @@ _FUNCTIONS: tuple[tuple[Any, str, Callable[..., tuple[Any, ...]]], ...] = (
     (reader, "read_text", lambda text, file="", **_: (text, file)),
     (sender, "split", lambda definitions, library: (definitions.source,)),
     (splitter_node, "split", lambda definitions, library: (definitions.source,)),
+    (late_joiners, "split", lambda definitions, library: (definitions.source,)),
     (sender, "promises", lambda definitions, pools, library: (definitions.source, *sorted(pools))),
     (
         gate,

@@ -16,7 +16,7 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from fame.clock import SECOND, Kind, Scheduler
+from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy import Deployment, EngineNode, engines
 from fame.deploy.assignment import assign_robots
 from fame.deploy.authentication import Diagram
@@ -43,8 +43,9 @@ STRANGER = 66
 """The version that somebody deploys who has no key of the team."""
 QUIET = 60.0
 """How long the team has after the last fault (s), if it does not come to rest before."""
-REST = 12.0
-"""How long nothing is under way before a team is at rest (s): an end that is lost is forgotten in 10 s."""
+REST = 6.0
+"""How long nothing is under way before a team is at rest (s): longer than what is silent is waited for, and than
+signals wait for those who acknowledge them."""
 
 
 @dataclass
@@ -139,48 +140,67 @@ class Team:
         self._armed: list[Step] = []  # what waits for an answer
         self._recordings: list[EngineLog] = []
         self._away = 1.0  # how long a machine without power is away (s)
+        self._ahead: list[Entry] = []  # what comes from outside: steps, and what ends them
+        self._healed = False
+        self._rested = 0.0  # for how long nothing has been under way (s)
+        self._told = 0  # how many lines there were then
 
     # ---- the run -----------------------------------------------------------------------------------------------------
 
     def run(self) -> None:
-        """Carry out the plan, heal, and wait."""
+        """Carry out the plan, heal, and wait. While the team is at rest, what is next comes at once."""
         for step in self.plan.steps:
             action = partial(self._armed.append, step) if step.on else partial(self._do, step)
-            self.scheduler.at(round(step.time * SECOND), action, Kind.MESSAGE)
-        self.pass_until(self.plan.heal)
-        self._heal()
+            self._later(step.time, action)
+        self._later(self.plan.heal, self._heal)
+        while not self._healed:
+            self.pass_time(1)
+            if self._rested >= REST and not self._healed:
+                self._skip()
         self.come_to_rest(QUIET)
 
     def pass_time(self, seconds: float) -> None:
         """Let simulated time pass."""
         self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
+        self._rested = self._rested + seconds if len(self.lines) == self._told and not self._is_busy() else 0.0
+        self._told = len(self.lines)
 
     def come_to_rest(self, longest: float) -> None:
         """Let at most `longest` s pass, until nothing has been under way for `REST` s."""
-        rested = 0
         for _ in range(round(longest)):
             self.pass_time(1)
-            rested = 0 if self._is_busy() else rested + 1
-            if rested >= REST:
+            if self._rested >= REST:
                 return
 
-    def _is_busy(self) -> bool:
-        """Whether a deployment is under way, or a process is not up."""
-        if any(sender.alive for sender in self.senders):
-            return True
-        splitters = [program for program in self.programs.values() if isinstance(program.node, SplitterNode)]
-        if any(program.process is None or program.node.state == "deploying" for program in splitters):
-            return True
-        for robot in self.robots.values():
-            if robot.engine is None or robot.engine.resuming:
-                return True
-            state = robot.engine._protocol.state
-            if state.candidate or state.waiting or state.loading or state.promises:
-                return True
-        return False
+    def _skip(self) -> None:
+        """What is to come from outside comes sooner, all by the time that is left until the first of it."""
+        waiting, self._ahead = [entry for entry in self._ahead if entry.action is not None], []
+        early = min(entry.time for entry in waiting) - self.scheduler.now
+        for entry in waiting:
+            assert entry.action is not None
+            self._at(entry.time - early, entry.action)
+            entry.cancel()
 
-    def pass_until(self, time: float) -> None:
-        self.scheduler.run(round(time * SECOND))
+    def _is_busy(self) -> bool:
+        """Whether a deployment is under way, a process has not begun, or one that is away has not been forgotten.
+
+        A robot that holds asks the others again and again: that alone is rest.
+        """
+        if any(sender.alive for sender in self.senders) or self.fabric.is_forgetting:
+            return True
+        nodes = [program.node for program in self.programs.values()]
+        if any(isinstance(node, SplitterNode) and node.state == "deploying" for node in nodes):
+            return True
+        return any(self._is_under_way(robot.engine) for robot in self.robots.values() if robot.process is not None)
+
+    def _is_under_way(self, engine: EngineNode | None) -> bool:
+        """Whether an engine begins, loads, waits for a start, or has promised what is not known to be under way."""
+        if engine is None or engine.resuming:
+            return True
+        state = engine._protocol.state
+        if state.candidate is not None and state.candidate.asks:
+            return False
+        return bool(state.candidate or state.waiting or state.loading or state.promises)
 
     def note(self, text: str) -> None:
         """A line of the log."""
@@ -281,12 +301,17 @@ class Team:
         running = [one.deployment for one in self.senders if one.alive and one.deployment is not None]
         return f"{step.kind} / {running[-1]._protocol.state.phase if running else 'nothing under way'}"
 
-    def _later(self, seconds: float, action: Any) -> None:
-        self.scheduler.after(round(seconds * SECOND), action, Kind.MESSAGE)
+    def _later(self, seconds: float, action: Callable[[], object]) -> None:
+        self._at(self.scheduler.now + round(seconds * SECOND), action)
+
+    def _at(self, time: int, action: Callable[[], object]) -> None:
+        """Do what comes from outside at a time (ns)."""
+        self._ahead.append(self.scheduler.at(time, action, Kind.MESSAGE))
 
     def _heal(self) -> None:
         """No fault from now on: every link is whole, every process runs."""
         self.note("heal")
+        self._healed = True
         self._armed.clear()
         for machine in (*self.machines.values(), *(program.machine for program in self.programs.values())):
             if self.key is not None:  # what is signed is refused where clocks differ
