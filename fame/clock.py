@@ -73,6 +73,9 @@ class Kind(IntEnum):
     WORLD = 3
 
 
+_MESSAGE = Kind.MESSAGE  # looking up the member of an enumeration takes five times as long
+
+
 class Entry:
     """An action, due at `time` (ns). `action` is None once it ran or was cancelled."""
 
@@ -112,8 +115,8 @@ class Scheduler:
     def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
         """Do `action` at `time` (ns), or now if that is past. Returns the entry, for `cancel`."""
         now = self.now
-        if time > now or kind != Kind.MESSAGE:
-            return self._enter(max(time, now), action, kind)
+        if time > now or kind is not _MESSAGE:
+            return self._enter(time if time > now else now, action, kind)
         entry = Entry(now, action, self)
         self._fifo.append(entry)
         return entry
@@ -171,7 +174,7 @@ class Scheduler:
         if until is not None and until < self.now:
             return
         while (heap or fifo) and not self._stopping:
-            if fifo and not (heap and heap[0][0] == self.now and heap[0][1] == Kind.MESSAGE):
+            if fifo and not (heap and heap[0][0] == self.now and heap[0][1] is _MESSAGE):
                 entry = fifo.popleft()
             else:
                 due, _, _, entry = heap[0]

@@ -150,7 +150,8 @@ def is_signed(content: Mapping[str, Any], key: str) -> bool:
 @lru_cache(maxsize=1000)
 def _public(key: str) -> Ed25519PublicKey:
     """A public key of a text. Raises ValueError."""
-    public: Ed25519PublicKey = _cryptography()[0].Ed25519PublicKey.from_public_bytes(base64.b64decode(key, validate=True))
+    data = base64.b64decode(key, validate=True)
+    public: Ed25519PublicKey = _cryptography()[0].Ed25519PublicKey.from_public_bytes(data)
     return public
 
 

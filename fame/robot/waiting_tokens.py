@@ -114,6 +114,8 @@ class WaitingTokens:
         self._robot, self._mission, self._node, self._runner = robot, mission, node, runner
         self._middleware, self._scheduler = middleware, scheduler
         self._topics: Sequence[TopicInfo] = ()  # what these were taken from
+        self._listed: Sequence[TopicInfo] = ()  # what `_others` were taken from
+        self._others: Mapping[str, Collection[str]] = {}
         self._warned = 0  # how many warnings there were then
         self._gaps = PublisherGaps()
         self._seen: dict[Hashable, int] = {}  # waiting token -> when `list` saw it first
@@ -309,10 +311,13 @@ class WaitingTokens:
     def _note(self, keys: Iterable[Hashable], now: int) -> None:
         self._seen = {key: self._seen.get(key, now) for key in keys}
 
-    def _publishers(self) -> dict[str, Collection[str]]:
+    def _publishers(self) -> Mapping[str, Collection[str]]:
         """The other nodes that publish on each topic, once for each publisher."""
-        own = self._node.full_name
-        return {info.name: [name for name in info.publishers if name != own] for info in self._middleware.graph()}
+        topics, own = self._middleware.graph(), self._node.full_name
+        if topics is not self._listed:
+            self._listed = topics
+            self._others = {info.name: [name for name in info.publishers if name != own] for info in topics}
+        return self._others
 
     def _awaited(self, wait: Wait) -> Collection[str]:
         """The topics whose message would move a token, by full name."""

@@ -33,6 +33,7 @@ from fame.middleware.qos import compatible
 from .processes import Process
 
 LEASE = 10.0
+_MESSAGE = Kind.MESSAGE
 _ALL = QoS(history="keep_all")
 
 
@@ -78,8 +79,9 @@ class Fabric:
 
     @property
     def is_forgetting(self) -> bool:
-        """Whether a process that is away is still known to another one."""
-        return any(link.known and not link.open for link in self.links.values())
+        """Whether a living process still knows endpoints of one that is away."""
+        silent = [link for link in self.links.values() if link.known and not link.open and link.target.process.alive]
+        return any(link.target.knows(link.source) for link in silent)
 
     def remove(self, wire: Wire) -> None:
         """Forget a dead process that nobody knows any more."""
@@ -96,6 +98,7 @@ class Link:
     def __init__(self, fabric: Fabric, source: Wire, target: Wire) -> None:
         self.fabric, self.source, self.target = fabric, source, target
         self.random = random.Random(f"{fabric.seed} {source.id} {target.id}")
+        self._chance = self.random.random
         self.known = self.open = False
         self._lost_at: int | None = None
         self._waiting: dict[Any, deque[Callable[[], object]]] = {}  # by stream
@@ -169,7 +172,9 @@ class Link:
         if qos.reliability != "reliable":
             self._send_once(action)
             return
-        waiting = self._waiting.setdefault(stream, deque())
+        waiting = self._waiting.get(stream)
+        if waiting is None:
+            waiting = self._waiting[stream] = deque()
         if not self.open and qos.history != "keep_all" and len(waiting) >= qos.depth:
             waiting.popleft()
             self.fabric.struck["pushed out"] += 1
@@ -188,11 +193,12 @@ class Link:
     def _schedule(self, stream: Any) -> None:
         """The next message of a stream arrives in a moment, later if it has to be sent again."""
         fabric = self.fabric
-        delay = self.random.uniform(0.0001, fabric.delay)
-        while fabric.loss and self.random.random() < fabric.loss:
+        delay = 0.0001 + (fabric.delay - 0.0001) * self._chance()
+        while fabric.loss and self._chance() < fabric.loss:
             fabric.struck["sent again"] += 1
             delay += 0.1
-        fabric.scheduler.after(round(delay * SECOND), partial(self._arrive, stream), Kind.MESSAGE)
+        scheduler = fabric.scheduler
+        scheduler.at(scheduler.now + round(delay * SECOND), partial(self._arrive, stream), _MESSAGE)
 
     def _arrive(self, stream: Any) -> None:
         """The oldest message of a stream; one that does not pass stays until the link is up again."""
@@ -309,6 +315,10 @@ class Wire:
             self.remove(end)
             for own in self.own(end.topic):
                 own.part(end)
+
+    def knows(self, source: Wire) -> bool:
+        """Whether it knows endpoints of another process."""
+        return any(end.node.middleware is source for end in self.known)
 
     def forget(self, source: Wire) -> None:
         """Nothing was received from another process for too long."""

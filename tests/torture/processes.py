@@ -65,8 +65,10 @@ class Process(Scheduler):
         pass
 
     def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
-        entry = Entry(max(time, self.now), action, self)
-        self._team.at(entry.time + self._origin, partial(self._run, entry), kind)
+        team, origin = self._team, self._origin
+        now = team.now - origin
+        entry = Entry(time if time > now else now, action, self)
+        team.at(entry.time + origin, partial(self._run, entry), kind)
         return entry
 
     def worker(self, name: str) -> Worker:

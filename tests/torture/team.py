@@ -96,6 +96,7 @@ class Sender:
     migrates: bool = False
     deployment: Deployment | None = None
     key: Any = None
+    graph: object = None  # in which it has not found its robots
     ended: str = ""
 
     @property
@@ -550,16 +551,20 @@ class Team:
         return sender
 
     def _find(self, sender: Sender, until: int) -> None:
-        process, wire, definitions = sender.process, sender.wire, mission(sender.version, self.more)
+        process, wire = sender.process, sender.wire
+        if process.now < until and wire.graph() is sender.graph:
+            process.after(SECOND // 20, partial(self._find, sender, until))
+            return
+        sender.graph = wire.graph()
         try:
-            assign_robots(definitions, engines(wire), found=True, only=())
+            assign_robots(mission(sender.version, self.more), engines(wire), found=True, only=())
         except (ConfigError, DeploymentError) as error:
             if process.now >= until:
                 self._leave(sender, f"no robots: {error}")
             else:
                 process.after(SECOND // 20, partial(self._find, sender, until))
-            return
-        process.after(SECOND // 2, partial(self._begin, sender))
+        else:
+            process.after(SECOND // 2, partial(self._begin, sender))
 
     def _begin(self, sender: Sender) -> None:
         wall_time = sender.process.machine.wall_time
@@ -589,8 +594,12 @@ class Team:
         sender.ended = text
         if sender.deployment is not None:
             sender.deployment.close()
-        sender.wire.close()
-        self._later(0.5, partial(self.fabric.leave, sender.wire))
+        self._end_process(sender.wire)
+
+    def _end_process(self, wire: Wire) -> None:
+        """A process closes its endpoints, and ends."""
+        wire.close()
+        self._later(0.5, partial(self.fabric.leave, wire))
 
     def publish_diagram(self, version: int) -> None:
         """A person gives the splitters a diagram, and leaves."""
@@ -601,7 +610,7 @@ class Team:
             now = process.machine.wall_time()
             diagram = Diagram.of(diagram, purpose="deploy", now=now, key=self.key).to_json()
         self._later(2.0, lambda: publisher.publish(messages.create(STRING, diagram)))
-        self._later(20.0, partial(self.fabric.leave, wire))
+        self._later(20.0, partial(self._end_process, wire))
 
     def repair(self, robot: Robot, how: str) -> bool:
         """A person mends what has failed: ``fame set`` and ``fame retry``, or ``fame move``, each for at most 5 s."""
@@ -615,7 +624,7 @@ class Team:
                 TaskRequest(id=f"{process.name} retry", element="pcwork", act="retry"),
             ]
         self._request(robot.name, process, wire, requests)
-        self._later(11.0, partial(self.fabric.leave, wire))
+        self._later(11.0, partial(self._end_process, wire))
         return True
 
     def _request(self, robot: str, process: Process, wire: Wire, requests: list[TaskRequest]) -> None:
@@ -653,7 +662,7 @@ class Team:
         envelope = Envelope(deployment=deployment, sequence=0, robot=robot.name, phase="abort")
         envelope = signed(envelope, key, born=robot.engine.born, now=process.machine.wall_time())
         self._later(2.0, lambda: publisher.publish(messages.create(STRING, envelope.to_json())))
-        self._later(4.0, partial(self.fabric.leave, wire))
+        self._later(4.0, partial(self._end_process, wire))
 
 
 __all__ = ["Reply", "Report", "Robot", "Said", "Sender", "Team"]
