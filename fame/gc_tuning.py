@@ -1,7 +1,7 @@
 """When garbage is collected: all calls of `gc` that change it, and what each of them saves.
 
 They are functions of CPython's documented `gc` (verified with 3.11). Another collector ignores thresholds and `freeze`:
-everything works, as fast as it then is. `benchmarks/garbage.py` measures what they save.
+everything works, only slower. `benchmarks/garbage.py` measures what they save.
 """
 
 from __future__ import annotations

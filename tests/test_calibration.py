@@ -118,7 +118,7 @@ def test_a_calibration_comes_back_from_plain_data():
 def test_a_lower_rate_never_gives_a_lower_threshold(runs: int, margin: float | None):
     """Of all functions that set thresholds: for channels, whole runs, and the left-out runs of a comparison."""
     rates = (0.9, 0.5, 0.3, 0.2, 0.1, 0.06, 0.05, 0.02, 0.01, 1e-6)
-    for seed in range(24):
+    for seed in range(12):
         every = scores(seed, runs, channels=6)
         if seed % 2:
             every[0] *= 30.0  # an outlier
@@ -130,7 +130,7 @@ def test_a_lower_rate_never_gives_a_lower_threshold(runs: int, margin: float | N
             for least in (-np.inf, 0.0, 1.0):
                 found = [calibrate_runs(column, rate, margin or 1.5, least=least).thresholds[0] for rate in rates]
                 assert (np.diff(found) >= 0).all(), seed
-        if runs > 2 and seed < 4:
+        if runs > 2 and seed in ((3,) if runs == 60 else range(4)):  # each run of 60 is left out: slow
             left_out = np.array([left_out_thresholds(every, rate, margin) for rate in rates])
             assert (np.diff(left_out, axis=0) >= 0).all(), seed
 

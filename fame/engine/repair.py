@@ -127,7 +127,7 @@ def _go_on(engine: EngineState, token: Wait | Scope, scope: Scope, following: No
 def _token_at(engine: EngineState, element: str) -> tuple[Wait | Scope, Scope]:
     """Return the first token at an element, one that waits or the scope of an activity, and the scope around it.
 
-    Raises MissionError if there is none.
+    Raises MissionError if no token is there.
     """
     found = [token for instance in engine.instances.values() for token in _tokens(instance)]
     for token in found:

@@ -1,7 +1,7 @@
 """Judge a team on the network while it is recorded or shown: what `fame.log.judge` says of the recording afterwards.
 
 A bound is over when the clock of the mission has passed it by the doubt of the clocks, and what was sent until then had
-time to arrive. What comes later is recorded as of then, so that a replay gives the same verdict.
+time to arrive. What comes later is recorded with that time, so that a replay gives the same verdict.
 """
 
 from __future__ import annotations

@@ -212,7 +212,7 @@ class LiveTeam(Closing):
         self._writer.key(max(time, self._writer.last + 1), gaps)
 
     def _synchronise(self, robot: str, key: Mapping[str, Any], lost: int, time: int) -> None:
-        """Replace the state of a robot, of which so many batches were lost."""
+        """Replace the state of a robot, of which `lost` batches have not arrived."""
         self.state.robots[robot] = RobotState.from_key(key)
         time = max(time, self._writer.last + 1)  # changes of the last instant are included already
         self._writer.key(time, {robot: lost})

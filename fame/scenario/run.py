@@ -44,7 +44,7 @@ _PROGRESS = 0.1  # wall s between two progress reports
 _YOUNG = 100_000
 """New objects after which garbage is collected: more than all messages in flight at an instant."""
 _RUNS = itertools.count(1)
-"""The runs of this process; before each of so many (`_COLLECTED`) its garbage is collected."""
+"""The runs of this process; before every `_COLLECTED`-th its garbage is collected."""
 _COLLECTED = 8
 
 

@@ -70,7 +70,7 @@ def _full(name: str) -> str:
 class FakeTopic:
     """A fake publisher. The type may be omitted if the mission uses the topic.
 
-    values, every  messages from time 0 on, one every so many simulated s (the last one is not repeated)
+    values, every  messages from time 0 on, one each `every` simulated s (the last one is not repeated)
     series         (simulated s, message) pairs, or a mapping
     csv            a file with a column ``stamp`` (s) and one for each field (``pose.x``)
     bag            a bag of ROS (from its first message on), or a recording of FAME (from the start of its run)

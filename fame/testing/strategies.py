@@ -76,7 +76,7 @@ def networks(
 ) -> st.SearchStrategy[NetworkConfig]:
     """Networks with delays up to `delay` s and losses up to `loss`.
 
-    With `partition`, two of the robots are cut off from each other for up to so many simulated s, which begin before
+    With `partition`, two of the robots are cut off from each other for up to `partition` simulated s, which begin before
     second `until`. Raises ConfigError if that names fewer than two robots.
     """
     links = st.builds(

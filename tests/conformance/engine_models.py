@@ -19,6 +19,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
@@ -174,8 +175,12 @@ def process(*content: str, id: str = "P", **properties_of: Any) -> str:
     return f'<process id="{id}" isExecutable="{str(id == "P").lower()}">{said}{"".join(content)}</process>'
 
 
+@lru_cache(maxsize=16)
 def model(*processes: str, root: str = "") -> Definitions:
-    """A file of processes, with the signals, messages, errors and escalations that they refer to."""
+    """A file of processes, with the signals, messages, errors and escalations that they refer to.
+
+    Read once for the runs of a test, which share its program.
+    """
     text = "".join(item if item.startswith("<process") else process(item) for item in processes)
     for kind, attribute in _REFERENCES.items():
         for name in dict.fromkeys(re.findall(rf'{kind}Ref="{kind}_(\w+)"', text)):

@@ -29,8 +29,8 @@ _WIDEN = 2.0
 _NOISY = 2.5e-5
 """Widening of the limit (m) from which on anomalies of a run are called noise."""
 _GAP, _AFTER = 1.5e-5, 5
-"""What is added to the limit of deviation (m) for so many points after a missing sample: the mean of the last points
-cuts corners there."""
+"""What is added to the limit of deviation (m), and for how many points after a missing sample: the mean of the last
+points cuts corners there."""
 _UNSURE = 3.0
 """What is added to the limits of lateness (samples) where lost samples were made up."""
 _SOME, _FEW = 3, 5

@@ -273,7 +273,7 @@ def _trend(scores: Floats) -> bool:
 
 def _split(calibration: Calibration) -> tuple[int, float, int]:
     """Judge the last third of the runs by thresholds of the runs before: their number, how many are expected to exceed
-    these, and how many do; 0 if so many may be chance (1 in 100)."""
+    these, and how many do; 0 if that may be chance (1 in 100)."""
     from scipy.stats import binom
 
     scores = calibration.scores
