@@ -485,7 +485,7 @@ def test_a_model_for_one_robot_goes_to_it_though_others_that_play_its_pools_are_
     assert (sent.failed, list(sent.robots)) == (False, ["A"])
 
 
-def test_after_a_thousand_redeployments_everything_is_as_after_ten():
+def test_after_hundreds_of_redeployments_everything_is_as_after_ten():
     import gc
     import threading
 
@@ -503,7 +503,7 @@ def test_after_a_thousand_redeployments_everything_is_as_after_ten():
         return ends, len(field.scheduler), len(field.middleware.nodes), threading.active_count(), len(gc.get_objects())
 
     redeploy(10)
-    after_ten = redeploy(100)
-    after_many = redeploy(1000)
+    after_ten = redeploy(50)
+    after_many = redeploy(300)
     assert after_many[:4] == after_ten[:4]
     assert after_many[4] <= after_ten[4] + 50

@@ -111,6 +111,7 @@ def test_what_decides_nothing_changes_no_verdict(part: int, monkeypatch: pytest.
     models = [(seed, team(told_apart(with_lists(seed)), several=("R0",) if seed % 4 == 0 else ()))
               for seed in range(part, _SEEDS, _PARTS)]  # fmt: skip
     small = {seed: explore(model, delivery="run", limit=_LIMIT, samples=False) for seed, model in models}
+    models = [(seed, model) for seed, model in models if small[seed].exhaustive]  # the others are larger still
     monkeypatch.setattr(Liveness, "dead", lambda self, waiting: (frozenset(), frozenset()))
     monkeypatch.setattr(abstracting, "sliced", lambda script, needed: script)
     monkeypatch.setattr(abstracting, "without_items", lambda script, counted: script)
