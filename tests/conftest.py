@@ -7,6 +7,7 @@ import shutil
 import signal
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,11 @@ for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # each worker has a
     os.environ.setdefault(threads, "1")
 os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)  # of this worker alone: a test that names no domain meets no other test
 signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever starts the tests may have it ignored: nohup, a shell
+with suppress(ImportError):  # the tests on ROS have no hypothesis
+    from hypothesis import HealthCheck, settings
+
+    settings.register_profile("unhurried", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    settings.load_profile("unhurried")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

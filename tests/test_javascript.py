@@ -62,7 +62,7 @@ def alike(one: Any, other: Any) -> bool:
     return type(one) is type(other) and one == other
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(DATA)
 def test_every_value_comes_back_as_it_went(x: Any) -> None:
     written = script("const v = this.environment.variables; v.y = [v.x]; next()", x=x)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from fame.errors import ConfigError, MessageError
 from fame.middleware.network import Delay, Link, NetworkConfig, Partition
@@ -16,7 +16,7 @@ from fame.testing.strategies import command, faults, load, networks, payloads, p
 pytest_plugins = ["pytester"]
 ROOT = Path(__file__).parent.parent
 VEHICLES = ROOT / "models" / "ground_vehicles.bpmn"
-FEW = settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+FEW = settings(max_examples=10, derandomize=True)
 
 
 @FEW

@@ -168,7 +168,7 @@ def carry_through(run: Run, steps: int = 10_000) -> None:
             run.complete(users[-1])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(blocks(4), st.sampled_from(WAYS))
 def test_they_complete_visit_what_a_walk_visits_and_leave_nothing_behind(block: Block, after: str) -> None:
     content, visits = written(block)
@@ -180,7 +180,7 @@ def test_they_complete_visit_what_a_walk_visits_and_leave_nothing_behind(block: 
     assert run.simulation.scheduler.next_time() is None
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(blocks(4), st.integers(0, 12), st.sampled_from(("boundary", "handler")), st.sampled_from(WAYS))
 def test_cancelled_anywhere_they_leave_nothing_behind(block: Block, steps: int, how: str, after: str) -> None:
     content, _ = written(block)
@@ -197,7 +197,7 @@ def test_cancelled_anywhere_they_leave_nothing_behind(block: Block, steps: int, 
     assert not run.left_behind()
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(blocks(3), st.integers(0, 8), st.integers(1, 3))
 def test_suspended_anywhere_they_go_on_as_if_nothing_had_happened(block: Block, steps: int, times: int) -> None:
     content, visits = written(block)
