@@ -76,8 +76,8 @@ def networks(
 ) -> st.SearchStrategy[NetworkConfig]:
     """Networks with delays up to `delay` s and losses up to `loss`.
 
-    With `partition`, two of the robots are cut off from each other for up to `partition` simulated s, which begin before
-    second `until`. Raises ConfigError if that names fewer than two robots.
+    With `partition`, two of the robots are cut off from each other for up to `partition` simulated s, which begin
+    before second `until`. Raises ConfigError if that names fewer than two robots.
     """
     links = st.builds(
         lambda seconds, share: (Link(Delay("fixed", seconds), share),), _tidy(0, delay), _tidy(0, min(loss, 0.99))
