@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from collaborations import team
 
 from fame.bpmn.model import Definitions
 from fame.bpmn.split import split
+from fame.cli import main
 from fame.clock import SECOND
 from fame.log import Recording
 from fame.log.channels import PROPERTIES
@@ -19,7 +21,10 @@ from fame.log.live_judge import LiveJudge
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware import messages
+from fame.middleware.interface import LATCHED, QoS
 from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE
+from fame.monitor.pipeline.configuration import Port
+from fame.monitor.pipeline.sinks import BagWriter
 from fame.properties import Property, parse
 from tests.test_live_team import Field
 
@@ -151,6 +156,31 @@ def test_what_a_lost_batch_may_have_contained_is_not_known(judged: Judged, monke
     ]  # B was silent when its time was over
     judged.field.run(6)
     assert judged.verdicts() == dict.fromkeys(WORDS, "not known")
+
+
+def test_a_bag_of_a_team_is_judged_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As its live verdicts are, but nobody has measured the clocks: what compares those of two robots is not known."""
+    judged = Judged(tmp_path / "run.mcap", SENTENCES, team(TEAM))
+    types = {"/go": "std_msgs/msg/Empty", "/done": "std_msgs/msg/Empty"}
+    types |= {f"/{robot}/{name}": "std_msgs/msg/String" for robot in "AB" for name in ("bpmn_events", "bpmn_model")}
+    bag = BagWriter(tmp_path / "bag", [Port("", topic, type, (), QoS()) for topic, type in types.items()], list(types))
+    node, now = judged.field.middleware.node("bag"), judged.field.scheduler
+    for topic, type in types.items():
+        put = partial(lambda topic, message: bag.put(topic, now.now / SECOND, message), topic)
+        node.subscription(topic, type, put, LATCHED if topic.endswith("model") else QoS())
+    judged.deploy("A", "B")
+    judged.field.run(5)
+    bag.close()
+    live = judged.verdicts()
+    judged.close()
+    place = tmp_path / "team.properties.yaml"
+    place.write_text("properties:\n" + "".join(f"  {one.name}: {one.sentence}\n" for one in SENTENCES))
+    assert main(["log", "judge", "--json", str(place), str(tmp_path / "bag")]) == 3
+    (found,) = json.loads(capsys.readouterr().out)["runs"].values()
+    verdicts = {one["property"]: one["verdict"] for one in found}
+    assert verdicts == live | dict.fromkeys(("answer", "late", "close"), "not known")
+    (tmp_path / "bag" / "metadata.yaml").write_text("nothing")
+    assert main(["log", "judge", str(place), str(tmp_path / "bag")]) == 2
 
 
 def test_of_whom_nothing_is_heard_nothing_is_known(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from bpmn_text import process, properties
 from collaborations import text_of
 
-from fame.bpmn import read_text
+from fame.bpmn import read, read_text
 from fame.check import check
 from fame.cli import main
 from fame.errors import ConfigError, ModelError
@@ -128,6 +128,42 @@ def test_a_log_is_judged_as_its_run_was(team: Path, form: str) -> None:
         events = [each for each in result.judgements if each.name not in ("small", "big")]
         assert [each for each in found if each.name not in ("small", "big")] == events
         assert {each.verdict for each in found if each.name in ("small", "big")} == {"not known"}
+
+
+ONE_ROBOT = """\
+  worked: exists A completes "work"
+  again:  A starts "work" at most 1 times
+  soon:   after A starts "work", A completes "work" within 1 ms
+"""
+CARRIED = {
+    ".xes": {"worked", "again", "soon"},  # activities alone
+    ".ocel.json": {"answer", "late", "order", "over", "unasked", "fresh", "worked", "again", "soon"},
+}
+
+
+@pytest.mark.parametrize(("form", "level"), [(".xes", ()), (".ocel.json", ()), (".ocel.json", ("--level", "all"))])
+def test_what_a_log_for_process_mining_carries_is_judged_as_its_run_was(
+    team: Path, form: str, level: tuple[str, ...]
+) -> None:
+    with team.with_name("team.properties.yaml").open("a") as file:
+        file.write(ONE_ROBOT)
+    recording, log = team.with_name("run.mcap"), team.with_name(f"run{form}")
+    main(["run", str(team), "--quiet", "--log", str(recording)])
+    assert main(["log", "convert", str(recording), "-o", str(log), *level]) == 0
+    made = read_properties(team.with_name("team.properties.yaml"))
+    live = {one.name: one for one in judge_log(recording, made)}
+    found = {one.name: one for one in judge_log(log, made, read(team))}
+    assert {name for name, one in found.items() if one.verdict != "not known"} == CARRIED[form]
+    assert [found[name] for name in CARRIED[form]] == [live[name] for name in CARRIED[form]]
+    assert all(one.text for one in found.values() if one.verdict == "not known")
+
+
+@pytest.mark.parametrize("form", ["xes", "ocel.json"])
+@pytest.mark.parametrize("text", ["", "{}", "<log/>", '{"objects": [], "events": [3]}', "<log><trace/></log>"])
+def test_a_file_that_is_no_such_log_is_refused_or_says_nothing(team: Path, form: str, text: str) -> None:
+    log = team.with_name(f"run.{form}")
+    log.write_text(text)
+    assert main(["log", "judge", str(team.with_name("team.properties.yaml")), str(log)]) in (2, 3)
 
 
 def test_the_command_judges_a_folder_of_logs(team: Path, capsys: pytest.CaptureFixture[str]) -> None:

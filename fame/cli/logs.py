@@ -80,7 +80,8 @@ def add(commands: Commands) -> None:
     )
     judging.add_argument(
         "runs", type=Path, nargs="+", metavar="RUN",
-        help="a recording (.mcap) or a log (.jsonl, .csv: of the model beside the properties), or a folder of them",
+        help="a recording (.mcap), a bag of ROS 2, a log (.jsonl, .csv, .xes, .ocel.json: of the model beside the "
+        "properties), or a folder of them",
     )  # fmt: skip
     add_json(judging)
 
@@ -168,17 +169,20 @@ def _write(doing: str, write: Callable[..., Iterable[str]], arguments: Namespace
     return 0
 
 
-_LOGS = (".mcap", ".jsonl", ".csv")
-
-
 def judge(arguments: Namespace) -> int:
     """Judge logs, and print a table of each; exit code 1 on a violation, 3 if something is pending or not known."""
     from fame.cli.output import print_json, table
+    from fame.log.bags import is_bag, judge_bag
     from fame.log.judge import judge_log
     from fame.properties.judge import HEADS, exit_code
 
     properties, model, team = subject(arguments.properties)
-    found = {str(path): judge_log(path, properties, model, team=team) for path in _runs(arguments.runs)}
+    found = {
+        str(path): judge_bag(path, properties, model, team)
+        if is_bag(path)
+        else judge_log(path, properties, model, team=team)
+        for path in _runs(arguments.runs)
+    }
     if arguments.json:
         print_json({"runs": {path: [one.to_json() for one in each] for path, each in found.items()}})
     else:
@@ -188,11 +192,18 @@ def judge(arguments: Namespace) -> int:
 
 
 def _runs(paths: list[Path]) -> list[Path]:
-    """The logs, and those in folders. Raises ConfigError for a folder without one."""
-    found: list[Path] = []
+    """The logs and bags, and those in folders. Raises ConfigError for a folder without one."""
+    from fame.log.bags import is_bag
+    from fame.log.event_logs import EVENT_LOGS
+
+    logs, found = (".mcap", *EVENT_LOGS), list[Path]()
     for path in paths:
-        inside = sorted(one for one in path.rglob("*") if one.suffix.lower() in _LOGS) if path.is_dir() else [path]
+        whole = not path.is_dir() or is_bag(path)
+        inside = [path] if whole else sorted(
+            one for one in path.rglob("*")
+            if is_bag(one) or (one.name.lower().endswith(logs) and not is_bag(one.parent))
+        )  # fmt: skip
         if not inside:
-            raise ConfigError(f"has no log ({', '.join(_LOGS)})", file=str(path))
+            raise ConfigError(f"has no log ({', '.join(logs)}) and no bag", file=str(path))
         found += inside
     return found

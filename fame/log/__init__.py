@@ -24,6 +24,7 @@ equal bytes. Events are written as they occur. The file is complete when the ``w
     team_recorder  records it; engine_log: the log that an engine keeps itself
     wait_reasons   why a token waits
     conversion     other forms of a recording, merging; ocel: OCEL 2.0
+    judge          judges properties in it, in event_logs and in bags; live_judge: while it is made
 """
 
 from __future__ import annotations

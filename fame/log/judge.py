@@ -1,4 +1,4 @@
-"""Judge the properties of a team from a log: a recording (``.mcap``), or events alone (``.jsonl``, ``.csv``).
+"""Judge the properties of a team from a log: a recording (``.mcap``), events alone, or a bag of ROS.
 
 A recording has its models and the values that properties read: variables, the signals, positions in a simulated world;
 messages of sensors and batteries if all topics were recorded. A log of events alone needs a model.
@@ -20,11 +20,11 @@ from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.log.channels import CLOCKS, EVENTS, KEY, PROPERTIES, VARIABLES, WORLD
 from fame.log.conversion import models_of
-from fame.log.reading import rows_of
+from fame.log.event_logs import EventRow, RecordedEvents, read_event_log
 from fame.log.recording import RecordedMessage, Recording, scene_values
 from fame.log.team_state import TeamState
 from fame.middleware.interface import ENGINE
-from fame.properties import Judge, Judgement, Property, compile
+from fame.properties import Judge, Judgement, Monitor, Property, compile
 from fame.properties.conditions import Pose, Source, field_of
 from fame.properties.vocabulary import Closure, RobotTerms, Vocabulary, vocabulary
 from fame.robot.robot_state import RobotState
@@ -57,30 +57,48 @@ def judge_log(
     if model is None:
         raise ConfigError("has no model: expected one beside the properties, NAME.bpmn of NAME.properties.yaml",
                           file=str(path))  # fmt: skip
-    return _judge_events(path, properties, model)
+    return _judge_events(Path(path), properties, model)
 
 
 def _unordered(judgement: Judgement, apart: int) -> Judgement:
-    text = f"violated as the clocks stand, and not if they are {apart / SECOND:g} s apart"
+    return _not_known(judgement, f"violated as the clocks stand, and not if they are {apart / SECOND:g} s apart")
+
+
+def _not_known(judgement: Judgement, text: str) -> Judgement:
     return replace(judgement, verdict="not known", slack=None, time=None, text=text, began=None, elements=())
 
 
-def _judge_events(path: str | Path, properties: Sequence[Property], model: Definitions) -> list[Judgement]:
-    with rows_of(path) as rows:
-        events = [row for row in rows if row.get("robot")]
-        robots = {str(row["robot"]): str(row["element"]) for row in events if row["what"] == "start"}
-        team = _team_of(robots, [model])
-        judge = Judge([compile(each, team) for each in properties])
-        last = max((round(float(row["time"]) * SECOND) for row in events), default=0)
-        running: set[tuple[str, str]] = set()
-        for row in events:
-            time, robot, what, detail = round(float(row["time"]) * SECOND), row["robot"], row["what"], row.get("detail")
-            instance = str(robot), str(row["instance"])
-            if what in ("start", "end"):
-                running.add(instance) if what == "start" else running.discard(instance)
-            if not (time == last and _is_stop(what, detail)):
-                judge.event(time, robot, row.get("element", ""), what, detail)
-    return judge.finish(last, complete=not running)
+def _judge_events(path: Path, properties: Sequence[Property], model: Definitions) -> list[Judgement]:
+    log = read_event_log(path, model)
+    team = _team_of({**team_of_model(model)[0], **log.processes}, [model])
+    monitors = [compile(each, team) for each in properties]
+    missing = team.robots.keys() - log.processes.keys()
+    found = _judged_rows(log, log.rows, monitors, missing)
+    if log.reordered:
+        others = _judged_rows(log, log.reordered, monitors, missing)
+        found = [one if one.verdict == other.verdict else _not_known(one, "the log lacks the order of one instant")
+                 for one, other in zip(found, others, strict=True)]  # fmt: skip
+    for place, one in enumerate(monitors):
+        lacking = next((text for _, element, what in one.events if (text := log.lacks(element, what))), "")
+        if lacking:
+            found[place] = _not_known(found[place], f"such a log does not say {lacking}")
+    return found
+
+
+def _judged_rows(
+    log: RecordedEvents, rows: Iterable[EventRow], monitors: Sequence[Monitor], missing: Iterable[str]
+) -> list[Judgement]:
+    judge = Judge(monitors)
+    last = max((row["time"] for row in rows), default=0)
+    for robot in sorted(log.partly):
+        judge.lose(robot, f"the log does not have the beginning of {robot}")
+    for robot in sorted(missing):
+        judge.lose(robot, f"nothing of {robot} is in the log")
+    for row in rows:
+        time, what, detail = row["time"], row["what"], row.get("detail")
+        if not (time == last and _is_stop(what, detail)):
+            judge.event(time, row["robot"], row.get("element", ""), what, detail)
+    return judge.finish(last, complete=log.complete)
 
 
 def _is_stop(what: str, detail: Any) -> bool:

@@ -1,0 +1,65 @@
+"""Judges the properties of a team from what ``ros2 bag record`` has of it: a folder of rosbag2, in either storage.
+
+A bag has the events that robots publish (``/<robot>/bpmn_events``) and their models, as a recorder on the network gets
+them; but nobody has asked the robots for their clocks. So what compares the times of two robots is not known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from fame.bpmn.model import Definitions
+from fame.clock import Scheduler
+from fame.errors import ConfigError
+from fame.log.judge import runs
+from fame.log.live_judge import LiveJudge
+from fame.log.live_team import EVENTS_TOPIC, MODEL_TOPIC, LiveTeam
+from fame.middleware.interface import MAX_MESSAGE_SIZE
+from fame.properties import Judgement, Property, Vocabulary
+from fame.text import read_json
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a folder is a bag."""
+    return (path / "metadata.yaml").is_file()
+
+
+def judge_bag(
+    path: Path, properties: Sequence[Property], model: Definitions | None, team: Vocabulary | None
+) -> list[Judgement]:
+    """The judgements about a bag; `model` and `team` as for `judge_log`. Raises ConfigError for a broken one."""
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.typesys import Stores, get_typestore
+
+    judge, scheduler = LiveJudge(properties, model, team), Scheduler()
+    robots = LiveTeam(None, None, scheduler, judge.put)
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            channels = {one.id: judge.message_channel(one.topic, one.msgtype, "") for one in reader.connections}
+            for connection, stamp, data in reader.messages():
+                scheduler.run(max(scheduler.now, stamp - reader.start_time))
+                robot, _, name = connection.topic.strip("/").rpartition("/")
+                with suppress(ValueError, TypeError, KeyError):  # from a stranger
+                    message: Any = reader.deserialize(data, connection.msgtype)
+                    if name == EVENTS_TOPIC:
+                        robots.feed(robot, read_json(message.data, MAX_MESSAGE_SIZE))
+                    elif name == MODEL_TOPIC:
+                        judge.on_model(robot, read_json(message.data, MAX_MESSAGE_SIZE))
+                    elif robots.epoch is not None:
+                        last = max(map(robots.last_end, robots.robots))
+                        robots.enter(last, partial(_give, judge, channels[connection.id], message))
+    except (AnyReaderError, OSError) as error:
+        raise ConfigError(f"is not a bag that can be read: {error}", file=str(path)) from None
+    if not robots.robots:
+        raise ConfigError(f"has no events of robots (topics /<robot>/{EVENTS_TOPIC})", file=str(path))
+    robots.close()
+    judge.end(complete=not runs(robots.state))
+    return judge.judgements
+
+
+def _give(judge: LiveJudge, channel: int, message: Any, time: int) -> None:
+    judge.message(channel, time, message)

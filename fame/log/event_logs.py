@@ -1,0 +1,161 @@
+"""Reads logs of events as rows, to be judged: .jsonl and .csv, and what process mining exchanges, XES and OCEL.
+
+XES has the activities alone, in traces whose order within one microsecond is lost. OCEL has when instances start and
+end; at level ``mission`` only labelled elements and activities of the mission.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from fame.bpmn.model import Definitions
+from fame.clock import EPOCH, SECOND
+from fame.errors import ConfigError
+from fame.iso8601 import nanoseconds_between, parse_datetime
+from fame.log.elements import UNKNOWN, element_info
+from fame.log.reading import rows_of
+
+EventRow = Mapping[str, Any]
+XES, OCEL = ".xes", ".ocel.json"
+EVENT_LOGS: Sequence[str] = (".jsonl", ".csv", XES, OCEL)
+_WHAT = {"start": "enter", "complete": "leave", "abort": "cancel", "ate_abort": "cancel", "fail": "fail"}
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedEvents:
+    """The events of a run: robot, instance, element, what, detail, and time (ns).
+
+    processes  robot -> id of its process
+    complete   whether no instance was running at the end
+    partly     robots of which the log does not have everything
+    lacks      (element, what): what such a log does not say, as text; empty if it has such events
+    reordered  the same rows in the other order where they are at one time and the log has no order of them
+    """
+
+    rows: Sequence[EventRow]
+    processes: Mapping[str, str]
+    complete: bool
+    partly: frozenset[str] = frozenset()
+    lacks: Callable[[str, str], str] = lambda element, what: ""
+    reordered: Sequence[EventRow] = ()
+
+
+def read_event_log(path: Path, model: Definitions) -> RecordedEvents:
+    """The events in a file of a mission with this model. Raises ConfigError."""
+    if path.name.lower().endswith((XES, OCEL)):
+        try:
+            return (_read_xes if path.suffix.lower() == XES else _read_ocel)(path, model)
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError, ElementTree.ParseError):
+            raise ConfigError("is not such a log as fame log convert writes", file=str(path)) from None
+    with rows_of(path) as found:
+        rows = [{**row, "time": round(float(row["time"]) * SECOND)} for row in found if row.get("robot")]
+        running: set[tuple[Any, Any]] = set()
+        for row in rows:
+            if row["what"] in ("start", "end"):
+                (running.add if row["what"] == "start" else running.discard)((row["robot"], row["instance"]))
+    return RecordedEvents(rows, _processes(rows), not running)
+
+
+def _processes(rows: Iterable[EventRow]) -> dict[str, str]:
+    return {str(row["robot"]): str(row["element"]) for row in rows if row["what"] == "start"}
+
+
+def _row(time: str, robot: str, instance: str, element: str, what: str, detail: Any = None) -> dict[str, Any]:
+    date = parse_datetime(time)
+    return {"time": date, "robot": robot, "instance": instance, "element": element, "what": what, "detail": detail}
+
+
+def _timed(rows: Sequence[dict[str, Any]]) -> Sequence[EventRow]:
+    """Rows with dates, in order, with times (ns): since 1970, or since the first one if that is long after it."""
+    rows = sorted(rows, key=itemgetter("time"))
+    first: datetime = rows[0]["time"] if rows and rows[0]["time"].year > EPOCH.year else EPOCH
+    return [{**row, "time": nanoseconds_between(first, row["time"])} for row in rows]
+
+
+# ---- XES ---------------------------------------------------------------------------------------------------------
+
+
+def _read_xes(path: Path, model: Definitions) -> RecordedEvents:
+    traces: list[list[dict[str, Any]]] = []
+    processes, partly, complete = dict[str, str](), set[str](), True
+    ids = {name: one.id for one in model.processes for name in (one.id, " ".join(one.name.split()))}
+    for trace in ElementTree.parse(path).getroot().findall("{*}trace"):
+        values = _values(trace)
+        robot, _, instance = values["concept:name"].rpartition("/")
+        processes[robot] = ids.get(values["process"], values["process"])
+        complete &= values["status"] != "running"
+        partly |= {robot} if "incomplete" in values else set()
+        traces.append([])
+        for event in map(_values, trace.findall("{*}event")):
+            what = "fail" if "error" in event else _WHAT[event["lifecycle:transition"]]
+            place = robot, instance, event["element"], what, event.get("error")
+            traces[-1].append(_row(event["time:timestamp"], *place))
+    elements = element_info([model])
+
+    def lacks(element: str, what: str) -> str:
+        if what in ("start", "end"):
+            return "when instances start and end"
+        return "" if elements.get(element, UNKNOWN).activity else f"what happens at {element}, which is no activity"
+
+    forth, back = (_timed([row for rows in some for row in rows]) for some in (traces, traces[::-1]))
+    return RecordedEvents(forth, processes, complete, frozenset(partly), lacks, back)
+
+
+def _values(parent: ElementTree.Element) -> dict[str, str]:
+    return {key: child.get("value", "") for child in parent if (key := child.get("key")) is not None}
+
+
+# ---- OCEL --------------------------------------------------------------------------------------------------------
+
+
+def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
+    data = json.loads(path.read_text(encoding="utf-8"))
+    starts, ends, partly = list[dict[str, Any]](), list[dict[str, Any]](), set[str]()
+    instances = [each for each in data["objects"] if each["type"] == "instance"]
+    for one in instances:
+        robot, _, number = one["id"].removeprefix("instance:").rpartition("/")
+        said = {each["name"]: each for each in one["attributes"]}
+        process = said["process"]["value"] if "process" in said else ""
+        partly |= set() if process else {robot}
+        if process:
+            starts.append(_row(said["process"]["time"], robot, number, process, "start"))
+        if "status" in said:
+            ends.append(_row(said["status"]["time"], robot, number, process, "end", said["status"]["value"]))
+    rows = list(_ocel_events(data["events"]))
+    info = element_info([model])
+    seen = {row["element"] for row in rows}
+
+    def lacks(element: str, what: str) -> str:
+        found = info.get(element, UNKNOWN)
+        known = what in ("start", "end") or found.activity or found.name or element in seen
+        return "" if known else f"what happens at {element}, which has no label"
+
+    complete = all(any(each["name"] == "status" for each in one["attributes"]) for one in instances)
+    return RecordedEvents(_timed([*starts, *rows, *ends]), _processes(starts), complete, frozenset(partly), lacks)
+
+
+def _ocel_events(events: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Its events at elements; one that completes at once has the event ``complete`` alone."""
+    under_way = Counter[tuple[str, str]]()
+    for event in events:
+        values = {each["name"]: each["value"] for each in event["attributes"]}
+        if "lifecycle" not in values:
+            continue
+        instance = next(each["objectId"] for each in event["relationships"] if each["qualifier"] == "instance")
+        robot, _, number = instance.removeprefix("instance:").rpartition("/")
+        element, what = values["element"], _WHAT[values["lifecycle"]]
+        if what == "leave" and not under_way[instance, element]:
+            yield _row(event["time"], robot, number, element, "enter")
+        elif what in ("enter", "leave", "cancel", "fail"):
+            under_way[instance, element] += 1 if what == "enter" else -1
+        yield _row(event["time"], robot, number, element, what, values.get("error"))
