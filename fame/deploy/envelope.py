@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 from fame.deploy import fields
 from fame.errors import DeploymentError, FameError, ModelError
+from fame.fast_json import json_bytes
 from fame.middleware.interface import Middleware, QoS
 from fame.text import read_json
 
@@ -228,7 +229,7 @@ class Report:
             from fame.deploy.signing import sign
 
             found["signature"] = sign(found, key)
-        return json.dumps(found, sort_keys=True)
+        return json_bytes(found).decode()
 
     @classmethod
     def from_json(cls, text: str) -> Report | None:

@@ -351,7 +351,7 @@ def _missing(promises: Mapping[str, str], robot: str, middleware: Middleware) ->
     """The promised ends that are not there, as ``topic (publisher)``; those of the robot itself do not count."""
     if not promises:
         return ()
-    graph = {info.name: info for info in middleware.graph()}
+    graph = {info.name: info for info in middleware.graph() if info.name in promises}
     absent = []
     for topic, end in promises.items():
         info = graph.get(topic)

@@ -260,6 +260,7 @@ def progress(process: RobotNode | None) -> dict[str, Any]:
 
 def _described(process: RobotNode) -> dict[str, Any]:
     last = process.instances[-1].error if process.instances else None
+    waiting = process.waiting_tokens(WAITS)
     return {
         "instances": len(process.engine.instances),
         "started": process.started,
@@ -276,9 +277,9 @@ def _described(process: RobotNode) -> dict[str, Any]:
                 **({"place": wait.place} if wait.place not in ("", wait.element) else {}),
                 **({"suspended": wait.suspended} if wait.suspended else {}),
             }
-            for wait in process.waiting_tokens(WAITS)
+            for wait in waiting
         ],
-        "more_waits": max(0, process.waiting.count(process.engine) - WAITS),
+        "more_waits": max(0, process.waiting.count(process.engine) - WAITS) if len(waiting) >= WAITS else 0,
         "untaken": process.untaken(),
         "offers": process.offers(),
         "error": str(last) if last is not None else "",

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from fame.gc_tuning import exempt, uncollected
+from fame.gc_tuning import uncollected
 from fame.log.conversion import merge
 from fame.log.writing import RECORDING
 
@@ -29,18 +29,17 @@ _TELL = 4.0
 
 def outcome(plan: Plan, log: Path | None = None) -> tuple[list[str], Counter[str], list[str]]:
     """What does not hold in the run of a plan, what struck, and the lines of the run. `log`: a folder to record it."""
-    with uncollected():
-        team = Team(plan, log=log)
-        found = judge(team)
-        team.close()
-        return found, team.struck + team.fabric.struck, team.lines
+    team = Team(plan, log=log)
+    found = judge(team)
+    team.close()
+    return found, team.struck + team.fabric.struck, team.lines
 
 
 def run_seed(seed: int) -> tuple[int, list[str], Counter[str]]:
     """The outcome of a seed. Its garbage is collected once, which looks at nothing that was there before."""
-    found, struck, _ = outcome(draw(seed))
-    gc.collect()
-    exempt()
+    with uncollected(stays=True):
+        found, struck, _ = outcome(draw(seed))
+        gc.collect()
     return seed, found, struck
 
 
