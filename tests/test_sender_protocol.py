@@ -24,7 +24,7 @@ from fame.deploy.sender_protocol import (
     RivalFound,
     RobotAnswered,
     RobotProgress,
-    Send,
+    SendEnvelope,
     SenderAction,
     SenderEvent,
     SenderState,
@@ -52,7 +52,7 @@ def after(*events: SenderEvent, state: SenderState = NEW) -> tuple[SenderState, 
 
 LOAD = (Begun(0), StatusReceived("A", 3), StatusReceived("B", 9), TimerFired(0))
 READY = (*LOAD, answered("A", "ready"), answered("B", "ready"))
-ABORT = [CancelTimers(), Send("A", "abort"), Send("B", "abort"), End()]
+ABORT = [CancelTimers(), SendEnvelope("A", "abort"), SendEnvelope("B", "abort"), End()]
 
 
 @pytest.mark.parametrize(
@@ -60,11 +60,17 @@ ABORT = [CancelTimers(), Send("A", "abort"), Send("B", "abort"), End()]
     [
         ((Begun(0),), [StartTimer(0.02)]),
         ((Begun(0), StatusReceived("A", 3), TimerFired(0)), [StartTimer(0.02)]),
-        ((Begun(0), TimerFired(SECOND)), [Prepare(), Send("A", "load"), Send("B", "load"), StartTimer(1.0)]),
-        (LOAD, [Prepare(), Send("A", "load"), Send("B", "load"), StartTimer(1.0)]),
-        ((*LOAD, answered("A", "ready"), TimerFired(0)), [Send("A", "hold"), Send("B", "load"), StartTimer(1.0)]),
-        (READY, [Send("A", "start"), Send("B", "start"), StartTimer(1.0)]),
-        ((*READY, answered("A", "started"), TimerFired(0)), [Send("B", "start", begun=True), StartTimer(1.0)]),
+        (
+            (Begun(0), TimerFired(SECOND)),
+            [Prepare(), SendEnvelope("A", "load"), SendEnvelope("B", "load"), StartTimer(1.0)],
+        ),
+        (LOAD, [Prepare(), SendEnvelope("A", "load"), SendEnvelope("B", "load"), StartTimer(1.0)]),
+        (
+            (*LOAD, answered("A", "ready"), TimerFired(0)),
+            [SendEnvelope("A", "hold"), SendEnvelope("B", "load"), StartTimer(1.0)],
+        ),
+        (READY, [SendEnvelope("A", "start"), SendEnvelope("B", "start"), StartTimer(1.0)]),
+        ((*READY, answered("A", "started"), TimerFired(0)), [SendEnvelope("B", "start", begun=True), StartTimer(1.0)]),
         ((*READY, answered("A", "started"), answered("B", "started")), [CancelTimers(), End()]),
         ((*READY, answered("A", "superseded")), []),
         ((*READY, Closed()), [CancelTimers()]),
@@ -83,7 +89,7 @@ def test_what_a_sender_does(events, actions):
     assert after(*events)[1] == actions
 
 
-HELD = [Send("A", "hold"), Send("B", "hold")]
+HELD = [SendEnvelope("A", "hold"), SendEnvelope("B", "hold")]
 TOO_LONG = round(HOLDING * SECOND)
 
 
@@ -91,7 +97,7 @@ TOO_LONG = round(HOLDING * SECOND)
     ("events", "actions"),
     [
         (READY, [Approve()]),
-        ((*READY, Approved("", 0)), [Send("A", "start"), Send("B", "start"), StartTimer(1.0)]),
+        ((*READY, Approved("", 0)), [SendEnvelope("A", "start"), SendEnvelope("B", "start"), StartTimer(1.0)]),
         ((*READY, Approved("B waits forever", 0)), ABORT),
         ((*READY, TimerFired(SECOND)), [*HELD, StartTimer(1.0)]),
         ((*READY, TimerFired(SECOND), TimerFired(4 * SECOND)), [*HELD, StartTimer(HOLDING - 4)]),
@@ -177,7 +183,7 @@ def successors(team: Team) -> Iterator[Team]:
     for event in sender_events(team):
         state, actions = step(team.sender, event)
         assert not any(isinstance(action, End) for action in actions) or state.phase == "over"
-        sent = {(one.robot, one.phase, one.begun) for one in actions if isinstance(one, Send)}
+        sent = {(one.robot, one.phase, one.begun) for one in actions if isinstance(one, SendEnvelope)}
         state = replace(state, robots=tuple(RobotProgress(each.robot, each.state) for each in state.robots))
         yield replace(team, sender=state, sent=team.sent | sent)
     for number, robot in enumerate(team.robots):

@@ -206,7 +206,7 @@ def _note_in_handler(text: bytes) -> None:
 
 def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     """World and engines in processes of their own."""
-    from fame.scenario import Team
+    from fame.scenario import DistributedTeam
     from fame.scenario.team_logs import team_logs
 
     wanted = ("robots", "fault")
@@ -227,7 +227,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
         team_logs(scenario, files, _about(arguments, scenario), arguments.log_topics) as logs,
     ):
         with live_table(sys.stderr, wanted=not quiet) as live:
-            result = Team(
+            result = DistributedTeam(
                 scenario,
                 arguments.middleware,
                 on_status=lambda status: live.show(_seen(status)),

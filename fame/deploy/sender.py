@@ -44,7 +44,7 @@ from fame.deploy.sender_protocol import (
     RivalFound,
     RobotAnswered,
     RobotProgress,
-    Send,
+    SendEnvelope,
     SenderAction,
     SenderEvent,
     SenderState,
@@ -235,9 +235,9 @@ class Deployment:
                     robot: replace(envelope, sequence=self.sequence, engines=known)
                     for robot, envelope in self.envelopes.items()
                 }
-            case Send(robot, "load"):
+            case SendEnvelope(robot, "load"):
                 self._send(robot, self.envelopes[robot])
-            case Send(robot, phase, begun):
+            case SendEnvelope(robot, phase, begun):
                 self._send(robot, replace(self._envelope(robot, phase), begun=begun))
                 if phase == "start" and self._decided is not None:
                     self.scheduler.soon(self._decided)

@@ -169,7 +169,7 @@ class Prepare:
 
 
 @dataclass(frozen=True, slots=True)
-class Send:
+class SendEnvelope:
     """Send an envelope of this phase to a robot. `begun`: one of the robots has started."""
 
     robot: str
@@ -199,7 +199,7 @@ class End:
     """Report to the caller that the deployment is over."""
 
 
-SenderAction = Prepare | Send | StartTimer | Approve | CancelTimers | End
+SenderAction = Prepare | SendEnvelope | StartTimer | Approve | CancelTimers | End
 
 
 # ---- transitions -----------------------------------------------------------------------------------------------------
@@ -252,9 +252,9 @@ def _timer(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderActio
 def _send_all(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderAction, ...]]:
     if state.phase == "start":
         begun = any(each.state == "started" for each in state.robots)
-        sent = [Send(each.robot, "start", begun) for each in state.robots if each.state == "ready"]
+        sent = [SendEnvelope(each.robot, "start", begun) for each in state.robots if each.state == "ready"]
     else:
-        sent = [Send(each.robot, "load" if each.state == "silent" else "hold") for each in state.robots]
+        sent = [SendEnvelope(each.robot, "load" if each.state == "silent" else "hold") for each in state.robots]
     repeat = REPEAT
     if state.holding >= 0 and state.phase != "start":
         repeat = max(SETTLE, min(REPEAT, HOLDING - (now - state.holding) / SECOND))
@@ -340,7 +340,7 @@ def _end(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[Sender
 
 def _stop(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[SenderAction, ...]]:
     undecided = state.phase in ("load", "approval") and not state.preview
-    aborted = [Send(each.robot, "abort") for each in state.robots] if failed and undecided else []
+    aborted = [SendEnvelope(each.robot, "abort") for each in state.robots] if failed and undecided else []
     return replace(state, phase="over", failed=failed), (CancelTimers(), *aborted)
 
 

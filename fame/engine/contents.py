@@ -35,7 +35,7 @@ class Layout:
         self.numbers: dict[tuple[Hashable, ...], int] = {}
 
 
-class Content:
+class DictContent:
     """The content of a dict of variables: names, and a code for each.
 
     values   the immutable values
@@ -52,7 +52,7 @@ class Content:
         self.mutable: list[tuple[str, Hashable]] = []
 
 
-Given = tuple[dict[str, Any], Content, list[str], list[Any]]
+Given = tuple[dict[str, Any], DictContent, list[str], list[Any]]
 """A dict that was made from a content, with its first names and values."""
 
 
@@ -102,7 +102,7 @@ class Contents:
     ) -> None:
         self.encode, self.decode, self.variable, self.kept, self.constant = encode, decode, variable, kept, constant
         self._layouts: dict[tuple[str, ...], Layout] = {}
-        self._contents: list[Content] = []
+        self._contents: list[DictContent] = []
         self._lists: dict[Hashable, tuple[Any, ...] | None] = {}  # code -> items, of lists of immutable values
         self._given: dict[int, Given] = {}
 
@@ -210,8 +210,8 @@ class Contents:
             self._contents.append(self._content(number, layout, codes))
         return number
 
-    def _content(self, number: int, layout: Layout, codes: tuple[Hashable, ...]) -> Content:
-        content = Content(number, layout, codes)
+    def _content(self, number: int, layout: Layout, codes: tuple[Hashable, ...]) -> DictContent:
+        content = DictContent(number, layout, codes)
         for name, code in zip(layout.names, codes, strict=True):
             if self.constant(code):
                 content.values[name] = self.decode(code)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
-from fame.bpmn.draw.style import Outcome
+from fame.bpmn.draw.style import ElementOutcome
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
 from fame.errors import ConfigError, display_name
@@ -35,7 +35,7 @@ def visits(path: str | Path) -> Counter[str]:
 
 def outcomes(
     path: str | Path, definitions: Definitions, *, robots: Collection[str] = ()
-) -> dict[str, Counter[Outcome]]:
+) -> dict[str, Counter[ElementOutcome]]:
     """How often each element of a model had each outcome, from a log or recording. Flows are completed.
 
     `robots`: of these alone. An execution is waiting if it had not ended when the log ended, and cancelled if its
@@ -52,7 +52,7 @@ class RunOutcomes:
     `violations`: second, robot, element and text of each property that an event there, or silence after it, violated.
     """
 
-    tallies: dict[str, Counter[Outcome]]
+    tallies: dict[str, Counter[ElementOutcome]]
     robots: Sequence[str]
     start: float
     end: float
@@ -94,7 +94,7 @@ def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collecti
             raise ConfigError(f"unknown robot {robot!r}; {suggestion(robot, there)}", file=str(path))
     chosen = {key: instance for key, instance in instances.items() if not robots or key[0] in robots}
     _check_same_model(chosen.values(), definitions, str(path))
-    found: defaultdict[str, Counter[Outcome]] = defaultdict(Counter)
+    found: defaultdict[str, Counter[ElementOutcome]] = defaultdict(Counter)
     for instance in chosen.values():
         for element, counts in instance.counts.items():
             found[element] += instance.tally(counts)
@@ -139,11 +139,11 @@ class _Instance:
             if scope == self.root:
                 self.own.add(element)
 
-    def tally(self, counts: Counter[str]) -> Counter[Outcome]:
+    def tally(self, counts: Counter[str]) -> Counter[ElementOutcome]:
         """The outcomes of one element. An error end event has the marks leave and fail, which count as one failure."""
         under_way = counts["enter"] - counts["leave"] - counts["cancel"] - counts["fail"]
         completed = counts["take"] + counts["leave"] + min(under_way, 0)
-        tally: Counter[Outcome] = Counter(
+        tally: Counter[ElementOutcome] = Counter(
             {"failed": counts["fail"], "cancelled": counts["cancel"], "completed": completed}
         )
         tally["cancelled" if self.ended else "waiting"] += max(under_way, 0)

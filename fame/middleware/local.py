@@ -46,7 +46,7 @@ from fame.middleware.interface import (
     deliver_response,
     resolve,
 )
-from fame.middleware.network import Channel, Network, NetworkedSubscription, matched_end
+from fame.middleware.network import Network, NetworkedSubscription, RobotChannel, matched_end
 from fame.middleware.qos import compatible, counts_losses
 
 
@@ -384,7 +384,7 @@ class LocalClient:
     def __init__(self, node: LocalNode, name: str, type: str) -> None:
         self.node, self.name, self.type = node, name, type
         self.request_type, _ = messages.service(type)
-        self._channels: dict[tuple[str, str], Channel | None] = {}
+        self._channels: dict[tuple[str, str], RobotChannel | None] = {}
         self.pending: PendingRequests = PendingRequests()
         self.insistent: InsistentRequests = InsistentRequests(self, node.middleware.scheduler)
         self._numbers = count(1)

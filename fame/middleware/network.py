@@ -124,13 +124,13 @@ class Network:
         times = (round(time * SECOND) for cut in long for time in (cut.start + lease, cut.end))
         return [time for time in times if time > self.scheduler.now]
 
-    def channel(self, sender: str, receiver: str, topic: str, qos: QoS) -> Channel | None:
+    def channel(self, sender: str, receiver: str, topic: str, qos: QoS) -> RobotChannel | None:
         """The channel from one robot to another for a topic or service; None if the network does not apply."""
         if not sender or not receiver or sender == receiver:
             return None
         rules = [link for link in self.config.links if link.concerns((sender, receiver), topic)]
         generator = random.Random(f"{self._seed} network {sender} {receiver} {topic}")
-        return Channel(self, (sender, receiver), topic, rules[-1] if rules else Link(), qos, generator)
+        return RobotChannel(self, (sender, receiver), topic, rules[-1] if rules else Link(), qos, generator)
 
     def losses(self) -> list[str]:
         """Lost messages, a line for each topic and direction."""
@@ -140,7 +140,7 @@ class Network:
         ]
 
 
-class Channel:
+class RobotChannel:
     """The channel from one robot to another for one topic or service."""
 
     def __init__(
@@ -207,7 +207,7 @@ class NetworkedSubscription:
 
     subscription: LocalSubscription
 
-    def __init__(self, subscription: LocalSubscription, channel: Channel) -> None:
+    def __init__(self, subscription: LocalSubscription, channel: RobotChannel) -> None:
         self.subscription, self._channel = subscription, channel
 
     def enqueue(self, message: AnyMessage) -> None:

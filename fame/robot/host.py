@@ -27,7 +27,7 @@ from fame.robot.options import RobotOptions
 from fame.robot.scripts import Scripts
 from fame.robot.service_tasks import call_service, ros_service_task
 from fame.robot.services import ServiceContext, compile_service
-from fame.robot.timers import Timers
+from fame.robot.timers import RobotTimers
 from fame.scripting import Inbox, Runner, compile_expression, compile_script, error_line
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ class EngineHost:
             missing=self._field_missing,
         )
         self.runner, self.inbox = self.scripts.runner, self.scripts.runner.inbox
-        self.timers: Timers = Timers(scheduler, options.epoch, self._on_timer)
+        self.timers: RobotTimers = RobotTimers(scheduler, options.epoch, self._on_timer)
         self._late: set[str] = set()  # elements whose timer was reported as too late
         self._known_missing: set[tuple[str, str]] = set()
 

@@ -24,7 +24,7 @@ from fame.engine.program import Compiled
 from fame.errors import MessageError, ModelError
 from fame.middleware.messages import is_action
 from fame.scripting import Inbox
-from fame.scripting.requests import Act, Call, GoalError, Request
+from fame.scripting.requests import Act, Call, GoalError, ScriptRequest
 
 
 def ros_service_task(processes: Iterable[Process], element: str) -> tuple[Process, Task] | None:
@@ -78,7 +78,7 @@ def _make_client(task: Task, topic: Topic, file: str, inbox: Inbox) -> None:
         raise ModelError(str(error), file=file, element=task.id) from error
 
 
-def _request(task: Task, topic: Topic, fields: Any, variables: dict[str, Any]) -> Request:
+def _request(task: Task, topic: Topic, fields: Any, variables: dict[str, Any]) -> ScriptRequest:
     """The request that the coroutine awaits."""
     type = topic.type or ""
     if not is_action(type):

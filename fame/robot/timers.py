@@ -19,7 +19,7 @@ Missed = Literal["fire", "skip", "fail"]
 """The policy for a timer that came due while its engine was away."""
 
 
-class Timers:
+class RobotTimers:
     """The timers that are set, by the engine's key.
 
     `epoch` is the date of the scheduler's time 0. `on_fire` is called with the key, and with whether it was the last

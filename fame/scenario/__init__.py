@@ -2,8 +2,8 @@
 
 In one process, a `Scenario` is a checked scenario file. `run` builds everything anew, runs until the mission is over or
 its duration has passed, and returns a `Result`. A robot whose process fails is brought to its safe state; the others
-continue, and all are stopped safely at the end. In many processes, a `Team` does the same: it starts the world and one
-engine per robot, deploys to them, monitors them and ends them.
+continue, and all are stopped safely at the end. In many processes, a `DistributedTeam` does the same: it starts the
+world and one engine per robot, deploys to them, monitors them and ends them.
 
     plan           the content of a scenario: cast, world, faults, completions; reading scenario files
     scenario       a plan that is read from files and can be run
@@ -28,7 +28,7 @@ from fame.imports import attach
 
 if TYPE_CHECKING:
     from fame.scenario.deployment import Sending as Sending
-    from fame.scenario.distributed import Team as Team
+    from fame.scenario.distributed import DistributedTeam as DistributedTeam
     from fame.scenario.plan import (
         DURATION as DURATION,
         Completion as Completion,
@@ -56,7 +56,7 @@ else:
         __name__,
         {
             "deployment": ["Sending"],
-            "distributed": ["Team"],
+            "distributed": ["DistributedTeam"],
             "process": ["BACKENDS", "connect", "scheduler_for", "serve"],
             "plan": ["DURATION", "Completion", "Fault", "Plan", "read_scenario_world"],
             "result": ["Progress", "Result", "RobotResult", "Status", "TeamStatus"],

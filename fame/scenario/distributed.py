@@ -1,7 +1,7 @@
 """A scenario in many processes: starts the world and one engine per robot, deploys to them, monitors and ends them.
 
-A Ctrl-C in the terminal does not reach the child processes: `Team` ends them in order. If the parent process is killed,
-its children notice it and end too (`fame.scenario.process.orphaned`).
+A Ctrl-C in the terminal does not reach the child processes: `DistributedTeam` ends them in order. If the parent process
+is killed, its children notice it and end too (`fame.scenario.process.orphaned`).
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ RESTARTS = 3
 _DISCOVERY = 15.0  # s until all engines must have been discovered
 
 
-class Team:
+class DistributedTeam:
     """A scenario in many processes: the world, and one engine per robot. They start and end together.
 
     The engines run only models signed with a key of this run.

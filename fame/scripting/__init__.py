@@ -39,7 +39,7 @@ if TYPE_CHECKING:
         Inbox as Inbox,
         MessageQueue as MessageQueue,
         Receive as Receive,
-        Request as Request,
+        ScriptRequest as ScriptRequest,
         Sleep as Sleep,
         Until as Until,
     )
@@ -53,7 +53,7 @@ else:
             "interface": ["NAMES", "Log", "Robot", "another", "mission_date"],
             "languages": ["compile_expression", "compile_script"],
             "python": ["error_line", "error_text"],
-            "requests": ["Call", "Inbox", "MessageQueue", "Receive", "Request", "Sleep", "Until"],
+            "requests": ["Call", "Inbox", "MessageQueue", "Receive", "ScriptRequest", "Sleep", "Until"],
             "runner": ["GRACE", "Runner"],
         },
     )

@@ -26,17 +26,17 @@ MOMENT = SECOND // 2
 before the server has found its client again."""
 
 
-class Request:
+class ScriptRequest:
     """Base class of everything that a script can await."""
 
     __slots__ = ()
 
-    def __await__(self) -> Generator[Request, Any, Any]:
+    def __await__(self) -> Generator[ScriptRequest, Any, Any]:
         return (yield self)
 
 
 @dataclass(frozen=True, slots=True)
-class Sleep(Request):
+class Sleep(ScriptRequest):
     """``await sleep(2)``: continue after this time on the engine's clock (s)."""
 
     seconds: float
@@ -49,7 +49,7 @@ class Sleep(Request):
 
 
 @dataclass(frozen=True, slots=True)
-class Receive(Request):
+class Receive(ScriptRequest):
     """``await receive("odom", timeout=1)``: the next message that arrives on a topic; TimeoutError after `timeout` s.
 
     `type` is ``pkg/msg/Type``; it may be omitted if a publisher or the model declares it.
@@ -68,7 +68,7 @@ class Receive(Request):
 
 
 @dataclass(frozen=True, slots=True)
-class Until(Request):
+class Until(ScriptRequest):
     """``await until(lambda: battery < 20)``: continue when the condition is true; TimeoutError after `timeout` s.
 
     The condition is evaluated at once, then after every step of a script or of the engine and after every message of
@@ -88,7 +88,7 @@ class Until(Request):
 
 
 @dataclass(frozen=True, slots=True)
-class Next(Request):
+class Next(ScriptRequest):
     """The next message of a subscription: what ``async for`` awaits."""
 
     queue: MessageQueue
@@ -98,7 +98,7 @@ class Next(Request):
 
 
 @dataclass(frozen=True, slots=True)
-class Call(Request):
+class Call(ScriptRequest):
     """``await robot.call("spawn", "pkg/srv/Spawn", x=1.0)``: the response of a service."""
 
     service: str
@@ -123,7 +123,7 @@ class GoalError(BpmnError):
 
 
 @dataclass(frozen=True, slots=True)
-class Act(Request):
+class Act(ScriptRequest):
     """``await robot.act("navigate_to_pose", "nav2_msgs/action/NavigateToPose", pose=...)``: the result of an action.
 
     `feedback` is called with the feedback of the action. BpmnError ``rejected``, ``aborted`` or ``canceled`` if it does

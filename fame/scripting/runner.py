@@ -34,7 +34,7 @@ from fame.scripting.requests import (
     Inbox,
     Next,
     Receive,
-    Request,
+    ScriptRequest,
     Sleep,
     Subscribe,
     TopicTypes,
@@ -74,7 +74,7 @@ class _Task:
         self.key, self.script = key, script
         frame = getattr(script, "cr_frame", None)
         self.budget: Budget | None = frame.f_builtins.get(BUDGET) if frame is not None else None
-        self.request: Request | None = None
+        self.request: ScriptRequest | None = None
         self.heard: int | None = None
         self.gone: int | None = None
         self.disarm: Callable[[], object] | None = None
@@ -184,7 +184,7 @@ class Runner:
         """The key of a script that runs; 0 for another one."""
         return next((key for key, task in self._tasks.items() if task.script is script), 0)
 
-    def request(self, key: int) -> Request | None:
+    def request(self, key: int) -> ScriptRequest | None:
         """The request that a script awaits, None for an unknown script."""
         task = self._tasks.get(key)
         return task.request if task is not None else None

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.bpmn.draw.style import Outcome
+from fame.bpmn.draw.style import ElementOutcome
 from fame.clock import SECOND
 from fame.errors import FameError
 from fame.testing.trace import TraceStep
@@ -103,7 +103,7 @@ def save_diagrams(mission: MissionUnderTest, folder: Path) -> Iterator[Path]:
         yield path
 
 
-def _tallies(mission: MissionUnderTest) -> dict[str, dict[str, Counter[Outcome]]]:
+def _tallies(mission: MissionUnderTest) -> dict[str, dict[str, Counter[ElementOutcome]]]:
     """File -> element -> number of executions with each outcome."""
     names: dict[str, str] = {}
     for file, element in mission.trace.covered:
@@ -111,10 +111,10 @@ def _tallies(mission: MissionUnderTest) -> dict[str, dict[str, Counter[Outcome]]
     counts: defaultdict[str, Counter[str]] = defaultdict(Counter)
     for step in mission.trace.steps:
         counts[step.element][step.what] += 1
-    found: dict[str, dict[str, Counter[Outcome]]] = {}
+    found: dict[str, dict[str, Counter[ElementOutcome]]] = {}
     for element, file in names.items():
         seen = counts[element]
-        tally: Counter[Outcome] = Counter()
+        tally: Counter[ElementOutcome] = Counter()
         tally["completed"] = seen["leave"] + seen["take"]
         tally["failed"], tally["cancelled"] = seen["fail"], seen["cancel"]
         tally["waiting"] = max(0, seen["enter"] - seen["leave"] - seen["fail"] - seen["cancel"])

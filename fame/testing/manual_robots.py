@@ -23,7 +23,7 @@ from fame.engine.state import Trail, Wait
 from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, QoS, resolve
-from fame.middleware.network import Channel, Network, NetworkConfig
+from fame.middleware.network import Network, NetworkConfig, RobotChannel
 from fame.robot import RobotNode
 
 
@@ -38,7 +38,7 @@ class HeldNetwork(Network):
         self.mail: list[tuple[str, str, str, Callable[[], object]]] = []
         self._topics = topics
 
-    def channel(self, sender: str, receiver: str, topic: str, qos: QoS) -> Channel | None:
+    def channel(self, sender: str, receiver: str, topic: str, qos: QoS) -> RobotChannel | None:
         """The way to the mail, for topics that are held."""
         _, direct, name = topic.partition("/bpmn_message/")
         shared = f"/{name}" if direct else topic
@@ -54,7 +54,7 @@ class HeldNetwork(Network):
         return None
 
 
-class _HeldChannel(Channel):
+class _HeldChannel(RobotChannel):
     """The way of messages from one robot to another into the mail."""
 
     def __init__(self, network: HeldNetwork, sender: str, receiver: str, topic: str) -> None:

@@ -17,8 +17,8 @@ from fame.bpmn.draw.style import (
     INK,
     OUTCOMES,
     SMALL,
+    ElementOutcome,
     Ink,
-    Outcome,
     Picture,
     Tally,
     badge,
@@ -59,7 +59,7 @@ def draw(
     definitions: Definitions,
     visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally] = (),
     *,
-    words: Mapping[Outcome, str] = MappingProxyType({}),
+    words: Mapping[ElementOutcome, str] = MappingProxyType({}),
     notes: Sequence[str] = (),
 ) -> str:
     """The diagrams of a file as one SVG document.

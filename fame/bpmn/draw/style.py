@@ -197,11 +197,11 @@ def marker(kind: str, ink: Ink) -> str:
     return _line(data, ink, width)
 
 
-Outcome = Literal["failed", "violated", "waiting", "completed", "cancelled"]
-Tally = Mapping[Outcome, int]
+ElementOutcome = Literal["failed", "violated", "waiting", "completed", "cancelled"]
+Tally = Mapping[ElementOutcome, int]
 """Number of executions with each outcome."""
 
-OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
+OUTCOMES: tuple[ElementOutcome, ...] = get_args(ElementOutcome)
 """An element has the colour of the first of them that occurred."""
 
 
@@ -213,7 +213,7 @@ class Style(NamedTuple):
     symbol: str
 
 
-STYLES: Mapping[Outcome, Style] = {
+STYLES: Mapping[ElementOutcome, Style] = {
     "failed": Style("#cf222e", "#ffebe9", "M-2.7 -2.7L2.7 2.7M-2.7 2.7L2.7 -2.7"),
     "waiting": Style("#9a6700", "#fff8c5", "M-1.7 -3V3M1.7 -3V3"),
     "completed": Style("#1a7f37", "#e3f4e6", "M-3.2 0.2L-0.9 2.6L3.2 -2.6"),
@@ -229,7 +229,7 @@ def style_of(tally: Tally) -> Style | None:
     return next((STYLES[outcome] for outcome in OUTCOMES if tally.get(outcome)), None)
 
 
-def badge(content: str, x: float, y: float, outcome: Outcome = "completed", *, symbol: bool = False) -> str:
+def badge(content: str, x: float, y: float, outcome: ElementOutcome = "completed", *, symbol: bool = False) -> str:
     """A number on a pill around a point, after the symbol of its outcome if `symbol`."""
     left = _SYMBOL if symbol else 0.0
     width = _width(content, symbol=symbol)
@@ -256,7 +256,7 @@ def badges_width(tally: Tally) -> float:
     return sum(_width(str(count), symbol=True) + 1 for count in tally.values() if count)
 
 
-def legend(present: Mapping[Outcome, str], x: float, y: float) -> str:
+def legend(present: Mapping[ElementOutcome, str], x: float, y: float) -> str:
     """The symbols of the given outcomes with their names, starting at (x, y)."""
     drawn = ""
     for outcome, name in present.items():
@@ -270,7 +270,7 @@ def _width(content: str, *, symbol: bool) -> float:
     return max(_PILL, text_width(content, 10) + 9 + (_SYMBOL if symbol else 0.0))
 
 
-def _sign(outcome: Outcome, ink: str) -> str:
+def _sign(outcome: ElementOutcome, ink: str) -> str:
     return tag("path", d=STYLES[outcome].symbol, fill="none", stroke=ink, stroke_width=1.5, stroke_linecap="round")
 
 
