@@ -252,6 +252,13 @@ def test_a_deadline_that_is_no_duration_is_refused(tmp_path: Path) -> None:
     assert main(["check", str(path)]) == 1
 
 
+def test_a_deadline_that_a_template_leaves_empty_is_none(tmp_path: Path) -> None:
+    part = read_text(process(DEADLINE.replace("PT1S", " ")), file="empty.bpmn")
+    path = tmp_path / "empty.bpmn"
+    path.write_bytes(part.source)
+    assert Scenario.load(path).properties == ()
+
+
 def test_a_text_annotation_is_a_property(team: Path) -> None:
     note = """<textAnnotation id="N"><text>property soon:
       after A throws /go, B throws /done within 2 s</text></textAnnotation>

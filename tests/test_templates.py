@@ -16,6 +16,7 @@ from fame.check.element_templates import COMMON, fields_of, payload_of, template
 from fame.check.library import behaviours
 from fame.cli import main
 from fame.middleware import messages
+from fame.properties import parse
 from fame.scripting import compile_expression
 
 FOLDER = Path(__file__).parent.parent / "models" / "templates"
@@ -66,7 +67,7 @@ def test_every_template_has_what_the_schema_asks_for() -> None:
         assert template["name"]
         assert template["appliesTo"]
         for entry in template["properties"]:
-            assert entry["type"] in ("String", "Hidden", "Dropdown")
+            assert entry["type"] in ("String", "Text", "Hidden", "Dropdown")
             assert entry["binding"]["type"] in ("camunda:property", "property")
             if entry["type"] == "Dropdown":
                 assert entry["value"] in [choice["value"] for choice in entry["choices"]]
@@ -135,6 +136,16 @@ def test_the_data_of_a_behaviour_are_its_inputs() -> None:
     drawn = f'<dataObjectReference id="d" dataObjectRef="o">{applied(template, x_goal="4.5")}</dataObjectReference>'
     (item,) = body_of(f'{drawn}<dataObject id="o"/>').data_objects
     assert [(name, value.text) for name, value in item.values] == [("x_goal", "4.5"), ("y_goal", "")]
+
+
+def test_a_deadline_and_a_property_are_drawn_with_a_template() -> None:
+    node = node_of(f'<userTask id="u">{applied(ALL["fame.deadline"], deadline="PT5S", requirement="R1")}</userTask>')
+    assert dict(node.properties) == {"deadline": "PT5S", "requirement": "R1"}
+    (entry,) = ALL["fame.property"]["properties"]
+    assert entry["binding"] == {"type": "property", "name": "text"}
+    name, _, sentence = entry["value"].partition(": ")
+    assert name == "property NAME"
+    assert parse(sentence).sentence == sentence
 
 
 @pytest.mark.parametrize("behaviour", behaviours(), ids=lambda one: one.name)

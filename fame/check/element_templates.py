@@ -2,7 +2,8 @@
 
 They follow the schema of Camunda 7. A template sets `camunda:property` entries, as a person would by hand, so a model
 that was made with templates is read like any other. `templates` gives the files: what to publish, what to receive, data
-objects, and calls. Each template shows the other entries of the properties panel too, since a signal is chosen there.
+objects, calls, and properties of the team. Each template shows the other entries of the properties panel too, since a
+signal is chosen there.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ COMMON = (
 THROWS = ("bpmn:IntermediateThrowEvent", "bpmn:EndEvent")
 CATCHES = ("bpmn:StartEvent", "bpmn:IntermediateCatchEvent", "bpmn:BoundaryEvent")
 RECEIVES = (*CATCHES, "bpmn:ReceiveTask")
+TIMED = ("bpmn:Process", "bpmn:Activity", "bpmn:Event")
 _QOS = "qos"
 
 
@@ -51,12 +53,31 @@ def templates(behaviours: Iterable[Behaviour]) -> dict[str, list[Template]]:
         "receive": [_receive(), _correlate()],
         "data": [*map(_inputs, filter(lambda one: one.inputs, known)), *map(_fields, filter(fields_of, COMMON))],
         "library": [_call(one) for one in known],
+        "properties": [_deadline(), _annotation()],
     }
 
 
 def write(found: Sequence[Template]) -> str:
     """The text of a file."""
     return json.dumps(found, indent=2) + "\n"
+
+
+# ---- properties of a team --------------------------------------------------------------------------------------------
+
+
+def _deadline() -> Template:
+    bound = _text("deadline", "Deadline", "a duration: it is left within this time after it was entered")
+    bound["placeholder"] = "PT5S"
+    requirement = _text("requirement", "Requirement", "the id of what it is for, in fame check --report")
+    text = "A deadline, which every run judges, and the requirement that the element is for."
+    return _template("deadline", "Deadline and requirement", text, TIMED, [bound, requirement])
+
+
+def _annotation() -> Template:
+    text = {"label": "Property", "type": "Text", "value": "property NAME: after ROBOT throws /topic, ROBOT completes"}
+    said = "A sentence about the team, which every run judges. Drag its line to what it is about."
+    entry = text | {"binding": _attribute("text")}
+    return _template("property", "Property of the team", said, ("bpmn:TextAnnotation",), [entry])
 
 
 # ---- topics ----------------------------------------------------------------------------------------------------------

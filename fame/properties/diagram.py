@@ -27,8 +27,9 @@ _MILLISECOND = 1_000_000
 def drawn_properties(definitions: Definitions, library: Library, cast: Mapping[str, Pool]) -> Iterator[Property]:
     """The annotations of a mission, and the deadlines in it and in what it calls.
 
-    These are named ``deadline_ID`` (of several robots ``deadline_ROBOT_ID``). Raises ConfigError for a wrong sentence,
-    ModelError for a deadline that is no duration above 0, and for a called process that is not found.
+    A deadline without text, as a template leaves it, is none. These are named ``deadline_ID`` (of several robots
+    ``deadline_ROBOT_ID``). Raises ConfigError for a wrong sentence, ModelError for a deadline that is no duration
+    above 0, and for a called process that is not found.
     """
     for one in definitions.artifacts:
         found = _ANNOTATION.fullmatch(" ".join(one.name.split())) if one.kind == "annotation" else None
@@ -39,7 +40,9 @@ def drawn_properties(definitions: Definitions, library: Library, cast: Mapping[s
     for robot, pool in roles.items():
         for home, process in library.closure(definitions, pool.process):
             for element in (process, *process.body.walk()):
-                if KEY not in element.properties or (isinstance(element, Process) and process is not pool.process):
+                if not element.properties.get(KEY, "").strip() or (
+                    isinstance(element, Process) and process is not pool.process
+                ):
                     continue
                 name = f"deadline_{element.id}" if element.id not in seen else f"deadline_{robot}_{element.id}"
                 seen.add(element.id)
