@@ -113,6 +113,8 @@ class SourceMap:
 
     def report(self, report: Report) -> Report:
         """A report with the places of its errors, and the texts made of them, in the sender's files."""
+        if not (report.errors or report.problem):
+            return report
         errors = [self._located(error) for error in report.errors]
         problem = self._located(report.problem)
         return replace(

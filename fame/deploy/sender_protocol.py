@@ -231,6 +231,8 @@ def step(state: SenderState, event: SenderEvent) -> tuple[SenderState, tuple[Sen
 
 def _on_status(state: SenderState, event: StatusReceived) -> SenderState:
     number = max(state.sequence, event.sequence + 1) if state.phase == "discovery" else state.sequence
+    if event.robot in state.reported and number == state.sequence:
+        return state
     return replace(state, reported=state.reported | {event.robot}, sequence=number)
 
 
