@@ -25,13 +25,20 @@ def test_a_seed_gives_the_same_run_each_time() -> None:
     first, second = Team(draw(5)), Team(Plan.from_json(draw(5).to_json()))
     assert judge(first) == judge(second) == []
     assert first.lines == second.lines
+    disks = [{name: machine.disk.content for name, machine in team.machines.items()} for team in (first, second)]
+    assert disks[0] == disks[1]
+    assert any(disks[0].values())
     assert len(first.lines) > 20
 
 
-def test_a_run_is_recorded_without_being_changed(tmp_path: Path) -> None:
-    lines = outcome(draw(5))[2]
-    assert outcome(draw(5), tmp_path)[2] == lines
-    with Recording(sorted(tmp_path.glob("A-*.mcap"))[0]) as recording:
+def test_a_run_is_recorded_without_being_changed_and_byte_for_byte_the_same_again(tmp_path: Path) -> None:
+    lines, folders = outcome(draw(5))[2], (tmp_path / "first", tmp_path / "second")
+    for folder in folders:
+        folder.mkdir()
+        assert outcome(draw(5), folder)[2] == lines
+    first, second = ({file.name: file.read_bytes() for file in folder.iterdir()} for folder in folders)
+    assert first == second
+    with Recording(sorted(folders[0].glob("A-*.mcap"))[0]) as recording:
         assert {event.robot for event in recording.events()} == {"A"}
 
 

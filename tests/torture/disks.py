@@ -80,6 +80,11 @@ class Disk:
         """The directory is lost."""
         self._files, self._synced, self._seen = {}, {}, {}
 
+    @property
+    def content(self) -> dict[Path, bytes]:
+        """What its files have."""
+        return {path: bytes(node.data) for path, node in self._files.items()}
+
     # ---- operations --------------------------------------------------------------------------------------------------
 
     def make_directory(self, path: Path) -> None:

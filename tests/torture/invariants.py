@@ -11,6 +11,7 @@ from fame.clock import SECOND
 from .missions import version_of
 from .once import computed_once
 from .plan import DISK_FAULTS
+from .processes import ids_of
 from .team import STRANGER, Said, Team
 
 LAST = 99
@@ -19,7 +20,7 @@ LAST = 99
 
 def judge(team: Team) -> list[str]:
     """Run a team to its end, and return what does not hold."""
-    with computed_once():
+    with computed_once(), ids_of(team.plan.seed):
         return _judge(team)
 
 

@@ -8,17 +8,38 @@ from __future__ import annotations
 
 import random
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import Any
+from unittest.mock import patch
+from uuid import UUID
 
 from fame.clock import SECOND, Action, Entry, Kind, Scheduler
+from fame.deploy import engine_node
+from fame.middleware import actions
+from fame.robot import journal
+from fame.scripting import runner
 from fame.worker import Done, Worker, outcome
 
 from .disks import Disk, PowerLoss
 
 START = 1_700_000_000.0
 """The date at which a run begins (s since 1970)."""
+
+
+@contextmanager
+def ids_of(seed: int) -> Iterator[None]:
+    """What processes draw to tell goals, journals and signals apart is that of a seed meanwhile."""
+    chance = random.Random(f"{seed} ids")
+
+    def draw() -> UUID:
+        return UUID(int=chance.getrandbits(128), version=4)
+
+    with ExitStack() as patches:
+        for module in (actions, engine_node, journal, runner):
+            patches.enter_context(patch.object(module, "uuid4", draw))
+        yield
 
 
 class Machine:
