@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from action_server import DRIVE
+from action_server import DRIVE, skip_without_drive
 from bpmn_text import process, properties
 from domains import DOMAIN
 from middleware_contract import WallWorld, needs, world
@@ -23,14 +23,18 @@ from fame.clock import SECOND
 from fame.robot import RobotNode, make_mission
 
 pytestmark = pytest.mark.processes
-CHILD = Path(__file__).with_name("driver_child.py")
+HERE = Path(__file__).parent
+LEASE_OF_ROS = 10
+"""Time after which the middleware of ROS takes a silent process for gone (s)."""
 
 
 class Driver:
     """The action server in its process; `said` are the lines that it has printed."""
 
     def __init__(self, middleware: str) -> None:
-        words = [sys.executable, "-W", "error", str(CHILD), middleware, str(DOMAIN)]
+        words = [sys.executable, "-W", "error", str(HERE / "driver_child.py"), middleware, str(DOMAIN)]
+        if middleware == "ros":  # with rclpy's own action server
+            words = [sys.executable, str(HERE / "rclpy_driver.py")]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
         self.said: list[str] = []
         self.process = subprocess.Popen(
@@ -140,9 +144,11 @@ def lease() -> str:
     params=[
         pytest.param("dds", marks=[needs("cyclonedds"), pytest.mark.dds]),
         pytest.param("zenoh", marks=[needs("zenoh"), pytest.mark.zenoh]),
+        pytest.param("ros", marks=[needs("rclpy"), pytest.mark.ros]),
     ]
 )
 def place(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, lease: str) -> Iterator[Place]:
+    skip_without_drive(request.param)
     monkeypatch.setenv("FAME_LEASE", lease)
     made = Place(request.param)
     yield made
@@ -194,16 +200,21 @@ def test_a_goal_whose_server_was_killed_and_started_again_is_sent_again_or_lost(
         assert (end.status, end.error.code, again.said) == ("failed", "lost", ["ready"])
 
 
-def test_a_goal_that_was_cancelled_while_its_server_was_stopped_is_cancelled_when_that_is_back(place: Place) -> None:
+@pytest.mark.parametrize("missed", [True, False], ids=["after its lease", "within its lease"])
+def test_a_goal_that_was_cancelled_while_its_server_was_stopped_is_cancelled_when_that_is_back(
+    place: Place, missed: bool
+) -> None:
+    wait = LEASE_OF_ROS + 4 if missed and place.middleware == "ros" else 4 if missed else 1
     driver = place.driver()
     instance = place.run(
         9,
-        '<boundaryEvent id="late" attachedToRef="t"><timerEventDefinition><timeDuration>PT4S</timeDuration>'
+        f'<boundaryEvent id="late" attachedToRef="t"><timerEventDefinition><timeDuration>PT{wait}S</timeDuration>'
         "</timerEventDefinition></boundaryEvent>",
     )
     place.until(lambda: "goal" in driver.said)
     driver.send(signal.SIGSTOP)
-    place.until_gone()
+    if missed:
+        place.until_gone()
     place.until(lambda: instance.status == "completed")
     driver.send(signal.SIGCONT)
     place.until(lambda: "cancelled" in driver.said)
