@@ -91,10 +91,13 @@ DRIVES = document(
 )
 
 
+ENDING = (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTERM)
+
+
 @needs("cyclonedds")
 @pytest.mark.dds
 @pytest.mark.processes
-@pytest.mark.parametrize("ending", ["the terminal", signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM, "nohup"])
+@pytest.mark.parametrize("ending", ["the terminal", *ENDING, "nohup"])
 def test_an_engine_that_is_ended_brings_its_robot_to_the_safe_state(ending: str | int, tmp_path: Path) -> None:
     """Also if its terminal is gone; an engine that ignores SIGHUP drives on without its terminal."""
     from fame.middleware.dds import DdsMiddleware
@@ -104,7 +107,7 @@ def test_an_engine_that_is_ended_brings_its_robot_to_the_safe_state(ending: str 
 
     def in_terminal() -> None:
         fcntl.ioctl(end, termios.TIOCSCTTY, 0)
-        for number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):  # whoever runs the tests may ignore them
+        for number in ENDING:  # whoever runs the tests may ignore them
             signal.signal(number, signal.SIG_DFL)
         if ending == "nohup":
             signal.signal(signal.SIGHUP, signal.SIG_IGN)

@@ -120,3 +120,14 @@ def test_simulated_time_keeps_timers_of_a_millisecond() -> None:
     before = running.completed
     field.pass_time(2)
     assert running.completed - before == 2000
+
+
+def test_a_report_has_no_large_values() -> None:
+    field = Field("A")
+    task = '<startEvent id="s"/><scriptTask id="x"><script>text = "x" * 10**8</script></scriptTask><userTask id="u"/>'
+    field.send("A", definitions(process("p", task, ("s", "x"), ("x", "u"))))
+    field.pass_time(3)
+    running = field.engines["A"].running
+    assert running is not None
+    assert len(running.instances[0].variables["text"]) == 10**8
+    assert len(field.said[-1].to_json()) < 2_000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -156,6 +157,16 @@ def test_the_file_is_whole_when_the_run_breaks_off(ending: str, tmp_path: Path) 
 
 def test_a_log_in_a_folder_that_is_not_there_makes_it(tmp_path: Path) -> None:
     logged(tmp_path / "deep" / "down" / "run.CSV")
+
+
+@pytest.mark.parametrize("ending", ["jsonl", "csv", "xes", "mcap"])
+def test_others_may_not_write_a_log_whatever_the_umask_is(ending: str, tmp_path: Path) -> None:
+    before = os.umask(0)
+    try:
+        logged(tmp_path / f"run.{ending}")
+    finally:
+        os.umask(before)
+    assert (tmp_path / f"run.{ending}").stat().st_mode & 0o777 == 0o644
 
 
 @pytest.mark.parametrize("ending", ["jsonl", "csv", "xes"])
