@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,17 @@ def stuck(steps: Steps, **robots: Steps) -> bool:
 
 def result_of(robots: dict[str, Steps]) -> Exploration:
     return explore(team(robots), delivery="run")
+
+
+def edited(steps: Steps, *changes: tuple[str, str], heard: int = 1, **called: Steps) -> bool:
+    """Whether B may wait for ever in a model whose text is changed; `called` are processes that A calls."""
+    text = text_of({"A": steps, "B": ["queue go"] * heard, **called}, calls=(*called,))
+    for pattern, new in changes:
+        text, count = re.subn(pattern, new, text)
+        assert count
+    found = explore(fame.read(text.encode()), delivery="run")
+    assert found.exhaustive
+    return any(place.element.startswith("B_catch_go") for one in found.findings for place in one.places)
 
 
 @pytest.mark.parametrize(
@@ -164,3 +176,143 @@ def test_the_run_of_a_deadlock_behind_a_remembered_condition_can_be_replayed(tmp
     assert found
     for one in found:
         assert not list(replayed(text, one, tmp_path))
+
+
+# ---- variables that a scope has of its own ---------------------------------------------------------------------------
+
+MAPPED = '<camunda:inputOutput><camunda:inputParameter name="x">${y}</camunda:inputParameter></camunda:inputOutput>'
+GIVEN = '<camunda:in source="y" target="x"/>'
+ITEMS = 'camunda:collection="items" camunda:elementVariable="x">'
+
+
+def in_scope(kind: str, inside: Steps) -> bool:
+    """Whether B may wait for ever for what a scope throws in which `x` is a variable of its own."""
+    begun = ("run y = robot.now", "run items = [y, y]")
+    match kind:
+        case "call":
+            given = (r"(<callActivity [^>]*>)", rf"\1<extensionElements>{GIVEN}</extensionElements>")
+            return edited([*begun, ("call", "H")], given, H=inside)
+        case "mapping":
+            given = (r'(<subProcess id="A_scope_[^>]*>)', rf"\1<extensionElements>{MAPPED}</extensionElements>")
+            return edited([*begun, ("guard", ["work", *inside], "timer PT9S", ["throw go"])], given)
+        case "item":
+            given = (r'(isSequential="false")><loopCardinality>2</loopCardinality>', rf"\1 {ITEMS}")
+            return edited([*begun, ("each", 2, inside)], given, heard=2)
+        case _:
+            return edited([*begun, ("each", 2, ["run x = y", *inside])], heard=2)
+
+
+@pytest.mark.parametrize("kind", ["call", "mapping", "item", "instance"])
+def test_a_variable_that_a_scope_has_of_its_own_has_one_outcome_until_it_is_set(kind: str) -> None:
+    for between in ([], ["work"], ["run y = robot.now"], ["run z = robot.now"]):
+        assert not in_scope(kind, [ASKED, *between, AGAIN]), between
+    for between in ([UNKNOWN], ["person"], ["run await sleep(1); x = robot.now"], ["run f(x)"], ["run x.append(3)"]):
+        assert in_scope(kind, [ASKED, *between, AGAIN]), between
+
+
+def test_a_variable_of_a_scope_and_one_outside_have_one_outcome_until_one_of_them_is_set() -> None:
+    asked, again = (("if", "x > y", *one[2:]) for one in (ASKED, AGAIN))
+    assert not in_scope("item", [asked, "work", again])
+    assert in_scope("item", [asked, UNKNOWN, again])
+    assert in_scope("item", [asked, "run y = robot.now", again])
+
+
+def test_what_a_call_is_given_instead_has_an_outcome_of_its_own() -> None:
+    all_but_x = '<camunda:in variables="all"/><camunda:in source="y" target="x"/>'
+    given = (r"(<callActivity [^>]*>)", rf"\1<extensionElements>{all_but_x}</extensionElements>")
+    assert edited([UNKNOWN, "run y = robot.now", ASKED, ("call", "H")], given, H=[AGAIN])
+
+
+# ---- JavaScript ------------------------------------------------------------------------------------------------------
+
+V = "this.environment.variables."
+JAVASCRIPT = (
+    (r'scriptFormat="python"><script>/\*js\*/', 'scriptFormat="javascript"><script>'),
+    ("<conditionExpression>(?=[^<]*this)", '<conditionExpression language="JavaScript">'),
+)
+
+
+SETS_IN_JAVASCRIPT = [
+    "$x = 3; next()",
+    "$x++; next()",
+    "$x.push(1); next()",
+    "$z.push(1); next()",
+    "$z[0] = 1; next()",
+    "const t = $x; t.a = 1; next()",
+    "const t = $x; t.pop(); next()",
+    "f($x); next()",
+    "delete $x.a; next()",
+    "await 1; $x = 2; next()",
+    "setTimeout(() => { $x = 2; }, 5); next()",
+    "eval('1'); next()",
+    "this.environment.variables['x'] = 3; next()",
+]
+"""Scripts after which a variable may have another value."""
+
+
+def js(text: str) -> str:
+    """A script in JavaScript, in which ``$x`` is the variable `x`."""
+    return f"run /*js*/{text.replace('$', V)}"
+
+
+def stuck_in_javascript(condition: str, *between: object) -> bool:
+    """Whether B may wait for ever for what A throws at one gateway or at another with the same condition."""
+    condition = condition.replace("$", V).replace("&", "&amp;").replace("<", "&lt;")
+    begun = (
+        js("$x = Math.random(); $y = Math.random(); next();"),
+        js("const z = $x; $z = z; next()"),
+        js("$w = 3; next()"),
+    )
+    asked, again = ("if", condition, *ASKED[2:]), ("if", condition, *AGAIN[2:])
+    return edited([*begun, asked, *between, again], *JAVASCRIPT)
+
+
+@pytest.mark.parametrize(
+    "condition",
+    ["$x > 3", "next(null, $x > 3);", "$x === 3 && !($y < 2)", "$x.length > 3 || $y.data", "!$x", "$x[0] !== $y"],
+)
+def test_a_condition_in_javascript_has_one_outcome_until_its_variables_are_set(condition: str) -> None:
+    same = ["work", "run v = robot.now", js("$v = $x + 1; next()"), js("if ($x > 3) { $v = Math.abs($w); }; next()")]
+    for between in ([], same, [js("const t = $x; console.log(t); next()")], [js("$w.push(1); next()")]):
+        assert not stuck_in_javascript(condition, *between), between
+    for text in SETS_IN_JAVASCRIPT:
+        assert stuck_in_javascript(condition, js(text)), text
+    assert stuck_in_javascript(condition, UNKNOWN)
+    assert stuck_in_javascript(condition, "person")
+
+
+@pytest.mark.parametrize(
+    "condition", ["$x > Math.random()", "$x.next() > 3", "this.content.x > $x", "$ros_node.a > $x"]
+)
+def test_what_may_change_without_a_write_is_never_remembered_in_javascript(condition: str) -> None:
+    assert stuck_in_javascript(condition, "work")
+
+
+# ---- what takes time and does not complete ---------------------------------------------------------------------------
+
+SLOW = "run x = 1; await sleep(1)\nif odd: raise BpmnError('c')"
+SAID = "run await sleep(1); signal('go')\nif odd: raise BpmnError('c')"
+BEGUN = "run x = 0"
+LEFT = ("if", "x == 0", ["throw go"], ["work"])
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        [("guard", [SLOW, "throw go"], "error c", [LEFT])],
+        [("guard", [("call", "H"), "throw go"], "error c", [LEFT])],
+        [("guard", [SLOW, "throw go"], "timer PT5S", [LEFT])],
+        [("scope", [SLOW, "throw go"], "timer PT5S", [LEFT])],
+        [("and", [SLOW, "throw done"], [LEFT])],
+        [("guard", [SAID, "throw done"], "error c", ["throw stop"])],
+    ],
+)
+def test_what_did_not_complete_may_have_set_variables_and_sent_signals(steps: Steps) -> None:
+    first = ("race", ["catch go", "catch done"], ["catch stop"])
+    heard = [first if "stop" in repr(steps) else ("race", ["catch done", "catch go"], ["catch go"])]
+    called = {"H": ["run x = 1", "work", ("or", ["work"], ["error c"])]} if "'H'" in repr(steps) else {}
+    text = text_of({"A": [BEGUN, *steps], "B": heard, **called}, calls=(*called,))
+    found = explore(fame.read(text.encode()), delivery="run")
+    assert found.exhaustive
+    stuck = {place.element for one in found.findings if one.kind in ("deadlock", "lost") for place in one.places}
+    assert stuck, [str(one) for one in found.findings]

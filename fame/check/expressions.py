@@ -137,7 +137,7 @@ _Value = bool | float
 
 def cover_all(conditions: Sequence[Expression]) -> bool:
     """Whether one of the conditions is true for all values of the variables; False if that is unknown."""
-    trees = [_tree(condition) for condition in conditions]
+    trees = [condition_tree(condition) for condition in conditions]
     try:
         return _cover_all([tree for tree in trees if tree is not None]) if None not in trees else False
     except RecursionError:  # nested too deeply
@@ -160,6 +160,7 @@ def python_tree(expression: Expression) -> ast.expr | None:
     text = expression.text.strip()
     if expression.language != "python":
         text = text[2:-1] if text[:2] in ("${", "#{") and text[-1:] == "}" else text
+        text = text.rstrip(";") if expression.language == "javascript" else text
         for pattern, spelling in _SPELLINGS:
             text = re.sub(pattern, spelling, text)
     try:
@@ -168,7 +169,7 @@ def python_tree(expression: Expression) -> ast.expr | None:
         return None
 
 
-def _tree(condition: Expression) -> ast.expr | None:
+def condition_tree(condition: Expression) -> ast.expr | None:
     """The tree of a condition that always gives the same result for the same variables, else None."""
     tree = python_tree(condition)
     if isinstance(tree, ast.Call) and called_name(tree) == "next" and len(tree.args) == 2:

@@ -105,6 +105,12 @@ class Variables(dict[str, Any]):
             self[name] = value
 
 
+def chained(outer: dict[str, Any], own: dict[str, Any]) -> Variables:
+    """Return the variables of a scope inside another one; the class of `outer` may name their class as ``inner``."""
+    kind: type[Variables] = getattr(outer, "inner", Variables)
+    return kind(outer, own)
+
+
 def plain(variables: Mapping[str, Any]) -> dict[str, Any]:
     """Return all variables that are data, inner ones before outer ones, as a new plain dict.
 

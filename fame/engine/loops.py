@@ -18,7 +18,7 @@ from typing import Any
 
 from fame.bpmn import model
 from fame.engine import compensation, faults, scopes, state, steps, subprocesses, waiting
-from fame.engine.data import UNDEFINED, Variables
+from fame.engine.data import UNDEFINED, Variables, chained
 from fame.engine.engine_state import EngineState
 from fame.engine.program import Body, Compiled, LoopInstance, Node
 from fame.engine.scope_compiler import ScopeCompiler
@@ -64,7 +64,7 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> None:
     if not loop.sequential and total > state.TOKENS:
         faults.abandon_crowd(engine, scope.instance, node)
         return
-    variables = scope.variables if loop.standard else Variables(scope.variables)
+    variables = scope.variables if loop.standard else chained(scope.variables, {})
     whole = scopes.open_child(engine, scope, node, node.body, variables)
     whole.items = {
         "values": values,
@@ -118,7 +118,7 @@ def begin_instance(engine: EngineState, whole: Scope, node: Node) -> None:
     items["started"] += 1
     number, variables = items["started"], whole.variables
     if not loop.standard:
-        variables = Variables(variables, {"loopCounter": number})
+        variables = chained(variables, {"loopCounter": number})
         if items["values"] is not None and loop.element:
             variables.define(loop.element, items["values"][number - 1])
         if loop.sequential:  # of parallel ones once for all

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from fame.engine.data import Variables
+from fame.engine.data import chained
 from fame.engine.interpreter import Engine
 from fame.engine.state import Instance, Mailbox, Record, Scope, Wait
 
@@ -65,7 +65,7 @@ class Revival:
                 variables = self.engine.new_variables()
                 dict.update(variables, values)
             else:
-                variables = Variables(dicts[place], values)
+                variables = chained(dicts[place], values)
             contents.give(variables, number)
             dicts.append(variables)
 

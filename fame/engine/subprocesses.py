@@ -8,7 +8,7 @@ from typing import Any
 
 from fame.bpmn import model
 from fame.engine import compensation, faults, handlers, scopes, state, steps, waiting
-from fame.engine.data import UNDEFINED, Variables, plain
+from fame.engine.data import UNDEFINED, chained, plain
 from fame.engine.engine_state import EngineState
 from fame.engine.program import UNCOUNTED, Body, Compiled, FaultCatch, Handler, Node
 from fame.engine.scope_compiler import ScopeCompiler
@@ -60,7 +60,7 @@ def _own_variables(engine: EngineState, spec: ScopeActivity, outer: dict[str, An
     inner = {name: source(outer) for name, source in spec.inputs}
     inner = {name: value for name, value in inner.items() if value is not UNDEFINED}
     if spec.shares:
-        return Variables(outer, inner)
+        return chained(outer, inner)
     variables = engine.new_variables()
     variables.update({**plain(outer), **inner} if spec.all_in else inner)
     return variables

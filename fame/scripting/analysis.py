@@ -198,6 +198,19 @@ _TAKEN = re.compile(rf"\{{([^{{}}]*)\}}\s*=\s*(?:{_BEHIND}|({_NAME}))\s*(?=[;,\n
 _SET = re.compile(r"\s*(?:=(?![=>])|[-+*/%&|^]=|\*\*=|\|\|=|&&=|\?\?=|<<=|>>=|\+\+|--)")
 _CHANGE = re.compile(r"\s*(?:[-+*/%&|^]=|\*\*=|<<=|>>=|\+\+|--)")
 _NODES = ("ros_node", "node")
+_FUNCTION = re.compile(
+    r"\bfunction\b|=>|\bclass\b|\b(?!(?:if|for|while|switch|catch|with)\b)[\w$]+\s*\([^()]*\)\s*\{|\]\s*\("
+)
+_HARMLESS = re.compile(
+    r"(?<![\w$.])(?:(?:Math|Number|console)\s*\.\s*\w+|Date\s*\.\s*now|next|Number|String|Boolean|parseInt|parseFloat|isNaN"
+    r"|isFinite|if|for|while|switch|return|typeof|else|do|case|in|of)\s*(?=\()"
+)
+_IN_PLACE = re.compile(
+    rf"""[\w$\])]\s*(?:\?\.\s*)?\( | (?:\.\s*{_NAME}|[\]}}])(?:{_SET.pattern}|\s+(?:of|in)\b) | \bdelete\b
+    | (?:\+\+|--)\s*[\w$]+\s*[.\[]""",
+    re.VERBOSE,
+)
+"""A call, or what sets, counts or deletes a member."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,6 +222,8 @@ class Identifiers:
     next           whether it names next
     node           whether it uses node for ros_node
     subscribes     whether it creates a subscription; `destroys`: whether it destroys one
+    functions      whether it makes functions, which may run later
+    changes        whether it may change lists or objects: by calls, or by setting members
     """
 
     reads: frozenset[str]
@@ -218,6 +233,8 @@ class Identifiers:
     node: bool
     subscribes: bool
     destroys: bool
+    functions: bool
+    changes: bool
 
 
 def identifiers_of(text: str) -> Identifiers:
@@ -248,6 +265,8 @@ def identifiers_of(text: str) -> Identifiers:
             reads.add(name)
     is_open |= "environment" in re.sub(_BEHIND, "", code)
     names_node = "node" in reads
+    functions = _FUNCTION.search(code) is not None
+    plain = _HARMLESS.sub("", re.sub(rf"(?:{objects})\s*\??\.\s*", "$", code))
     return Identifiers(
         frozenset(reads - {"", *_NODES}),
         frozenset(writes),
@@ -256,6 +275,8 @@ def identifiers_of(text: str) -> Identifiers:
         names_node,
         "createSubscription" in code,
         "destroySubscription" in code,
+        functions,
+        functions or _IN_PLACE.search(plain) is not None or re.search(r"[\w$\])]\s*`", text) is not None,
     )
 
 

@@ -13,12 +13,12 @@ from typing import Any
 
 from fame.bpmn.pools import Pool
 from fame.check.explore.abstraction import Abstraction
-from fame.check.explore.host import ExplorationHost, Running, field_names
+from fame.check.explore.host import ExplorationHost, field_names
 from fame.check.explore.values import Unknown, Values
 from fame.clock import Scheduler
 from fame.engine import UNDEFINED, Engine, Instance, compile_program
 from fame.engine.canonical import stimuli
-from fame.engine.host import BpmnError, Host
+from fame.engine.host import Host
 from fame.engine.state import Trail, Wait
 from fame.errors import FameError
 from fame.middleware import messages
@@ -131,18 +131,6 @@ class StandInHost(ExplorationHost):
     def under_way(self, elements: frozenset[str]) -> list[Wait]:
         """The steps under way at some elements."""
         return [wait for wait in stimuli(self.engine).scripts.values() if wait.node.id in elements]
-
-    def finish(self, wait: Wait, code: str | None) -> None:
-        """Let a step end, or raise an error code."""
-        made = wait.node.spec.run(wait.scope.variables)
-        assert isinstance(made, Running)
-        self.place = wait.node.id
-        if code is None:
-            self.end_step(made.step, wait.scope.variables)
-            variable = wait.node.spec.variable
-            if variable and self.kept(variable):
-                wait.scope.variables[variable] = self.values.unknown
-        self.engine.script_ended(wait.key, None if code is None else BpmnError(code))
 
     def block(self, wait: Wait) -> None:
         """Let a step never end."""

@@ -17,7 +17,7 @@ from fame.bpmn.pools import Pool
 from fame.bpmn.topics import TopicUse
 from fame.check.events import raised_codes
 from fame.check.explore.aliases import SHARED, Aliases
-from fame.check.explore.script_effects import list_uses, may_change, script_writes, without_items
+from fame.check.explore.script_effects import changed_in_place, list_uses, may_change, script_writes, without_items
 from fame.check.explore.slicing import assignments, links, sliced, unknown_part, without_operations
 from fame.check.expressions import cover_all, expressions_in, names_of
 from fame.engine.data import variable_name
@@ -33,14 +33,18 @@ STEP = "explored step "
 class Step:
     """Something that takes time: a behaviour, a service, or a script that waits.
 
-    writes   variables that are unknown afterwards
-    changes  those that are, unless their values are of a kind that cannot be changed
+    writes   variables that it may set at any time: they are unknown from its beginning on
+    changes  those whose values it may change in place: unknown, too, unless they are of a kind that cannot be changed
+    results  variables that it sets when it completes
+    used     others whose values it uses: they count as changed when it completes, as fewer values are fewer states
     codes    error codes that it may raise
-    emits    (topic, whether it is certain): what it has published when it ends
+    emits    (topic, whether it is certain if it completes): what it has published when it ends
     """
 
     writes: tuple[str, ...] = ()
     changes: tuple[str, ...] = ()
+    results: tuple[str, ...] = ()
+    used: tuple[str, ...] = ()
     codes: tuple[str, ...] = ()
     emits: tuple[tuple[str, bool], ...] = ()
 
@@ -135,6 +139,10 @@ class Abstraction:
             return script
         return self.aliases.marked(script if caught else sliced(script, self.needed), self.needed)
 
+    def _with_aliases(self, names: Iterable[str]) -> set[str]:
+        found = {*names}
+        return found.union(*(self.aliases.of((name, False)) for name in found))
+
     def _call(self, call: model.CallActivity, body: model.Body, home: model.Definitions) -> model.FlowNode:
         try:
             called = self.library.find(home, call)
@@ -143,16 +151,19 @@ class Abstraction:
             return call
         if any(topic in self.shared for there, process in closure for topic in _topics(there, process)):
             return call
-        writes = {name for _, process in closure for name in _writes(process)}
-        changes = {name for _, process in closure for name in _may_change(process)}
-        changes |= {other for name in changes for other in self.aliases.of((name, False))}
+        writes, results = {name for _, process in closure for name in _writes(process)}, set[str]()
+        changes = self._with_aliases(name for _, process in closure for name in _may_change(process))
+        used = self._with_aliases(name for _, process in closure for name in _may_set(process))
         if call.io is not None:
-            if changes and not call.io.all_in:  # of what it is given
-                changes = {name for item in call.io.inputs for name in names_of(item.source)[0]}
-            writes = {item.target for item in call.io.outputs} if not call.io.all_out else writes
+            if not call.io.all_in:
+                given = {name for item in call.io.inputs for name in names_of(item.source)[0]}
+                changes, used = (given if names else set() for names in (changes, used))
+            results = writes if call.io.all_out else {item.target for item in call.io.outputs}
+            writes = set()
         codes = step_codes(call, _thrown_in(self.library, *called, set()), body)
         name = f"{STEP}{home.file} {call.id}"
-        self.steps[name] = Step(tuple(sorted(writes)), tuple(sorted(changes)), codes)
+        sorts = [tuple(sorted(names)) for names in (writes, changes, results, used)]
+        self.steps[name] = Step(sorts[0], sorts[1], sorts[2], sorts[3], codes)
         kept = {item.name: getattr(call, item.name) for item in fields(model.Activity)}
         kept |= {"io": None, "copies_out": (), "required": ()}
         return model.Task(kind="service", operation=name, **kept)
@@ -252,6 +263,13 @@ def _writes(process: model.Process) -> Iterator[str]:
 
 def _may_change(process: model.Process) -> Iterator[str]:
     """The variables whose values a called process may change in place."""
+    for node in process.body.walk():
+        if node.script is not None:
+            yield from changed_in_place(node.script) | may_change(node.script)
+
+
+def _may_set(process: model.Process) -> Iterator[str]:
+    """The variables that scripts of a called process set, or may change in place."""
     for node in process.body.walk():
         if node.script is not None:
             yield from script_writes(node.script) | may_change(node.script)

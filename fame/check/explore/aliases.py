@@ -108,6 +108,8 @@ def _flows_in(body: model.Body, mappings: Set[str]) -> Iterator[Flow]:
         if use.use == "script" and (found := accepted(use.expression, "exec")):
             for one in ast.walk(found[1]):
                 yield from _flows_at(one, mappings)
+        elif use.use == "script":  # in JavaScript
+            yield use.reads, use.writes, True
         elif isinstance(use.element, model.DataObject):
             yield use.reads, {*use.element.names}, True
 

@@ -7,11 +7,10 @@ So an engine runs a step once for each footprint, not once for each state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, NamedTuple
 
-from fame.check.explore.remembering import Outcomes
+from fame.check.explore.remembering import Memory, Outcomes
 from fame.engine.contents import Changes
 
 Names = tuple[str, ...]
@@ -28,8 +27,8 @@ class Watched(Outcomes):
 
     __slots__ = ("reads", "whole", "writes")
 
-    def __init__(self, values: dict[str, Any], readers: Mapping[str, Iterable[str]] = MappingProxyType({})) -> None:
-        super().__init__(values, readers)
+    def __init__(self, values: dict[str, Any], memory: Memory | None = None) -> None:
+        super().__init__(values, memory or Memory({}))
         self.reads: set[str] = set()
         self.writes: set[str] = set()
         self.whole: bool = False
@@ -50,6 +49,10 @@ class Watched(Outcomes):
         self.writes.add(name)
         super().__setitem__(name, value)
 
+    def remember(self, key: str, decisions: tuple[int, ...]) -> None:
+        self.writes.add(key)
+        super().remember(key, decisions)
+
     def __delitem__(self, name: str) -> None:
         self.reads.add(name)
         self.writes.add(name)
@@ -59,7 +62,7 @@ class Watched(Outcomes):
 def _as_a_whole(method: str) -> Callable[..., Any]:
     def use(self: Watched, *arguments: Any, **named: Any) -> Any:
         self.whole = True
-        return getattr(dict, method)(self, *arguments, **named)
+        return getattr(Outcomes, method)(self, *arguments, **named)
 
     return use
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Set
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -17,17 +17,16 @@ from fame.bpmn.model import Expression, Task
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
 from fame.check.events import raised_codes
 from fame.check.explore.abstraction import Step, emitted
-from fame.check.explore.aliases import SHARED, shared
+from fame.check.explore.aliases import SHARED, Aliases, shared
 from fame.check.explore.asking import asking, functions
 from fame.check.explore.purity import STEPS, catches, is_certain, is_computable, waits
-from fame.check.explore.remembering import Outcomes, key_of, memory_of
-from fame.check.explore.script_effects import may_change, script_writes
+from fame.check.explore.remembering import Memory, Outcomes, key_of, memory_of, owner_of
+from fame.check.explore.script_effects import changed_in_place, may_change, script_writes
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
 from fame.engine import UNDEFINED, Engine, Instance
-from fame.engine.data import Variables
 from fame.engine.host import BpmnError
-from fame.engine.state import Trail
+from fame.engine.state import Trail, Wait
 from fame.engine.tasks import SCRIPT
 from fame.errors import FameError, ModelError
 from fame.iso8601 import parse_duration
@@ -124,7 +123,8 @@ class ExplorationHost:
         self.kept: Callable[[str], bool] = lambda name: True
         self.remembered: Mapping[str, Set[str]] = {}
         """Conditions whose outcome is remembered, see `remembering`."""
-        self.readers: Mapping[str, Sequence[str]] = {}
+        self.memory = Memory({})
+        self.aliases = Aliases()
         self._again: deque[int] = deque()
         """What was chosen before in the condition that is asked again."""
         self._blank: dict[str, int] = {}
@@ -140,11 +140,12 @@ class ExplorationHost:
         self.timers: dict[int, Timer] = {}
         self.fired: Timer | None = None
         self.values.choose = self.choose
+        self.memory.scopes.clear()
 
     def new_variables(self) -> dict[str, Any]:
         """What an instance starts with."""
         new = {"__builtins__": self._interface}
-        return Outcomes(new, self.readers) if self.readers else new
+        return Outcomes(new, self.memory) if self.remembered else new
 
     def compute(self, element: str) -> None:
         """Begin to compute a text of an element. Raises OutOfTimeError, which ends a step that goes round for ever."""
@@ -198,51 +199,44 @@ class ExplorationHost:
 
         def evaluate(variables: dict[str, Any]) -> Any:
             memory = memory_of(variables, reads)
-            if memory is None or any(reads & changed for changed in self._changed_meanwhile()):
+            if memory is None or self._may_change_meanwhile(variables, reads):
                 return run(variables)
             begun = len(self.outcome.choices)
-            self._again = deque(memory.get(key, ()))
+            known = memory.recall(key)
+            self._again = deque(known)
             try:
                 found = run(variables)
                 outcome = self.choose(2) == 0 if is_unknown(found) else found
             finally:
                 self._again.clear()
             made = tuple(chosen for _, chosen, _ in self.outcome.choices[begun:])
-            if made and key not in memory:
-                memory[key] = made
+            if made and not known:
+                memory.remember(key, made)
             return outcome
 
         return evaluate
 
     def _forgetting(self, run: Callable[..., Any], script: Expression) -> Callable[..., Any]:
-        """A script, after which the conditions that read what it sets may have another outcome."""
-        keys = self._readers(script_writes(script) | may_change(script))
+        """A script, after which the conditions that read what it changes in place may have another outcome."""
+        names = (changed_in_place(script) | may_change(script)) & self.memory.readers.keys()
 
-        def forget_and_run(variables: dict[str, Any]) -> Any:
-            outer = variables
-            while isinstance(outer, Variables):
-                outer = outer.outer
-            if isinstance(outer, Outcomes):
-                outer.forget(keys)
+        def change_and_run(variables: dict[str, Any]) -> Any:
+            self.memory.change(names)
             return run(variables)
 
-        return forget_and_run if keys else run
+        return change_and_run if names else run
 
-    def _readers(self, names: Iterable[str]) -> set[str]:
-        """The remembered conditions that read some variables."""
-        return {key for name in names for key in self.readers.get(name, ())}
-
-    def _changed_meanwhile(self) -> Iterator[set[str]]:
-        """The variables that each script or behaviour under way may set at any time."""
+    def _may_change_meanwhile(self, variables: dict[str, Any], reads: Set[str]) -> bool:
+        """Whether a script or behaviour under way may set one of these variables at any time."""
         for wait in self.engine.waits.values():
-            if wait.catch.trigger is SCRIPT and isinstance(made := wait.node.spec.run(wait.scope.variables), Running):
-                yield {*made.step.writes, *made.step.changes, getattr(wait.node.spec, "variable", "")}
-
-    def forget(self, conditions: Iterable[str]) -> None:
-        """Let conditions of all instances have another outcome."""
-        for instance in self.engine.instances.values():
-            if isinstance(instance.root_variables, Outcomes):
-                instance.root_variables.forget(conditions)
+            there = wait.scope.variables
+            if wait.catch.trigger is SCRIPT and isinstance(made := wait.node.spec.run(there), Running):
+                sets = reads & {*made.step.writes}
+                if reads & {*made.step.changes} or any(
+                    owner_of(there, name) is owner_of(variables, name) for name in sets
+                ):
+                    return True
+        return False
 
     def _uncomputed(self, element: str) -> Callable[..., Any]:
         def evaluate(variables: dict[str, Any]) -> Any:
@@ -291,6 +285,9 @@ class ExplorationHost:
 
     def _script(self, script: Expression, element: str, file: str) -> Callable[..., Any]:
         step = step_of(script, element)
+        if script.language == "javascript":
+            shown = {other for name in step.changes for other in self.aliases.of((name, False))}
+            step = replace(step, changes=tuple(sorted(shown.union(step.changes))))
         if script.language == "python":
             run = compile_script(asking(script), file=file, element=element)
         if waits(script):
@@ -344,23 +341,48 @@ class ExplorationHost:
         """The known effects of a script that is not run."""
         self.compute(element)
         chosen = self.choose(1 + len(step.codes)) if step.codes else 0
-        self.end_step(step, variables)
+        self.end_step(step, variables, failed=chosen > 0)
         if chosen:
             raise BpmnError(step.codes[chosen - 1])
 
-    def end_step(self, step: Step, variables: dict[str, Any]) -> None:
-        """Its results are unknown; what it publishes conditionally is published or not."""
-        kept = self.kept
-        self.forget(self._readers((*step.writes, *step.changes)))
-        for name in step.writes:
-            if kept(name):
-                variables[name] = self.values.unknown
-        for name in step.changes:
-            if kept(name) and name in variables and not is_unknown(value := variables[name]) and not is_fixed(value):
-                variables[name] = self.values.unknown
+    def finish(self, wait: Wait, code: str | None) -> None:
+        """Let a script, service or behaviour end, or raise an error code."""
+        variables = wait.scope.variables
+        self.place = wait.node.id
+        self.end_step(step_under_way(wait), variables, failed=code is not None)
+        variable = wait.node.spec.variable
+        if code is None and variable and self.kept(variable):
+            variables[variable] = self.values.unknown
+        self.engine.script_ended(wait.key, None if code is None else BpmnError(code))
+
+    def end_step(self, step: Step, variables: dict[str, Any], *, failed: bool) -> None:
+        """Its results are unknown; what it publishes conditionally, or before it fails, is published or not."""
+        self._begin_step(step, variables)
+        if not failed:
+            self._set_unknown(step.results, variables)
+            self._change(step.used, variables)
         for topic, certain in step.emits:
-            if topic in self.types and (certain or self.choose(2) == 0):
+            if topic in self.types and ((certain and not failed) or self.choose(2) == 0):
                 self._emit(topic, self.values.unknown)
+
+    def _begin_step(self, step: Step, variables: dict[str, Any]) -> None:
+        """What a script or behaviour may set or change at any time is unknown."""
+        self.memory.change(step.changes)
+        self._set_unknown(step.writes, variables)
+        self._change(step.changes, variables)
+
+    def _set_unknown(self, names: Iterable[str], variables: dict[str, Any]) -> None:
+        for name in names:
+            if self.kept(name):
+                variables[name] = self.values.unknown
+
+    def _change(self, names: Iterable[str], variables: dict[str, Any]) -> None:
+        """Make variables unknown, unless their values are known to be of a kind that cannot be changed in place."""
+        for name in names:
+            if self.kept(name) and name in variables:
+                value = variables[name]
+                if not is_unknown(value) and not is_fixed(value):
+                    variables[name] = self.values.unknown
 
     def service(self, operation: str, *, element: str, file: str) -> Callable[..., Any]:
         running = Running(self.steps.get(operation, Step()))
@@ -454,7 +476,8 @@ class ExplorationHost:
 
     # ---- the rest ------------------------------------------------------------------------------------
 
-    def run(self, key: int, script: Any) -> None: ...
+    def run(self, key: int, script: Any) -> None:
+        self._begin_step(script.step, self.engine.waits[key].scope.variables)
 
     def cancel(self, key: int) -> bool:
         return True
@@ -499,12 +522,19 @@ def _is_about_unknown(error: Exception) -> bool:
     return unpacked or isinstance(error, TypeError | AttributeError)
 
 
+def step_under_way(wait: Wait) -> Step:
+    """What takes time where a token waits."""
+    made = wait.node.spec.run(wait.scope.variables)
+    assert isinstance(made, Running)
+    return made.step
+
+
 def step_of(script: Expression, element: str) -> Step:
     """The known effects of a script that is not run."""
     codes = raised_codes(Task(id=element, kind="script", script=script)) or ()
     emits = tuple((topic, is_certain(script, topic)) for topic in emitted(script))
-    writes, changes = script_writes(script), may_change(script)
-    return Step(tuple(sorted(writes)), tuple(sorted(changes - writes)), tuple(sorted(codes)), emits)
+    writes, changes = script_writes(script), changed_in_place(script) | may_change(script)
+    return Step(tuple(sorted(writes)), tuple(sorted(changes)), codes=tuple(sorted(codes)), emits=emits)
 
 
 def _at(value: Any, path: str) -> Any:

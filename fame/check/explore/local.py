@@ -15,7 +15,7 @@ from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.footprints import Effect, Footprints, Watched
 from fame.check.explore.host import MOST_DECISIONS, Event, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
 from fame.check.explore.liveness import Liveness
-from fame.check.explore.remembering import readers_of, remembered
+from fame.check.explore.remembering import Memory, remembered
 from fame.check.explore.running_states import go_on, resumed
 from fame.check.explore.states import CUT, States
 from fame.check.explore.stimuli import Stimulus, apply
@@ -74,10 +74,10 @@ class Local:
         explored = model.process(definitions, process)
         self.bodies = model.bodies(definitions, process)
         self.host.remembered = remembered(self.bodies)
-        self.host.readers = readers_of(self.host.remembered)
+        self.host.memory = Memory(self.host.remembered)
         self.kept = kept.union(self.host.remembered)
         self.host.kept = self.kept.__contains__
-        self.host.caught, self.host.observed = model.caught, events
+        self.host.caught, self.host.observed, self.host.aliases = model.caught, events, model.aliases
         self.body = explored.body
         file = definitions.file
         self.program = compile_program(explored, host=host, library=model.find, file=file, observed=observed)
@@ -213,7 +213,7 @@ class Local:
         return engine
 
     def _watched_variables(self) -> Watched:
-        return Watched(self.host.new_variables(), self.host.readers)
+        return Watched(self.host.new_variables(), self.host.memory)
 
     def _explored(
         self,

@@ -1,32 +1,39 @@
 """Unknown conditions whose outcome is remembered: asked again with unchanged variables, they have the same one.
 
-An outcome is kept among the variables of its instance, as the decisions that led to it, and forgotten as soon as a
-variable that the condition reads is set, or may be changed in place: by a script, a message, a person, a result. While
-a script with `await` or a behaviour is under way it may set its variables at any time. Not remembered are conditions
-in JavaScript, with functions that are not known to give the same again, or that read what changes by itself
-(`robot.now`), and those that read variables that a scope has of its own.
+An outcome is kept among the variables of the innermost scope that has one that the condition reads, as the decisions
+that led to it. It is forgotten as soon as one of them is set, or may be changed in place: by a script, a message, a
+person, a result. While a script with `await` or a behaviour is under way it may set its variables at any time. Not
+remembered are conditions with functions that are not known to give the same again, or that read what changes by itself
+(`robot.now`).
 """
 
 from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import Any
 
 from fame.bpmn import model
-from fame.check.expressions import expressions_in, names_of, syntax_tree
+from fame.check.expressions import condition_tree, expressions_in, names_of, syntax_tree
 from fame.engine.data import Variables
+from fame.scripting.analysis import identifiers_of
 from fame.scripting.interface import NAMES
 
 _BEHIND_ITS_BACK = re.compile(
     r"\b(global|nonlocal|exec|eval|globals|locals|vars|setattr|class|del)\b|__|:=|\bimport\s*\*"
 )
 """How a text may set variables that are not seen to be set, or compare as it likes."""
+_BEHIND_IN_JAVASCRIPT = re.compile(
+    r"""\b(Function|with|Proxy|Reflect|Symbol|prototype|defineProperty|defineProperties)\b|\b[gs]et\s+[\w$[\"']"""
+    r"""|\b(valueOf|toString|toJSON)\s*([:=](?!=)|\([^()]*\)\s*\{)"""
+)
+"""How a text in JavaScript may do so, or compare as it likes."""
 _PURE = frozenset(
     ("abs", "all", "any", "bool", "float", "int", "isinstance", "len", "max", "min", "round", "sorted", "str", "sum")
 )
 
+_JAVASCRIPT_NAMES = ("Infinity", "NaN", "environment", "this", "undefined")
 _IMPURE = {
     "feel": re.compile(r"\b(random number|uuid|now|today)\s*\("),
     "juel": re.compile(r"(?<!\bnot)(?<!\bempty)(?<!\band)(?<!\bor)\b\s*\("),
@@ -34,42 +41,115 @@ _IMPURE = {
 """Functions of other languages that may give something else each time."""
 
 
-class Outcomes(dict[str, Any]):
-    """The variables of an instance, which forget outcomes of the conditions that read what is set.
+class Memory:
+    """What is remembered of the conditions of a pool, in all variables of an engine.
 
-    `readers`: variable -> conditions, see `key_of`.
+    readers   variable -> the conditions that read it, see `key_of`
+    scopes    all variables in which outcomes may be kept
     """
 
-    __slots__ = ("readers",)
+    def __init__(self, remembered: Mapping[str, Set[str]]) -> None:
+        names = {name for reads in remembered.values() for name in reads}
+        self.readers: Mapping[str, Sequence[str]] = {
+            name: tuple(key for key, reads in remembered.items() if name in reads) for name in names
+        }
+        self.scopes: list[Outcomes | InnerOutcomes] = []
 
-    def __init__(self, values: Mapping[str, Any], readers: Mapping[str, Iterable[str]]) -> None:
+    def set(self, name: str, owner: dict[str, Any]) -> None:
+        """Forget the outcomes that depend on a variable of some scope."""
+        for key in self.readers.get(name, ()):
+            for scope in self.scopes:
+                if owner_of(scope, name) is owner:
+                    scope.forget(key)
+
+    def change(self, names: Iterable[str]) -> None:
+        """Forget the outcomes that depend on what variables hold, which those of any scope may hold too."""
+        for key in {key for name in names for key in self.readers.get(name, ())}:
+            for scope in self.scopes:
+                scope.forget(key)
+
+
+def owner_of(variables: dict[str, Any], name: str) -> dict[str, Any]:
+    """The variables, of a scope or of one around it, that have a name."""
+    while isinstance(variables, Variables) and not dict.__contains__(variables, name):
+        variables = variables.outer
+    return variables
+
+
+class InnerOutcomes(Variables):
+    """The variables of a scope with variables of its own, with outcomes of the conditions that read one of them."""
+
+    __slots__ = ("memory",)
+    inner: type[InnerOutcomes]
+
+    def __init__(self, outer: dict[str, Any], own: Mapping[str, Any] | None = None) -> None:
+        super().__init__(outer, own)
+        self.memory: Memory = outer.memory  # type: ignore[attr-defined]  # of variables whose `inner` is this class
+        self.memory.scopes.append(self)
+
+    def define(self, name: str, value: Any) -> None:
+        if not _is_key(name):
+            super().define(name, value)
+            self.memory.set(name, self)
+
+    def recall(self, key: str) -> tuple[int, ...]:
+        """The decisions that led to the outcome of a condition; none if it is not known."""
+        found: tuple[int, ...] = dict.get(self, key, ())
+        return found
+
+    def remember(self, key: str, decisions: tuple[int, ...]) -> None:
+        """Keep the decisions that led to the outcome of a condition."""
+        super().define(key, decisions)
+
+    def forget(self, key: str) -> None:
+        """Let a condition have another outcome."""
+        if dict.__contains__(self, key):
+            del self[key]
+
+
+InnerOutcomes.inner = InnerOutcomes
+
+
+class Outcomes(dict[str, Any]):
+    """The variables of an instance, or of a call with variables of its own, with outcomes of conditions."""
+
+    __slots__ = ("memory",)
+    inner: type[InnerOutcomes] = InnerOutcomes
+
+    def __init__(self, values: Mapping[str, Any], memory: Memory) -> None:
         super().__init__(values)
-        self.readers: Mapping[str, Iterable[str]] = readers
+        self.memory: Memory = memory
+        memory.scopes.append(self)
 
     def __setitem__(self, name: str, value: Any) -> None:
-        self.forget(self.readers.get(name, ()))
-        super().__setitem__(name, value)
+        if not _is_key(name):
+            super().__setitem__(name, value)
+            self.memory.set(name, self)
 
-    def forget(self, keys: Iterable[str]) -> None:
-        """Let conditions have another outcome."""
-        for key in keys:
-            if key in self:
-                del self[key]
+    def update(self, *values: Any, **named: Any) -> None:
+        """Take variables of another scope, without its outcomes."""
+        super().update({name: value for name, value in dict(*values, **named).items() if not _is_key(name)})
+
+    def recall(self, key: str) -> tuple[int, ...]:
+        """The decisions that led to the outcome of a condition; none if it is not known."""
+        found: tuple[int, ...] = self.get(key, ())
+        return found
+
+    def remember(self, key: str, decisions: tuple[int, ...]) -> None:
+        """Keep the decisions that led to the outcome of a condition."""
+        super().__setitem__(key, decisions)
+
+    def forget(self, key: str) -> None:
+        """Let a condition have another outcome."""
+        if key in self:
+            del self[key]
 
 
-def readers_of(remembered: Mapping[str, Set[str]]) -> dict[str, tuple[str, ...]]:
-    """Variable -> the remembered conditions that read it."""
-    names = {name for reads in remembered.values() for name in reads}
-    return {name: tuple(key for key, reads in remembered.items() if name in reads) for name in names}
-
-
-def memory_of(variables: dict[str, Any], reads: Set[str]) -> Outcomes | None:
-    """Where the outcome of a condition is kept; None if it reads variables of an inner scope."""
-    while isinstance(variables, Variables):
-        if any(dict.__contains__(variables, name) for name in reads):
-            return None
+def memory_of(variables: dict[str, Any], reads: Set[str]) -> Outcomes | InnerOutcomes | None:
+    """Where the outcome of a condition is kept: in the innermost variables that have one that it reads."""
+    while isinstance(variables, Variables) and not any(dict.__contains__(variables, name) for name in reads):
         variables = variables.outer
-    return variables if isinstance(variables, Outcomes) else None
+    return variables if isinstance(variables, Outcomes | InnerOutcomes) else None
 
 
 def remembered(bodies: Iterable[model.Body]) -> dict[str, frozenset[str]]:
@@ -78,13 +158,22 @@ def remembered(bodies: Iterable[model.Body]) -> dict[str, frozenset[str]]:
     for body in bodies:
         others |= {node.loop.output_collection for node in body.nodes if isinstance(node.loop, model.MultiInstance)}
         for use in expressions_in(body):
-            script = use.use == "script"
-            if _BEHIND_ITS_BACK.search(use.expression.text) or (script and use.expression.language != "python"):
+            if _BEHIND_ITS_BACK.search(use.expression.text):
                 return {}
+            if use.expression.language == "javascript":
+                names = identifiers_of(use.expression.text)
+                if names.open or _BEHIND_IN_JAVASCRIPT.search(use.expression.text):
+                    return {}
+                if names.functions or use.use != "script":  # which may set them at another time
+                    others |= names.writes | (names.reads if names.functions else frozenset())
             others |= use.code
             if use.use == "condition" and (reads := _read(use.expression)):
                 found[key_of(use.expression)] = reads
     return {key: reads for key, reads in found.items() if not reads & others}
+
+
+def _is_key(name: str) -> bool:
+    return name[:1] == "?"
 
 
 def key_of(condition: model.Expression) -> str:
@@ -97,10 +186,23 @@ def _read(condition: model.Expression) -> frozenset[str]:
     if condition.language == "python":
         tree = syntax_tree(condition, script=False)
         pure = tree is not None and all(map(_is_pure, ast.walk(tree)))
+    elif condition.language == "javascript":
+        tree = condition_tree(condition)
+        pure = tree is not None and all(map(_is_pure_in_javascript, ast.walk(tree)))
     else:
         impure = _IMPURE.get(condition.language)
         pure = impure is not None and not impure.search(condition.text)
     return names_of(condition)[0] - _PURE if pure else frozenset()
+
+
+def _is_pure_in_javascript(node: ast.AST) -> bool:
+    """Whether a part of a condition, read as Python, only reads variables, by ``environment.variables``."""
+    if isinstance(node, ast.Attribute):
+        of_this = isinstance(node.value, ast.Name) and node.value.id == "this"
+        return node.attr == "environment" if of_this else node.attr not in ("node", "ros_node")
+    return not isinstance(node, ast.Call | ast.NamedExpr | ast.Lambda | ast.Await) and (
+        not isinstance(node, ast.Name) or node.id in _JAVASCRIPT_NAMES
+    )
 
 
 def _is_pure(node: ast.AST) -> bool:

@@ -1,8 +1,9 @@
 """What scripts change: the variables that they set, and the lists, mappings and objects that they change in place.
 
 `script_writes` names what a script certainly changes if it gets there, `may_change` what it only may change: values
-that it hands to functions which are not known to leave them as they are, and, in JavaScript, all that it reads. A
-number or a text cannot be changed in this way, so the exploration looks at the values before it forgets them.
+that it hands to functions which are not known to leave them as they are, and all that a script in JavaScript reads that
+calls something or sets a member. A number or a text cannot be changed in this way, so the exploration looks at the
+values before it forgets them.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from fame.check.explore.purity import CHANGING_METHODS, READING_METHODS
 from fame.check.expressions import names_of
 from fame.errors import FameError
 from fame.scripting import code_names
+from fame.scripting.analysis import identifiers_of
 from fame.scripting.python import parse_python
 
 
@@ -23,7 +25,7 @@ from fame.scripting.python import parse_python
 def script_writes(script: Expression) -> frozenset[str]:
     """The variables that a script sets or changes in place, functions and modules included."""
     try:
-        return names_of(script, True)[1] | code_names(script) | _changed_in_place(script)
+        return names_of(script, True)[1] | code_names(script) | changed_in_place(script)
     except FameError:
         return frozenset()
 
@@ -34,7 +36,7 @@ def may_change(script: Expression) -> frozenset[str]:
     try:
         reads = names_of(script, True)[0]
         if script.language != "python":
-            return reads
+            return reads if identifiers_of(script.text).changes else frozenset()
         tree = parse_python(script)
     except FameError:
         return frozenset()
@@ -42,14 +44,17 @@ def may_change(script: Expression) -> frozenset[str]:
     return reads if changed & parts_of(tree) else reads & changed
 
 
-def _changed_in_place(script: Expression) -> frozenset[str]:
+def changed_in_place(script: Expression) -> frozenset[str]:
     """The variables whose lists, mappings or objects a script in Python changes by items, attributes or methods.
 
     A name that the script sets to a part of something else may stand for a part of anything that it reads.
     """
     if script.language != "python":
         return frozenset()
-    tree = parse_python(script)
+    try:
+        tree = parse_python(script)
+    except FameError:
+        return frozenset()
     changed, reads = _changed(tree), names_of(script, True)[0]
     return reads if changed & parts_of(tree) else reads & changed
 

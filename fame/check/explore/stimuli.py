@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from fame.check.explore.abstraction import Step
-from fame.check.explore.host import ExplorationHost, Running
+from fame.check.explore.host import ExplorationHost
+from fame.check.explore.remembering import owner_of
 from fame.check.explore.timers import Timer
 from fame.engine import Engine
-from fame.engine.host import BpmnError
-from fame.engine.state import Wait
 
 Stimulus = tuple[str, Any, Any]
 """What happens to a robot: (kind, key or element or topic, code or message number).
@@ -28,7 +26,7 @@ def apply(engine: Engine, stimulus: Stimulus, host: ExplorationHost) -> None:
             host.outcome.flags.append(("received" if received else "lost" if engine.instances else "unneeded", what))
         engine.deliver(what, host.values.value(detail))
     elif kind == "end":
-        _end(engine, what, detail, host)
+        host.finish(engine.waits[what], detail)
     elif kind == "timer":
         timer = host.timers.pop(what)
         host.fired = timer
@@ -36,29 +34,17 @@ def apply(engine: Engine, stimulus: Stimulus, host: ExplorationHost) -> None:
             host.timers[what] = Timer(timer.group, timer.offset + timer.period, timer.period)
         engine.timer_fired(what, last=timer.period is None)
     elif kind == "person":
-        host.forget(host.remembered)  # a person may set any variable
-        engine.complete_task(what)
+        _person(engine, what, host)
     elif kind == "offer":
         engine.activate(what)
     elif kind == "block":
         engine.waits.pop(what).started = False
 
 
-def _end(engine: Engine, key: int, code: str | None, host: ExplorationHost) -> None:
-    wait = engine.waits[key]
-    step = step_under_way(wait)
-    host.place = wait.node.id
-    if code is None:
-        host.end_step(step, wait.scope.variables)
-    variable = getattr(wait.node.spec, "variable", "")
-    host.forget(host.readers.get(variable, ()))
-    if host.kept(variable):
-        wait.scope.variables[variable] = host.values.unknown
-    engine.script_ended(key, None if code is None else BpmnError(code))
-
-
-def step_under_way(wait: Wait) -> Step:
-    """What takes time where a token waits."""
-    made = wait.node.spec.run(wait.scope.variables)
-    assert isinstance(made, Running)
-    return made.step
+def _person(engine: Engine, element: str, host: ExplorationHost) -> None:
+    """A person completes a task, and may set any variable that is visible there."""
+    for wait in (wait for instance in engine.instances.values() for wait in instance.waits()):
+        if wait.node.id == element:
+            for name in host.memory.readers:
+                host.memory.set(name, owner_of(wait.scope.variables, name))
+    engine.complete_task(element)

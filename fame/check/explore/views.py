@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fame.check.explore.host import ExplorationHost
-from fame.check.explore.stimuli import Stimulus, step_under_way
+from fame.check.explore.host import ExplorationHost, step_under_way
+from fame.check.explore.stimuli import Stimulus
 from fame.check.explore.timers import next_timers
 from fame.engine import Engine
 from fame.engine.canonical import Keys, Stimuli
