@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal
 
 from fame.imports import require
@@ -21,3 +22,7 @@ def interval(
 
     found = binomtest(count, total).proportion_ci(confidence, method)
     return float(found.low), float(found.high)
+
+
+wilson = partial(interval, method="wilson")
+"""Wilson's interval (Wilson 1927)."""

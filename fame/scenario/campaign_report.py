@@ -12,8 +12,8 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame import intervals
 from fame.imports import require
+from fame.intervals import wilson
 from fame.scenario.property_statistics import (
     CampaignRow,
     counts,
@@ -41,11 +41,6 @@ def interval(rows: Sequence[CampaignRow], *, property: str | None = None) -> tup
         return wilson(*counts(rows, property))
     runs = counted(rows)
     return wilson(sum(row["status"] == "completed" for row in runs), len(runs))
-
-
-def wilson(count: int, total: int) -> tuple[float, float]:
-    """The Wilson interval of a probability; (0, 1) without trials (Wilson 1927)."""
-    return intervals.interval(count, total, method="wilson")
 
 
 def summary(rows: Sequence[CampaignRow]) -> dict[str, Any]:

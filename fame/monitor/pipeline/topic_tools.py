@@ -50,7 +50,6 @@ class Series:
     """One or more numbers over time, at a path in the messages of a topic."""
 
     label: str
-    unusable: int
 
     def __init__(self, node: Node, scheduler: Scheduler, topic: str, type: str, path: FieldPath) -> None:
         """Raises MessageError if the type has no such path."""
@@ -59,14 +58,12 @@ class Series:
         self.stamps: list[float] = []
         self.values: list[Any] = []
         self.names: tuple[str, ...] = ()
-        self.unusable = 0
         node.subscription(topic, type, self._on_message, SENSOR_DATA)
 
     def _on_message(self, message: Any) -> None:
         try:
             value, self.names = self._read(message)
         except UnusableMessage:
-            self.unusable += 1
             return
         stamp = (stamp_of(message) if self._stamped else 0.0) or self._scheduler.now / SECOND
         self.stamps.append(stamp)
