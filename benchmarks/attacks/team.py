@@ -28,6 +28,8 @@ from tests.torture.team import STRANGER, Said
 PATIENCE = 90.0
 """How long a team may need until nothing is under way any more after the last fault (s). Participants of DDS that took
 each other for dead may find each other only after half a minute."""
+TRIES = 3
+"""How often a person deploys again whose robots say that the sender fell silent, as it does for want of a processor."""
 
 
 def mission(version: int, robots: Iterable[str], *, tasks: int = 0, fleet: str = "") -> str:
@@ -297,10 +299,14 @@ class Team:
         self._hold(*self._betrayed())
 
     def finish(self, *words: str) -> None:
-        """A new deployment starts on all robots."""
-        sender = self.deploy(*words)
-        self.field.until(lambda: not sender.alive, PATIENCE)
-        held(not sender.alive, "a new deployment does not end on a healthy team")
+        """A new deployment starts on all robots; on a busy machine one of the first may be called off, by all."""
+        for _ in range(TRIES):
+            sender = self.deploy(*words)
+            self.field.until(lambda sender=sender: not sender.alive, 2 * PATIENCE)
+            held(not sender.alive, "a new deployment does not end on a healthy team")
+            if sender.process.returncode == 0:
+                break
+            self.judge()
         held(sender.process.returncode == 0, f"a new deployment fails on a healthy team: {sender.outcome}")
         self.judge()
 
