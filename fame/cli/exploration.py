@@ -6,7 +6,7 @@ import sys
 import time
 from argparse import Namespace
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from itertools import groupby
@@ -30,6 +30,8 @@ _ONLY = (
     "all",
     "trace",
     "allow_partial",
+    "report",
+    "coverage",
 )
 """Options that mean something with --explore alone."""
 
@@ -76,6 +78,13 @@ def add_arguments(parser: Parser) -> None:
         metavar="DIR",
         help="write the run to each error to DIR: as a failing test (fame test), a recording (fame view) and a picture",
     )
+    group.add_argument(
+        "--report", type=Path, metavar="FILE.html",
+        help="write a page for people who sign: what was checked, with which options and result, and what was not",
+    )  # fmt: skip
+    group.add_argument(
+        "--coverage", type=Path, metavar="FILE.json", help="for --report: the coverage that fame test --cov-json wrote"
+    )
 
 
 def refuse_without_explore(arguments: Namespace) -> None:
@@ -88,8 +97,14 @@ def refuse_without_explore(arguments: Namespace) -> None:
 def run(arguments: Namespace) -> int:
     """Explore every file; exit code 1 after an error that is not accepted, else 3 if not all states were explored."""
     from fame.scenario.exploration import explore
+    from fame.scenario.safety_report import read_coverage
 
     robots = _robots(arguments.robots)
+    if arguments.coverage is not None and arguments.report is None:
+        raise ConfigError("--coverage needs --report")
+    if arguments.report is not None and len(set(arguments.models)) != 1:
+        raise ConfigError(f"--report is about one mission: expected one file, got {len(set(arguments.models))}")
+    coverage = read_coverage(arguments.coverage) if arguments.coverage is not None else None
     results = []
     for path in dict.fromkeys(arguments.models):
         with _progress(path) as show:
@@ -105,6 +120,8 @@ def run(arguments: Namespace) -> int:
                 progress=show,
             )
         results.append(result)
+        if arguments.report is not None:
+            _report(result, arguments, path, robots, coverage)
         if arguments.trace is not None:
             _write(result, arguments, path, robots)
         if not arguments.json:
@@ -134,6 +151,30 @@ def _progress(path: Path) -> Iterator[Callable[[int, int], object]]:
 
 
 _EVERY = 0.2  # s between two looks at how far it is
+
+
+def _report(
+    result: Exploration, arguments: Namespace, path: Path, robots: dict[str, int], coverage: Mapping[str, Any] | None
+) -> None:
+    """Write the page for people who sign."""
+    from fame import __version__
+    from fame.scenario import Scenario
+    from fame.scenario.safety_report import safety_report
+
+    scenario = Scenario.load(path, robots=robots, library=arguments.library)
+    text = safety_report(
+        result,
+        scenario,
+        command=arguments.command_line,
+        version=__version__,
+        faults=arguments.faults,
+        coverage=coverage,
+    )
+    try:
+        arguments.report.parent.mkdir(parents=True, exist_ok=True)
+        arguments.report.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror}", file=str(arguments.report)) from None
 
 
 def _write(result: Exploration, arguments: Namespace, path: Path, robots: dict[str, int]) -> None:
@@ -215,6 +256,7 @@ def _fault_table(result: Exploration) -> Iterator[str]:
 
 def _summary(result: Exploration, hidden: int) -> str:
     levels = [one.level for one in result.findings if one.kind != "unneeded" and not one.accepted]
+    levels += ["error" for one in result.properties if one.verdict == "refuted"]
     accepted = sum(bool(one.accepted) for one in result.findings)
     parts = [f"{levels.count(level)} {level}{'s' if levels.count(level) > 1 else ''}"
              for level in ("error", "warning") if level in levels]  # fmt: skip

@@ -18,6 +18,7 @@ world and one engine per robot, deploys to them, monitors them and ends them.
     settings       network and mission parameters of a scenario
     exploration    exploring the states of a scenario
     campaign       many runs; variation: what varies; campaign_report: the result
+    safety_report  the page for people who sign
 """
 
 from __future__ import annotations

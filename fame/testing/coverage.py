@@ -49,9 +49,13 @@ class ProcessCoverage:
 
 @dataclass(slots=True)
 class Coverage:
-    """Collects what tests cover. `reasons`: name of a file -> id -> why no test needs to cover it."""
+    """Collects what tests cover. `reasons`: name of a file -> id -> why no test needs to cover it.
+
+    `requirements`: id -> the tests whose marker ``requirement`` names it.
+    """
 
     reasons: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    requirements: defaultdict[str, dict[str, None]] = field(default_factory=lambda: defaultdict(dict))
     _files: dict[str, Definitions] = field(default_factory=dict)
     _processes: dict[tuple[str, str], None] = field(default_factory=dict)
     _tests: defaultdict[tuple[str, str], dict[str, None]] = field(default_factory=lambda: defaultdict(dict))
@@ -118,6 +122,7 @@ class Coverage:
         return {
             "processes": [list(key) for key in self._processes],
             "tests": [[file, element, list(tests)] for (file, element), tests in self._tests.items()],
+            "requirements": {id: list(tests) for id, tests in self.requirements.items()},
         }
 
     def merge(self, plain: Mapping[str, Any]) -> None:
@@ -130,6 +135,8 @@ class Coverage:
             self._processes[file, process] = None
         for file, element, tests in plain["tests"]:
             self._tests[file, element].update(dict.fromkeys(tests))
+        for id, tests in plain["requirements"].items():
+            self.requirements[id].update(dict.fromkeys(tests))
 
 
 def read_reasons(folders: Iterable[Path]) -> dict[str, dict[str, str]]:
@@ -184,6 +191,7 @@ def json_report(coverage: Coverage) -> dict[str, Any]:
     """The coverage as data: total, and of each process what is covered by which tests, missing or excused."""
     return {
         "percent": round(coverage.percent(), 2),
+        "requirements": {id: list(tests) for id, tests in coverage.requirements.items()},
         "processes": [
             {
                 "file": one.file,

@@ -34,6 +34,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Register message types, and begin to collect coverage, if it is wanted."""
+    config.addinivalue_line("markers", "requirement(id): the test of a mission is for this requirement")
     if folders := config.getoption("fame_types"):
         from fame.middleware.messages import register_files
 
@@ -83,6 +84,8 @@ def mission(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
         if coverage is not None:
             for loaded in loader.loaded:
                 coverage.add(loaded, request.node.nodeid)
+            for mark in request.node.iter_markers("requirement"):
+                coverage.requirements[str(mark.args[0])][request.node.nodeid] = None
         request.node.user_properties += [(_LEFT_OUT, text) for text in map(_left_out, loader.loaded) if text]
         del request.node.stash[_LOADER]
         loader.close()

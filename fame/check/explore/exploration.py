@@ -14,7 +14,7 @@ from typing import Literal
 from fame.bpmn.library import Library
 from fame.bpmn.model import CallActivity, Definitions, Element, Process
 from fame.bpmn.pools import Pool, shared_topics
-from fame.check.explore.abstraction import Abstraction, abstraction
+from fame.check.explore.abstraction import STEP, Abstraction, abstraction
 from fame.check.explore.faults import Faults
 from fame.check.explore.findings import FAILING, KINDS, LEVELS, Finding, Kind, Report
 from fame.check.explore.graph import Explored
@@ -108,6 +108,7 @@ class Exploration:
     seconds     of all searches (wall clock)
     sampled     what was explored besides, because a limit ended a search
     properties  what is known of each property, in all deliveries
+    steps       (file, id) of the calls that were taken for one step each
     """
 
     file: str
@@ -120,6 +121,7 @@ class Exploration:
     widened: tuple[tuple[str, str], ...] = ()
     sampled: tuple[str, ...] = ()
     properties: tuple[Judged, ...] = ()
+    steps: tuple[tuple[str, str], ...] = ()
 
     @property
     def exhaustive(self) -> bool:
@@ -507,10 +509,16 @@ def _explored(team: Team, begun: float) -> Exploration:
         seconds=time.perf_counter() - begun,
         sampled=tuple(sampled),
         properties=tuple(_together(searches)),
+        steps=tuple((name[0], name[2]) for name in map(_called, sorted(team.model.steps))),
         widened=tuple(
             (local.robot, name) for local in dict.fromkeys(team.locals) for name in sorted(local.states.widened)
         ),
     )
+
+
+def _called(step: str) -> tuple[str, str, str]:
+    """The file and the id of the call in the name of a step, and what is between them."""
+    return step.removeprefix(STEP).rpartition(" ")
 
 
 def _together(searches: Sequence[Searched]) -> Iterator[Judged]:

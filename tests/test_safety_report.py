@@ -1,0 +1,84 @@
+"""`fame check --explore --report`: a page for people who sign says what was checked, and what was not."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
+
+import pytest
+from bpmn_text import process, properties
+
+from fame.cli import main
+
+CHOICE = f"""<startEvent id="s"/><scriptTask id="w" scriptFormat="python"><script>import random
+left, aside = random.random() &lt; 0, random.random() &lt; 0</script></scriptTask>
+<exclusiveGateway id="g" default="gb"/>
+<task id="a" name="Left &amp; out">{properties(requirement="R1")}</task>
+<task id="b" name="Right">{properties(requirement="R2", deadline="PT5S")}</task>
+<task id="c" name="Aside">{properties(requirement="R3")}</task>
+<sequenceFlow id="sw" sourceRef="s" targetRef="w"/><sequenceFlow id="wg" sourceRef="w" targetRef="g"/>
+<sequenceFlow id="gb" sourceRef="g" targetRef="b"/>
+<sequenceFlow id="ga" sourceRef="g" targetRef="a"><conditionExpression>left</conditionExpression></sequenceFlow>
+<sequenceFlow id="gc" sourceRef="g" targetRef="c"><conditionExpression>aside</conditionExpression></sequenceFlow>"""
+PROPERTIES = """\
+properties:
+  R4: P completes "Right" only after P starts
+  R5: never P completes "Left & out"
+"""
+TESTS = """
+import pytest
+
+@pytest.mark.requirement("R6")
+def test_right(mission):
+    mission.load("choice.bpmn").advance(1)
+"""
+
+
+def rows(page: str, title: str) -> list[list[str]]:
+    """The table of a section of the page, without its head."""
+    table = page.partition(f"<h2>{title}</h2>")[2].partition("<h2>")[0]
+    lines = [re.findall(r"<td[^>]*>(.*?)</td>", line) for line in re.findall(r"<tr>(.*?)</tr>", table)]
+    return [[unescape(cell) for cell in line] for line in lines if line]
+
+
+def test_the_page_says_what_was_checked_and_what_was_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "choice.bpmn").write_text(process(CHOICE))
+    (tmp_path / "choice.properties.yaml").write_text(PROPERTIES)
+    (tmp_path / "test_choice.py").write_text(TESTS)
+    subprocess.run([sys.executable, "-m", "fame", "test", "--cov-json", "cov.json"], check=True)
+    words = ["check", "--explore", "--faults", "choice.bpmn", "--report", "out/safety.html", "--coverage", "cov.json"]
+    assert main(words) == 1
+    page = (tmp_path / "out" / "safety.html").read_text()
+    digest = hashlib.sha256((tmp_path / "choice.bpmn").read_bytes()).hexdigest()
+    assert ["choice.bpmn", digest] in rows(page, "Files and versions")
+    assert "fame " + " ".join(words) in page
+    verdicts = {name: verdict for name, _, verdict, _ in rows(page, "Properties")}
+    assert verdicts == {"R4": "proved", "R5": "refuted", "deadline_b": "not known"}
+    told = {id: (elements, tests.rpartition("::")[2], status) for id, elements, _, tests, status in
+            rows(page, "Requirements")}  # fmt: skip
+    assert told == {
+        "R1": ('"Left & out" (a)', "", "not covered"),
+        "R2": ('"Right" (b)', "test_right", "covered"),
+        "R3": ('"Aside" (c)', "", "not covered"),
+        "R6": ("", "test_right", "covered"),
+    }
+    assert rows(page, "Coverage by tests")[0][1] == "4 of 6"
+    left = [what for what, _ in rows(page, "Not covered")]
+    assert left[:3] == ["property deadline_b", "requirement R1", "requirement R3"]
+    assert "single faults" not in left
+    assert "<script" not in page
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"processes": []}', '{"processes": [1], "requirements": {}}'])
+def test_a_wrong_coverage_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "choice.bpmn").write_text(process(CHOICE))
+    (tmp_path / "cov.json").write_text(text)
+    given = ["--report", str(tmp_path / "page.html"), "--coverage", str(tmp_path / "cov.json")]
+    assert main(["check", "--explore", str(tmp_path / "choice.bpmn"), *given]) == 2
+    assert main(["check", str(tmp_path / "choice.bpmn"), *given]) == 2
+    assert not (tmp_path / "page.html").exists()
