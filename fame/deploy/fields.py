@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from operator import attrgetter
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 from fame.text import is_ros_name
@@ -17,12 +18,15 @@ from fame.text import is_ros_name
 
 def values(message: Any) -> dict[str, Any]:
     """The fields of a message, a dataclass, by name. Their values are JSON as they are: nothing is copied."""
-    return {name: getattr(message, name) for name in _names(message.__class__)}
+    names, all_of = _getter(message.__class__)
+    return dict(zip(names, all_of(message), strict=True))
 
 
 @cache
-def _names(cls: Any) -> tuple[str, ...]:
-    return tuple(field.name for field in dataclasses.fields(cls))
+def _getter(cls: Any) -> tuple[Sequence[str], Callable[[Any], tuple[Any, ...]]]:
+    """The names of the fields of a class, of which there are two at least, and what gives their values."""
+    names = [field.name for field in dataclasses.fields(cls)]
+    return names, attrgetter(*names)
 
 
 FieldCheck = Callable[[Any], bool]
@@ -88,7 +92,7 @@ def record(checks: Mapping[str, FieldCheck]) -> FieldCheck:
 def checks(cls: Any) -> Mapping[str, FieldCheck]:
     """The checks of the fields of a message."""
     hints = get_type_hints(cls, include_extras=True)
-    return {name: hints[name].__metadata__[0] for name in _names(cls)}
+    return {name: hints[name].__metadata__[0] for name in _getter(cls)[0]}
 
 
 def read(cls: Callable[..., _Message], found: Any) -> _Message:
@@ -103,7 +107,11 @@ def read(cls: Callable[..., _Message], found: Any) -> _Message:
 
 def first_invalid(found: Mapping[str, Any], checks: Mapping[str, FieldCheck]) -> str | None:
     """The first field of `found` that is unknown or does not pass, or None."""
-    return next((name for name, value in found.items() if name not in checks or not checks[name](value)), None)
+    for name, value in found.items():
+        check = checks.get(name)
+        if check is None or not check(value):
+            return name
+    return None
 
 
 # ---- fields of several messages --------------------------------------------------------------------------------------
