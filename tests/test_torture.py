@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from tests.torture.plan import Plan, draw
 from tests.torture.planted import planted
 from tests.torture.team import Team
 
+DOCS = Path(__file__).parents[1] / "docs"
 FOUND = sorted((Path(__file__).parent / "torture" / "found").glob("*.json"))
 
 
@@ -50,3 +52,14 @@ def test_a_planted_bug_is_found(name: str, file: str) -> None:
     plan = Plan.from_json((Path(__file__).parent / "torture" / "found" / f"{file}.json").read_text())
     with planted(name):
         assert judge(Team(plan)) != []
+
+
+def test_each_invariant_stands_for_a_sentence_of_the_docs() -> None:
+    before, _, rest = (DOCS / "reliability.md").read_text().partition("| what must hold |")
+    rows, _, after = rest.partition("\n\n")
+    for row in rows.splitlines()[2:]:
+        quotes = re.findall(r'"(.+?)" \(\[\w+\]\(([\w.]*)#', row)
+        assert quotes, row
+        for sentence, file in quotes:
+            text = (DOCS / file).read_text() if file else before + after
+            assert sentence in " ".join(text.split()), sentence
