@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from bpmn_text import properties
 from collaborations import Steps, team, text_of
 from compare_explorations import replayed
 
@@ -316,3 +317,40 @@ def test_what_did_not_complete_may_have_set_variables_and_sent_signals(steps: St
     assert found.exhaustive
     stuck = {place.element for one in found.findings if one.kind in ("deadlock", "lost") for place in one.places}
     assert stuck, [str(one) for one in found.findings]
+
+
+SERVICE = {"service": "blade", "type": "std_srvs/srv/SetBool"}
+ACTION = {"action": "drive", "type": "nav2_msgs/action/Spin"}
+
+
+def with_a_service(steps: Steps, code: str = "c", **said: str) -> bool:
+    """Whether B may wait for ever where the work of A is a service task; error `c` has that code."""
+    task = f"<serviceTask id='served'>{properties(**said)}</serviceTask>"
+    changes = (
+        (r'<scriptTask id="A_work_\d+"(.*?)</scriptTask>', task),
+        (r'"A_work_\d+"', '"served"'),
+        ('errorCode="c"', f'errorCode="{code}"'),
+    )
+    return edited(steps, *changes)
+
+
+@pytest.mark.parametrize(("said", "code"), [
+    *[(SERVICE, code) for code in ("service", "lost")],
+    *[(ACTION, code) for code in ("service", "lost", "aborted", "canceled", "rejected")],
+    (ACTION | {"errors": "{aborted: stuck, 208: no_path}"}, "no_path"),
+    ({"service": "learn"}, "anything"),
+])  # fmt: skip
+def test_a_service_or_action_may_fail_with_what_is_caught(said: dict[str, str], code: str) -> None:
+    failed = ("if", "x == 0", ["throw go"], ["run y = 1"])
+    assert with_a_service(["run x = 0", ("guard", ["work"], "error c", ["run x = 2"]), failed], code, **said)
+    inside = ("guard", ["run y = 1", "work"], "error c", ["run x = 2"])
+    if code != "anything":
+        assert with_a_service(["run x = 0", inside, failed], code, **said)
+    assert not with_a_service(["run x = 0", "work", failed], code, **said)
+
+
+def test_what_a_service_answers_and_an_action_tells_meanwhile_is_unknown() -> None:
+    answered = ("if", "blade.success", ["throw go"], ["run y = 1"])
+    assert with_a_service(["run blade = 0", "work", answered], **SERVICE)
+    told = [("and", ["work"], [("if", "angle == 0", ["throw go"], ["run y = 1"])])]
+    assert with_a_service(["run angle = 0", *told], **ACTION, feedback="angle")

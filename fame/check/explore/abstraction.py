@@ -7,6 +7,7 @@ codes that it can. Its results are unknown. What is left of the processes is exe
 from __future__ import annotations
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, fields, replace
@@ -63,6 +64,7 @@ class Abstraction:
     unknown  variables whose values are certainly unknown
     needed   variables without which a script or expression that decides something could not run; None: not yet known
     caught   scripts with an error event at their task, at a sub-process around it, or in one
+    catches  the codes that error events catch; "": any
     """
 
     library: Library
@@ -77,6 +79,7 @@ class Abstraction:
     needed: frozenset[str] | None = None
     caught: set[str] = field(default_factory=set)
     aliases: Aliases = field(default_factory=Aliases)
+    catches: frozenset[str] = frozenset()
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _reduced: dict[tuple[str, str], model.Process] = field(default_factory=dict)
 
@@ -129,6 +132,8 @@ class Abstraction:
                 if around or node.id in caught:
                     self.caught.add(node.id)
                 node = replace(node, script=self._script(node.script, node.id in self.caught))
+            elif isinstance(node, model.Task) and node.kind == "service":
+                self.steps[step_name(home.file, node.id)] = self._service(node, body)
             nodes.append(node)
         return replace(body, nodes=tuple(nodes))
 
@@ -138,6 +143,21 @@ class Abstraction:
         if self.needed is None:
             return script
         return self.aliases.marked(script if caught else sliced(script, self.needed), self.needed)
+
+    def _service(self, task: model.Task, body: model.Body) -> Step:
+        """A service or action, which may fail with the codes that error events of the team catch."""
+        fails = {code for code in step_codes(task, None, body) if code != "script"}
+        fails |= self.catches & _failures(task)
+        if self.catches & {"", "script"}:
+            fails.add("service" if task.service is not None else "script")
+        results = set[str]()
+        if task.service is not None and task.io is not None and task.io.outputs:
+            results = {"msg"}.union(*(names_of(item.source)[0] for item in task.io.outputs))
+        elif task.service is not None and not task.result_variable:
+            results = {name for item in body.data_objects if item.id in task.data_outputs for name in item.names}
+            results = results or {variable_name(task.service.name)}
+        feedback = re.findall(r"\w+", task.properties.get("feedback", ""))
+        return Step(writes=tuple(feedback), results=tuple(sorted(results)), codes=tuple(sorted(fails)))
 
     def _with_aliases(self, names: Iterable[str]) -> set[str]:
         found = {*names}
@@ -161,12 +181,38 @@ class Abstraction:
             results = writes if call.io.all_out else {item.target for item in call.io.outputs}
             writes = set()
         codes = step_codes(call, _thrown_in(self.library, *called, set()), body)
-        name = f"{STEP}{home.file} {call.id}"
+        name = step_name(home.file, call.id)
         sorts = [tuple(sorted(names)) for names in (writes, changes, results, used)]
         self.steps[name] = Step(sorts[0], sorts[1], sorts[2], sorts[3], codes)
         kept = {item.name: getattr(call, item.name) for item in fields(model.Activity)}
         kept |= {"io": None, "copies_out": (), "required": ()}
         return model.Task(kind="service", operation=name, **kept)
+
+
+def step_name(file: str, element: str) -> str:
+    """The name of the step of a behaviour, service or action."""
+    return f"{STEP}{file} {element}"
+
+
+def _caught_in(process: model.Process) -> Iterator[str]:
+    """The codes that the error events of a process catch."""
+    for node in process.body.walk():
+        if node.place in ("boundary", "start"):
+            yield from (one.code or "" for one in node.defined(model.ErrorDefinition))
+
+
+def _failures(task: model.Task) -> set[str]:
+    """The codes with which a ROS service or an action may fail, as its property ``errors`` names them."""
+    if task.service is None:
+        return set()
+    return {
+        "service",
+        "lost",
+        "aborted",
+        "canceled",
+        "rejected",
+        *re.findall(r"[\w.]+", task.properties.get("errors", "")),
+    }
 
 
 def _without_message(event: model.Event) -> model.Event:
@@ -198,6 +244,7 @@ def abstraction(
     processes = {id(one): one for pool in pools for _, one in library.closure(definitions, pool.process)}
     found.counted = _counted(processes.values())
     found.unknown = frozenset() if given else _unknown(processes.values(), found.outside - thrown)
+    found.catches = frozenset(code for process in processes.values() for code in _caught_in(process))
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
     found.aliases = Aliases(body for process in processes.values() for body in process.body.bodies())
     found.needed = _needed(found, [body for inside in bodies.values() for body in inside])

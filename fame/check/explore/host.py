@@ -16,7 +16,7 @@ from typing import Any
 from fame.bpmn.model import Expression, Task
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
 from fame.check.events import raised_codes
-from fame.check.explore.abstraction import Step, emitted
+from fame.check.explore.abstraction import Step, emitted, step_name
 from fame.check.explore.aliases import SHARED, Aliases, shared
 from fame.check.explore.asking import asking, functions
 from fame.check.explore.purity import STEPS, catches, is_certain, is_computable, waits
@@ -385,7 +385,7 @@ class ExplorationHost:
                     variables[name] = self.values.unknown
 
     def service(self, operation: str, *, element: str, file: str) -> Callable[..., Any]:
-        running = Running(self.steps.get(operation, Step()))
+        running = Running(self.steps.get(operation) or self.steps.get(step_name(file, element)) or Step())
         return self._noted(lambda variables: running, element)
 
     def _noted(self, run: Callable[..., Any], element: str) -> Callable[..., Any]:
