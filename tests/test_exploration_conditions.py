@@ -327,11 +327,11 @@ def with_a_service(steps: Steps, code: str = "c", **said: str) -> bool:
     """Whether B may wait for ever where the work of A is a service task; error `c` has that code."""
     task = f"<serviceTask id='served'>{properties(**said)}</serviceTask>"
     changes = (
-        (r'<scriptTask id="A_work_\d+"(.*?)</scriptTask>', task),
-        (r'"A_work_\d+"', '"served"'),
+        (r'<scriptTask id="[AH]_work_\d+"(.*?)</scriptTask>', task),
+        (r'"[AH]_work_\d+"', '"served"'),
         ('errorCode="c"', f'errorCode="{code}"'),
     )
-    return edited(steps, *changes)
+    return edited(steps, *changes, **({"H": ["work"]} if "'H'" in repr(steps) else {}))
 
 
 @pytest.mark.parametrize(("said", "code"), [
@@ -343,9 +343,9 @@ def with_a_service(steps: Steps, code: str = "c", **said: str) -> bool:
 def test_a_service_or_action_may_fail_with_what_is_caught(said: dict[str, str], code: str) -> None:
     failed = ("if", "x == 0", ["throw go"], ["run y = 1"])
     assert with_a_service(["run x = 0", ("guard", ["work"], "error c", ["run x = 2"]), failed], code, **said)
-    inside = ("guard", ["run y = 1", "work"], "error c", ["run x = 2"])
-    if code != "anything":
-        assert with_a_service(["run x = 0", inside, failed], code, **said)
+    for inner in ("work", ("call", "H")) if code != "anything" else ():
+        inside = ("guard", ["run y = 1", inner], "error c", ["run x = 2"])
+        assert with_a_service(["run x = 0", inside, failed], code, **said), inner
     assert not with_a_service(["run x = 0", "work", failed], code, **said)
 
 

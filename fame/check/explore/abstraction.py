@@ -147,9 +147,7 @@ class Abstraction:
     def _service(self, task: model.Task, body: model.Body) -> Step:
         """A service or action, which may fail with the codes that error events of the team catch."""
         fails = {code for code in step_codes(task, None, body) if code != "script"}
-        fails |= self.catches & _failures(task)
-        if self.catches & {"", "script"}:
-            fails.add("service" if task.service is not None else "script")
+        fails |= _fails(task, self.catches)
         results = set[str]()
         if task.service is not None and task.io is not None and task.io.outputs:
             results = {"msg"}.union(*(names_of(item.source)[0] for item in task.io.outputs))
@@ -180,7 +178,7 @@ class Abstraction:
                 changes, used = (given if names else set() for names in (changes, used))
             results = writes if call.io.all_out else {item.target for item in call.io.outputs}
             writes = set()
-        codes = step_codes(call, _thrown_in(self.library, *called, set()), body)
+        codes = step_codes(call, _thrown_in(self.library, *called, self.catches, set()), body)
         name = step_name(home.file, call.id)
         sorts = [tuple(sorted(names)) for names in (writes, changes, results, used)]
         self.steps[name] = Step(sorts[0], sorts[1], sorts[2], sorts[3], codes)
@@ -201,18 +199,13 @@ def _caught_in(process: model.Process) -> Iterator[str]:
             yield from (one.code or "" for one in node.defined(model.ErrorDefinition))
 
 
-def _failures(task: model.Task) -> set[str]:
-    """The codes with which a ROS service or an action may fail, as its property ``errors`` names them."""
+def _fails(task: model.Task, catches: Set[str]) -> set[str]:
+    """The codes with which a service or action may fail, of those that are caught; ``errors`` names further ones."""
     if task.service is None:
-        return set()
-    return {
-        "service",
-        "lost",
-        "aborted",
-        "canceled",
-        "rejected",
-        *re.findall(r"[\w.]+", task.properties.get("errors", "")),
-    }
+        return {"script"} if catches & {"", "script"} else set()
+    named = re.findall(r"[\w.]+", task.properties.get("errors", ""))
+    found = {"service", "lost", "aborted", "canceled", "rejected", *named} & catches
+    return {*found, "service"} if "" in catches else found
 
 
 def _without_message(event: model.Event) -> model.Event:
@@ -339,15 +332,19 @@ def step_codes(node: model.Activity, thrown: set[str] | None, body: model.Body) 
     return tuple(sorted(codes))
 
 
-def _thrown_in(library: Library, home: model.Definitions, process: model.Process, seen: set[str]) -> set[str] | None:
+def _thrown_in(
+    library: Library, home: model.Definitions, process: model.Process, catches: Set[str], seen: set[str]
+) -> set[str] | None:
     """The codes that leave a called process; None if it may raise any."""
     if process.id in seen:
         return set()
     seen.add(process.id)
-    return _thrown_by(library, home, process.body, seen)
+    return _thrown_by(library, home, process.body, catches, seen)
 
 
-def _thrown_by(library: Library, home: model.Definitions, body: model.Body, seen: set[str]) -> set[str] | None:
+def _thrown_by(
+    library: Library, home: model.Definitions, body: model.Body, catches: Set[str], seen: set[str]
+) -> set[str] | None:
     caught: dict[str, set[str | None]] = defaultdict(set)
     for node in body.nodes:
         if node.place == "boundary":
@@ -357,7 +354,7 @@ def _thrown_by(library: Library, home: model.Definitions, body: model.Body, seen
             caught[""] |= {one.code for start in starts for one in start.defined(model.ErrorDefinition)}
     found: set[str] | None = set()
     for node in body.nodes:
-        codes = _thrown_at(library, home, node, seen)
+        codes = _thrown_at(library, home, node, catches, seen)
         if codes is None and None not in caught[node.id]:
             found = None
         elif codes and found is not None and None not in caught[node.id]:
@@ -367,19 +364,21 @@ def _thrown_by(library: Library, home: model.Definitions, body: model.Body, seen
     return None if found is None else found - caught[""]
 
 
-def _thrown_at(library: Library, home: model.Definitions, node: model.FlowNode, seen: set[str]) -> set[str] | None:
+def _thrown_at(
+    library: Library, home: model.Definitions, node: model.FlowNode, catches: Set[str], seen: set[str]
+) -> set[str] | None:
     if node.body is not None:
-        return _thrown_by(library, home, node.body, seen)
+        return _thrown_by(library, home, node.body, catches, seen)
     if isinstance(node, model.CallActivity):
         try:
-            return _thrown_in(library, *library.find(home, node), seen)
+            return _thrown_in(library, *library.find(home, node), catches, seen)
         except FameError:
             return None
     if node.place == "end":
         ends = node.defined(model.ErrorDefinition)
         return None if any(one.computed for one in ends) else {one.code for one in ends if one.code}
     if isinstance(node, model.Task) and (node.operation or node.kind == "service"):
-        return None
+        return _fails(node, catches) if node.service is not None else None
     return raised_codes(node)
 
 
