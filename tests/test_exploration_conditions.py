@@ -329,13 +329,13 @@ def with_a_service(steps: Steps, code: str = "c", **said: str) -> bool:
     changes = (
         (r'<scriptTask id="[AH]_work_\d+"(.*?)</scriptTask>', task),
         (r'"[AH]_work_\d+"', '"served"'),
-        ('errorCode="c"', f'errorCode="{code}"'),
+        ('errorCode="c"', f'errorCode="{code}"') if code else (r' errorRef="Error_c"|\Z', ""),
     )
     return edited(steps, *changes, **({"H": ["work"]} if "'H'" in repr(steps) else {}))
 
 
 @pytest.mark.parametrize(("said", "code"), [
-    *[(SERVICE, code) for code in ("service", "lost")],
+    *[(SERVICE, code) for code in ("service", "lost", "")],
     *[(ACTION, code) for code in ("service", "lost", "aborted", "canceled", "rejected")],
     (ACTION | {"errors": "{aborted: stuck, 208: no_path}"}, "no_path"),
     ({"service": "learn"}, "anything"),

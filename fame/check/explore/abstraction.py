@@ -123,7 +123,7 @@ class Abstraction:
             if isinstance(node, model.SubProcess):
                 node = replace(node, body=self._body(node.body, home, around or node.id in caught))
             elif isinstance(node, model.CallActivity):
-                node = self._call(node, body, home)
+                node = self._call(node, body, home, around)
             elif isinstance(node, model.Gateway):
                 node = _with_way_out(node, body)
             elif isinstance(node, model.Event):
@@ -133,7 +133,7 @@ class Abstraction:
                     self.caught.add(node.id)
                 node = replace(node, script=self._script(node.script, node.id in self.caught))
             elif isinstance(node, model.Task) and node.kind == "service":
-                self.steps[step_name(home.file, node.id)] = self._service(node, body)
+                self.steps[step_name(home.file, node.id)] = self._service(node, body, around)
             nodes.append(node)
         return replace(body, nodes=tuple(nodes))
 
@@ -144,10 +144,14 @@ class Abstraction:
             return script
         return self.aliases.marked(script if caught else sliced(script, self.needed), self.needed)
 
-    def _service(self, task: model.Task, body: model.Body) -> Step:
+    def _service(self, task: model.Task, body: model.Body, around: bool) -> Step:
         """A service or action, which may fail with the codes that error events of the team catch."""
         fails = {code for code in step_codes(task, None, body) if code != "script"}
         fails |= _fails(task, self.catches)
+        if "" in self.catches and (
+            around or any(event.defined(model.ErrorDefinition) for event in body.boundary(task.id))
+        ):
+            fails.add("service" if task.service is not None else "script")
         results = set[str]()
         if task.service is not None and task.io is not None and task.io.outputs:
             results = {"msg"}.union(*(names_of(item.source)[0] for item in task.io.outputs))
@@ -161,7 +165,9 @@ class Abstraction:
         found = {*names}
         return found.union(*(self.aliases.of((name, False)) for name in found))
 
-    def _call(self, call: model.CallActivity, body: model.Body, home: model.Definitions) -> model.FlowNode:
+    def _call(
+        self, call: model.CallActivity, body: model.Body, home: model.Definitions, around: bool
+    ) -> model.FlowNode:
         try:
             called = self.library.find(home, call)
             closure = self.library.closure(*called)
@@ -179,6 +185,11 @@ class Abstraction:
             results = writes if call.io.all_out else {item.target for item in call.io.outputs}
             writes = set()
         codes = step_codes(call, _thrown_in(self.library, *called, self.catches, set()), body)
+        served = any(
+            isinstance(one, model.Task) and one.service is not None for _, p in closure for one in p.body.walk()
+        )
+        if served and around and "" in self.catches and not codes:
+            codes = ("service",)
         name = step_name(home.file, call.id)
         sorts = [tuple(sorted(names)) for names in (writes, changes, results, used)]
         self.steps[name] = Step(sorts[0], sorts[1], sorts[2], sorts[3], codes)
@@ -202,10 +213,10 @@ def _caught_in(process: model.Process) -> Iterator[str]:
 def _fails(task: model.Task, catches: Set[str]) -> set[str]:
     """The codes with which a service or action may fail, of those that are caught; ``errors`` names further ones."""
     if task.service is None:
-        return {"script"} if catches & {"", "script"} else set()
-    named = re.findall(r"[\w.]+", task.properties.get("errors", ""))
-    found = {"service", "lost", "aborted", "canceled", "rejected", *named} & catches
-    return {*found, "service"} if "" in catches else found
+        return {"script"} & catches
+    others = dict(re.findall(r"(\w+)\s*:\s*([\w.]+)", task.properties.get("errors", "")))
+    outcomes = {"service", "lost", "aborted", "canceled", "rejected"}
+    return ((outcomes - others.keys()) | {*others.values()}) & catches
 
 
 def _without_message(event: model.Event) -> model.Event:
