@@ -211,7 +211,7 @@ def fifty_over_zenoh(field: Field) -> None:
     names = [f"R{number}" for number in range(50)]
     team = Team(field, names, together=True)
     team.finish("--wait", "120")
-    sender = team.deploy("--wait", "120", tasks=TASKS)
+    sender = team.deploy("--wait", "60", tasks=TASKS)
     held(team.at("R1 ready", sender), f"R1 is not ready: {sender.outcome if not sender.alive else 'silence'}")
     for name in names[10:20]:
         team.robots[name].process.tell(signal.SIGSTOP)
