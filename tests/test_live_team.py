@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from fame.clock import EPOCH, SECOND, Scheduler, date_text
+from fame.closing import Closing
 from fame.deploy import EngineNode
 from fame.deploy.options import EngineOptions
 from fame.log import Recording
@@ -34,7 +35,7 @@ seen = [n]</script></scriptTask>
   <sequenceFlow id="f2" sourceRef="Wait" targetRef="Count" />""")
 
 
-class Field:
+class Field(Closing):
     """Engines, a watcher and what it is told, on local topics and one simulated clock."""
 
     def __init__(self) -> None:
@@ -42,6 +43,11 @@ class Field:
         self.middleware = LocalMiddleware(self.scheduler)
         self.engines: list[EngineNode] = []
         self.told: list[tuple[str, int, Any]] = []
+
+    def close(self) -> None:
+        for engine in self.engines:
+            engine.close()
+        self.middleware.close()
 
     def engine(self, name: str, **options: Any) -> EngineNode:
         engine = EngineNode(
@@ -66,11 +72,8 @@ class Field:
 
 @pytest.fixture
 def field() -> Iterator[Field]:
-    field = Field()
-    yield field
-    for engine in field.engines:
-        engine.close()
-    field.middleware.close()
+    with Field() as found:
+        yield found
 
 
 def test_who_watches_from_the_beginning_is_told_every_event(field: Field) -> None:

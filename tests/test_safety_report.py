@@ -32,6 +32,7 @@ properties:
 TESTS = """
 import pytest
 
+@pytest.mark.requirement("R5")
 @pytest.mark.requirement("R6")
 def test_right(mission):
     mission.load("choice.bpmn").advance(1)
@@ -65,6 +66,7 @@ def test_the_page_says_what_was_checked_and_what_was_not(tmp_path: Path, monkeyp
         "R1": ('"Left & out" (a)', "", "not covered"),
         "R2": ('"Right" (b)', "test_right", "covered"),
         "R3": ('"Aside" (c)', "", "not covered"),
+        "R5": ("", "test_right", "refuted"),
         "R6": ("", "test_right", "covered"),
     }
     assert rows(page, "Coverage by tests")[0][1] == "4 of 6"

@@ -61,9 +61,8 @@ def test_a_stage_that_has_its_programs_may_skip_nothing(tmp_path: Path) -> None:
 def test_a_module_that_is_skipped_is_a_skip(tmp_path: Path) -> None:
     (tmp_path / "test_other.py").write_text("import pytest\npytest.importorskip('no_such', reason='no such package')")
     command = [sys.executable, str(STAGE), "it", "--no-skips", "-p", "no:cacheprovider", "--", "test_other.py"]
-    done = subprocess.run(
-        command, cwd=tmp_path, env={**os.environ, **PLAIN}, capture_output=True, text=True, check=False
-    )
+    environment = {**os.environ, "STAGES": os.devnull, **PLAIN}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert "  skipped 1: no such package" in done.stdout.splitlines()
     assert done.returncode != 0
 

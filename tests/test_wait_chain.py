@@ -11,9 +11,11 @@ from bpmn_text import process
 from fame.log.live_team import LiveTeam
 from fame.log.wait_chain import WaitChain
 from fame.log.wait_reasons import files_of
+from fame.robot.robot_state import RobotState
 from tests.test_live_team import Field
 
 SIGNALS = '<signal id="Award" name="award"/><signal id="Bid" name="bid"/><signal id="Open" name="open"/>'
+NO_WAY_OUT = "nothing that is drawn and no other publisher can end that, unless a message is still on its way"
 TIMER = "<timerEventDefinition><timeDuration>PT60S</timeDuration></timerEventDefinition>"
 
 
@@ -41,11 +43,8 @@ BIDS = process('<startEvent id="start"/>' + event("intermediateThrowEvent", "sen
 
 @pytest.fixture
 def field() -> Iterator[Field]:
-    field = Field()
-    yield field
-    for engine in field.engines:
-        engine.close()
-    field.middleware.close()
+    with Field() as found:
+        yield found
 
 
 def chain(field: Field, robot: str, **models: str) -> list[str]:
@@ -59,7 +58,8 @@ def chain(field: Field, robot: str, **models: str) -> list[str]:
             field.run(3)
         field.run(3)
         files = {name: files_of(model) for name, model in team.models.items()}
-        found = WaitChain(team.state.robots, files, {name: team.last_time(name) for name in team.robots})
+        publishers = {info.name: info.publishers for info in field.middleware.graph()}
+        found = WaitChain(team.state.robots, files, {name: team.last_time(name) for name in team.robots}, publishers)
         (token,) = (each for each in team.state.robots[robot].tokens.values() if each["element"] == "wait")
         return [re.sub(r", for [0-9.]+ s", "", line) for line in found.lines(robot, token)]
 
@@ -77,7 +77,7 @@ def test_a_circle_is_a_deadlock_if_nothing_else_can_end_it(field: Field) -> None
     assert told == [
         "  Dispatcher waits at wait, for topic /bid",
         "    Door waits at wait, for topic /open",
-        "  Carrier, Dispatcher and Door wait for each other; no timer, person or other robot can end that",
+        f"  Carrier, Dispatcher and Door wait for each other; {NO_WAY_OUT}",
     ]
 
 
@@ -107,7 +107,7 @@ def test_a_process_that_a_signal_starts_waits_for_it(field: Field) -> None:
     told = chain(field, "Carrier", Door=process(start, SIGNALS), Carrier=trade("Bid", "Open"))
     assert told == [
         "  Door waits at called, for topic /open",
-        "  Carrier and Door wait for each other; no timer, person or other robot can end that",
+        f"  Carrier and Door wait for each other; {NO_WAY_OUT}",
     ]
 
 
@@ -121,3 +121,30 @@ def test_a_boundary_event_of_the_activity_can_end_a_circle(field: Field) -> None
     messages = SIGNALS + '<message id="Go" name="go"/>'
     told = chain(field, "Carrier", Carrier=process(receive, messages), Door=process(content, messages))
     assert told[-1] == "  Carrier and Door wait for each other; what can end that: Carrier, limit, a timer event"
+
+
+def test_what_an_outsider_may_send_can_end_a_circle(field: Field) -> None:
+    field.middleware.node("shop").publisher("/open", "std_msgs/msg/Empty")
+    start = event("startEvent", "called", signal("Open"), "")
+    start += event("intermediateThrowEvent", "t", signal("Bid"), "called")
+    told = chain(field, "Carrier", Door=process(start, SIGNALS), Carrier=trade("Bid", "Open"))
+    assert told[-1] == "  Carrier and Door wait for each other; what can end that: Door, called, for topic /open"
+
+
+def test_a_robot_on_hold_is_no_part_of_a_deadlock() -> None:
+    states = {}
+    for robot, other in (("Carrier", "Door"), ("Door", "Carrier")):
+        topic = f"/{robot.lower()}"
+        token = {"key": "1", "element": "wait", "since": 0, "kind": "topic", "text": f"topic {topic}"}
+        states[robot] = RobotState("p", {1: ("p", "running")})
+        states[robot].tokens["1"] = token | {"topics": [topic], "publishers": {topic: [f"/{other}/fame_engine"]}}
+    states["Door"].tokens["1"] |= {"suspended": True, "by": "a hold of the robot"}
+    told = list(WaitChain(states, {}, {}, {}).lines("Carrier", states["Carrier"].tokens["1"]))
+    assert told[0] == "  Door waits at wait, for 0.0 s, for topic /door (suspended by a hold of the robot)"
+    assert told[1] == "  Carrier and Door wait for each other; what can end that: Door, wait, for topic /door"
+
+
+def test_a_robot_that_has_not_started_has_not_ended() -> None:
+    token = {"element": "wait", "topics": ["/go"], "publishers": {"/go": ["/Door/fame_engine"]}}
+    told = list(WaitChain({"Carrier": RobotState("p"), "Door": RobotState("p")}, {}, {}, {}).lines("Carrier", token))
+    assert told == ["  Door has not started its process"]

@@ -26,11 +26,8 @@ STRING = "std_msgs/msg/String"
 
 @pytest.fixture
 def field() -> Iterator[Field]:
-    field = Field()
-    yield field
-    for engine in field.engines:
-        engine.close()
-    field.middleware.close()
+    with Field() as found:
+        yield found
 
 
 def why(field: Field, text: str, element: str = "", before: str = "") -> list[str]:

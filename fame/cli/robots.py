@@ -119,6 +119,7 @@ def _explain_waits(arguments: Namespace) -> int:
             wait_until(scheduler, lambda: robot in known(), _PATIENCE)
             there = engines(middleware)
             wait_until(scheduler, lambda: known() >= set(there), _PATIENCE / 3)  # who runs nothing says nothing
+            publishers = {info.name: info.publishers for info in middleware.graph()}
     if robot not in there:
         raise DeploymentError(f"unknown robot {robot!r}; {suggestion(robot, there)}")
     if robot not in team.state.robots:
@@ -130,6 +131,7 @@ def _explain_waits(arguments: Namespace) -> int:
         team.state.robots,
         {name: files_of(model) for name, model in team.models.items()},
         {name: team.last_time(name) for name in team.robots},
+        publishers,
     )
     if arguments.json:
         waits = [reason.to_json() | {"chain": list(chain.lines(robot, reason.token))} for reason in reasons]

@@ -288,8 +288,8 @@ class Engine(EngineState):
                     ready.appendleft((following, place))
         if instance.status == "running":
             loop = ", ".join(id for id, count in passes.items() if id and count > 1)
-            work = f"more than {SUSPENSIONS} suspensions" if self.suspensions else f"{self.limit} moves"
-            text = f"{work} without waiting, in a loop over {loop}"
+            each = f" (a suspension counts as {self.limit // SUSPENSIONS})" if self.suspensions else ""
+            text = f"{self.limit} moves without waiting{each}, in a loop over {loop}"
             faults.abandon(self, instance, node, text, "livelock")
 
     # ---- callbacks -----------------------------------------------------------------------------------

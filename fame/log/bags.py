@@ -1,7 +1,7 @@
 """Judges the properties of a team from what ``ros2 bag record`` has of it: a folder of rosbag2, in either storage.
 
 A bag has the events that robots publish (``/<robot>/bpmn_events``) and their models, as a recorder on the network gets
-them; but nobody has asked the robots for their clocks. So what compares the times of two robots is not known.
+them. It does not say how far the clocks of two robots differ, so a bound between their events is not known.
 """
 
 from __future__ import annotations

@@ -11,21 +11,26 @@ from fame.bpmn.model import Body, Definitions, Event
 from fame.clock import SECOND
 from fame.errors import display_name
 from fame.log.elements import UNKNOWN, ElementInfo, element_info
-from fame.middleware.interface import ENGINE
+from fame.middleware.interface import ENGINE, resolve
 from fame.robot.robot_state import RobotState
 from fame.text import printable
 
 _FROM_OUTSIDE = frozenset(("timer", "conditional", "signal", "message"))
 """Triggers of events that listen beside a token and can take it away."""
+_NO_WAY_OUT = "nothing that is drawn and no other publisher can end that, unless a message is still on its way"
 
 
 @dataclass(eq=False, slots=True)
 class WaitChain:
-    """The waits of a team at one moment: the state of each robot, the files that it runs, its clock (ns)."""
+    """The waits of a team at one moment: the state of each robot, the files that it runs, its clock (ns).
+
+    `publishers`: topic -> the nodes that publish on it.
+    """
 
     states: Mapping[str, RobotState]
     files: Mapping[str, Sequence[Definitions]]
     now: Mapping[str, int]
+    publishers: Mapping[str, Sequence[str]]
     _told: set[str] = field(default_factory=set)
     _infos: Mapping[str, Mapping[str, ElementInfo]] = field(init=False)
 
@@ -39,7 +44,7 @@ class WaitChain:
         circle = self._circle(robot)
         if len(circle) > 1:
             ways = [way for one in circle for way in self._ways_out(one, circle)]
-            end = f"what can end that: {'; '.join(ways)}" if ways else "no timer, person or other robot can end that"
+            end = f"what can end that: {'; '.join(ways)}" if ways else _NO_WAY_OUT
             yield printable(f"  {', '.join(circle[:-1])} and {circle[-1]} wait for each other; {end}")
 
     def _senders(self, token: Mapping[str, Any], depth: int) -> Iterator[str]:
@@ -56,9 +61,7 @@ class WaitChain:
             return
         waits = self._waits(robot)
         if not waits:
-            work = "is at work: no token of it waits"
-            ended = f"has ended: its process publishes {topic} no more"
-            yield printable(f"{indent}{robot} {work if self._runs(robot) else ended}")
+            yield printable(f"{indent}{robot} {self._idle(robot, topic)}")
         for wait in waits:
             seconds = (
                 f", for {max(0, self.now.get(robot, 0) - wait['since']) / SECOND:.1f} s" if "since" in wait else ""
@@ -118,19 +121,23 @@ class WaitChain:
             each.body for file in self.files.get(robot, ()) for each in file.processes if each.id == state.process
         ]
         events = chain.from_iterable(body.events("start") for body in bodies)
-        return [self._start(event) for event in events if event.definitions]
+        return [self._start(robot, event) for event in events if event.definitions]
 
-    def _start(self, event: Event) -> Mapping[str, Any]:
+    def _start(self, robot: str, event: Event) -> Mapping[str, Any]:
         """A start event, as a token that waits there."""
-        topics = [topic.qualified for topic, _ in event.topics()]
-        publishers = {topic: [robot for robot in self.states if topic in self._thrown(robot)] for topic in topics}
+        topics = [resolve(topic.qualified, robot) for topic, _ in event.topics()]
+        publishers = {topic: self.publishers.get(topic, ()) for topic in topics}
         text = " or ".join([*(f"topic {topic}" for topic in topics)] or [each.trigger for each in event.definitions])
         kind = "topic" if topics else "start"
         return {"element": event.id, "kind": kind, "text": text, "topics": topics, "publishers": publishers}
 
-    def _thrown(self, robot: str) -> set[str]:
-        nodes = (node for body in self._bodies(robot) for node in body.nodes)
-        return {topic.qualified for node in nodes for topic, thrown in node.topics() if thrown}
+    def _idle(self, robot: str, topic: str) -> str:
+        """What a robot does of which no token waits."""
+        if self._runs(robot):
+            return "is at work: no token of it waits"
+        if self.states[robot].instances:
+            return f"has ended: its process publishes {topic} no more"
+        return "has not started its process"
 
     def _bodies(self, robot: str) -> Iterator[Body]:
         for file in self.files.get(robot, ()):
@@ -158,6 +165,7 @@ def _publishers(wait: Mapping[str, Any]) -> dict[str, list[str]]:
 
 
 def _is_held_by(wait: Mapping[str, Any], circle: Sequence[str]) -> bool:
-    """Whether only messages of these robots can move a token."""
-    senders = _publishers(wait)
-    return wait.get("kind") == "topic" and bool(senders) and all(set(each) <= set(circle) for each in senders.values())
+    """Whether only messages of these robots can move a token; one that joins others moves with them."""
+    if wait.get("suspended") or wait.get("kind") not in ("topic", "join"):
+        return False
+    return all(set(each) <= set(circle) for each in _publishers(wait).values())

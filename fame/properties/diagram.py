@@ -27,9 +27,9 @@ _MILLISECOND = 1_000_000
 def drawn_properties(definitions: Definitions, library: Library, cast: Mapping[str, Pool]) -> Iterator[Property]:
     """The annotations of a mission, and the deadlines in it and in what it calls.
 
-    A deadline without text, as a template leaves it, is none. These are named ``deadline_ID`` (of several robots
-    ``deadline_ROBOT_ID``). Raises ConfigError for a wrong sentence, ModelError for a deadline that is no duration
-    above 0, and for a called process that is not found.
+    A deadline is named ``deadline_ID`` (of several robots ``deadline_ROBOT_ID``); an empty one, as a template leaves
+    it, is ignored. Raises ConfigError for a wrong sentence, ModelError for a deadline that is no duration above 0, and
+    for a called process that is not found.
     """
     for one in definitions.artifacts:
         found = _ANNOTATION.fullmatch(" ".join(one.name.split())) if one.kind == "annotation" else None

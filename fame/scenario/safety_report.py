@@ -175,8 +175,9 @@ def _requirements(
             tests |= dict.fromkeys(entered.get((str(Path(name).resolve()), element.id), ()))
         shown = ", ".join(display_name(one.id, one.name) for _, one in named)
         words = ", ".join(f"{one.name}: {one.verdict}" for one in told)
-        proved = any(one.verdict == "proved" for one in told) and all(one.verdict != "refuted" for one in told)
-        yield id, shown, words, ", ".join(tests), "covered" if proved or tests else "not covered"
+        verdicts = {one.verdict for one in told}
+        covered = "covered" if tests or "proved" in verdicts else "not covered"
+        yield id, shown, words, ", ".join(tests), "refuted" if "refuted" in verdicts else covered
 
 
 def _covered(coverage: Mapping[str, Any] | None) -> Iterator[tuple[str, ...]]:
@@ -194,7 +195,7 @@ def _left(
         if one.verdict in ("not known", "not triggered"):
             yield f"property {one.name}", f"{one.verdict}: {one.text}" if one.text else one.verdict
     for id, *_, status in _requirements(result, files, coverage):
-        if status != "covered":
+        if status == "not covered":
             yield f"requirement {id}", "no property proves it, and no test names it or enters its elements"
     for cut in result.cuts:
         yield "states", cut

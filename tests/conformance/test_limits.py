@@ -64,7 +64,7 @@ def test_an_event_sub_process_that_suspends_again_and_again_is_one_long_before(p
     failure = run.instance.error
     assert failure is not None
     assert (run.status, failure.code) == ("failed", "livelock")
-    assert "more than 10000 suspensions without waiting, in a loop over d" in str(failure)
+    assert "1000000 moves without waiting (a suspension counts as 100), in a loop over d" in str(failure)
     assert run.visits["d"] < 20_000
 
 
