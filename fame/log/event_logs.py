@@ -56,7 +56,7 @@ def read_event_log(path: Path, model: Definitions) -> RecordedEvents:
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
         except (ValueError, LookupError, TypeError, AttributeError, RecursionError, ElementTree.ParseError):
-            raise ConfigError("is not such a log as fame log convert writes", file=str(path)) from None
+            raise ConfigError("is not a log as fame log convert writes it", file=str(path)) from None
     with rows_of(path) as found:
         rows = [{**row, "time": round(float(row["time"]) * SECOND)} for row in found if row.get("robot")]
         running: set[tuple[Any, Any]] = set()
