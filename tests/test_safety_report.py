@@ -76,6 +76,14 @@ def test_the_page_says_what_was_checked_and_what_was_not(tmp_path: Path, monkeyp
     assert "<script" not in page
 
 
+def test_what_was_not_looked_at_is_not_called_none(tmp_path: Path) -> None:
+    (tmp_path / "choice.bpmn").write_text(process(CHOICE))
+    page = tmp_path / "page.html"
+    assert main(["check", "--explore", str(tmp_path / "choice.bpmn"), "--report", str(page)]) == 3
+    assert rows(page.read_text(), "Single faults") == [["not explored", "", ""]]
+    assert rows(page.read_text(), "Coverage by tests")[0][0] == "not given"
+
+
 @pytest.mark.parametrize("text", ["", "[]", '{"processes": []}', '{"processes": [1], "requirements": {}}'])
 def test_a_wrong_coverage_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "choice.bpmn").write_text(process(CHOICE))

@@ -73,11 +73,15 @@ def safety_report(
         *_section("What the exploration leaves out", ("", ""), _abstractions(result, files)),
         *_section("Properties", ("id", "sentence", "verdict", "why"), _properties(result)),
         *_section("Findings", ("level", "finding", "accepted, because"), _findings(result)),
-        *_section("Single faults", ("fault", "delivery", "outcome"), _faults(result)),
+        *_section("Single faults", ("fault", "delivery", "outcome"), _faults(result, explored=faults)),
         *_section(
             "Requirements", ("id", "elements", "properties", "tests", ""), _requirements(result, files, coverage)
         ),
-        *_section("Coverage by tests", ("process", "elements", "flows", "not entered", "excused"), _covered(coverage)),
+        *_section(
+            "Coverage by tests",
+            ("process", "elements", "flows", "not entered", "excused"),
+            _covered(coverage) if coverage is not None else [("not given", "", "", "", "")],
+        ),
         "<p>A test covers an element when a token comes to it; whether tests passed is in their own report.</p>",
         *_section("Not covered", ("what", ""), _left(result, files, coverage, faults=faults)),
         '<h2>Signed</h2><table class="sign"><tr><th>name</th><th>role</th><th>date</th><th>signature</th></tr>',
@@ -148,8 +152,11 @@ def _findings(result: Exploration) -> Iterator[tuple[str, ...]]:
     return ((one.level, one.text, one.accepted) for one in result.findings)
 
 
-def _faults(result: Exploration) -> Iterator[tuple[str, ...]]:
-    return (row for search in result.searches for row in search.faults)
+def _faults(result: Exploration, *, explored: bool) -> Iterator[tuple[str, ...]]:
+    if not explored:
+        yield "not explored", "", ""
+    for search in result.searches:
+        yield from search.faults
 
 
 def _requirements(
