@@ -209,12 +209,12 @@ class Field:
 
     # ---- the stranger ------------------------------------------------------------------------------------------------
 
-    def publisher(self, topic: str, type: str = STRING, qos: QoS | None = None) -> Any:
-        """An end of the stranger that somebody hears."""
+    def publisher(self, topic: str, type: str = STRING, qos: QoS | None = None, *, within: float = 60) -> Any:
+        """An end of the stranger, after somebody hears it or so many seconds."""
         if topic not in self._publishers:
             usual = LATCHED if topic.endswith("_status") else QoS(depth=1000)
             self._publishers[topic] = self.stranger.publisher(topic, type, qos or usual)
-            self.until(self._publishers[topic].matched, 60)
+            self.until(self._publishers[topic].matched, within)
         return self._publishers[topic]
 
     def say(self, topic: str, text: str) -> None:

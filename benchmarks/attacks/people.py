@@ -28,7 +28,7 @@ def odd_reports(field: Field) -> None:
     field.run("A", scripted("log('\\x1b[2Jfaked\\nline')"))
     for number, changes in enumerate(ODD):
         topic = f"/X{number}/bpmn_status"
-        publisher = field.publisher(topic)
+        publisher = field.publisher(topic, within=0)  # nobody is there yet
         report = {"robot": f"X{number}", "state": "idle", "born": 1, **changes}
 
         def again(publisher=publisher, report=report) -> None:

@@ -203,7 +203,10 @@ def repairs(team: Team) -> Iterator[str]:
             yield f"{process} has answered {', '.join(sorted(found))} to {request}"
 
 
-_SUSPENDING = {"cut", "match", "stop", "loss", "migrate", "full", "read-only", "kill sender", "stop sender", "kill"}
+_SUSPENDING = {
+    "cut", "match", "stop", "loss", "migrate", "full", "read-only", "kill",
+    "kill sender", "stop sender", "kill splitter", "stop splitter",
+}  # fmt: skip
 """What makes robots hold, or lose the server: a goal is cancelled then, and sent again."""
 
 
