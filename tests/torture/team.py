@@ -623,12 +623,20 @@ class Team:
                 TaskRequest(id=f"{process.name} set", element="", act="set", values={"mended": 1}),
                 TaskRequest(id=f"{process.name} retry", element="pcwork", act="retry"),
             ]
-        self._request(robot.name, process, wire, requests)
-        self._later(11.0, partial(self._end_process, wire))
+        asking: list[TaskClient] = []
+        self._request(robot.name, process, wire, requests, asking)
+
+        def leave() -> None:
+            asking[-1].close()
+            self._end_process(wire)
+
+        self._later(11.0, leave)
         return True
 
-    def _request(self, robot: str, process: Process, wire: Wire, requests: list[TaskRequest]) -> None:
-        """Make one request, and the next when it is answered."""
+    def _request(
+        self, robot: str, process: Process, wire: Wire, requests: list[TaskRequest], asking: list[TaskClient]
+    ) -> None:
+        """Make one request, and the next when it is answered; `asking` gets the client of each."""
         if not requests:
             return
 
@@ -636,7 +644,7 @@ class Team:
             self.note(f"{process.name}: {robot} {report.answer} {report.reason}".rstrip())
             client.close()
             if report.answer != "refused":
-                self._request(robot, process, wire, requests[1:])
+                self._request(robot, process, wire, requests[1:], asking)
 
         client = TaskClient(
             robot,
@@ -647,6 +655,7 @@ class Team:
             key=self.key,
             wall_time=process.machine.wall_time,
         )
+        asking.append(client)
 
     def abort(self, robot: Robot, *, key: Ed25519PrivateKey | None = None) -> None:
         """``fame abort``: a person ends the deployment that a robot holds. `key`: that of a stranger."""
