@@ -32,7 +32,7 @@ MODELER_PARTS := @bpmn-io/element-templates-validator bpmn-moddle camunda-bpmn-m
 PYTHON312 ?= python3.12
 FASTDDS := ros-rclpy==7.1.6 ros-rmw-fastrtps-cpp==8.4.3 ros-fastrtps==2.14.5 ros-std-msgs==5.3.6 ros-std-srvs==5.3.6 \
 	ros-geometry-msgs==5.3.6 ros-sensor-msgs==5.3.6 ros-nav-msgs==5.3.6 ros-test-msgs==2.0.3
-FASTDDS_TESTS := $(addprefix tests/,test_fastdds.py test_middleware_contract.py test_node_parameters.py)
+FASTDDS_TESTS := $(addprefix tests/,test_fastdds.py test_middleware_contract.py)
 
 .PHONY: demo test torture fuzz test-processes test-browser test-node test-fastdds test-ros attack lint clean
 
