@@ -100,6 +100,29 @@ def test_repairs_are_signed_where_keys_are_used_and_the_journal_says_whose_key_i
     assert f"u: moved to v by {who}" in journal
 
 
+def test_a_suspended_robot_that_is_started_again_stays_suspended_until_a_signed_request_continues_it(
+    tmp_path: Path, engines: list[Engine]
+) -> None:
+    told("keys", "new", str(tmp_path / "team"))
+    key, words = str(tmp_path / "team.key"), ("--trust", str(tmp_path / "team.pub"), "--state", str(tmp_path / "state"))
+    (tmp_path / "m.bpmn").write_text(FAILING.replace("x = 0", "x = 1"))
+    engines.append(Engine(tmp_path, *words))
+    told("deploy", str(tmp_path / "m.bpmn"), "--key", key, "--wait", "30")
+    assert "signed" in refused("suspend", "REX")
+    assert "REX: suspended: REX" in told("suspend", "REX", "--key", key)
+    until_status("fame continue REX ends that")
+    engines[0].end()
+    engines.append(Engine(tmp_path, *words))
+    engines[1].until("continues its mission")
+    until_status("fame continue REX ends that")
+    who = engines[1].said.read_text().partition("suspended by ")[2].splitlines()[0]
+    assert ", key " in who
+    assert f"suspended by {who}" in told("status", "--why", "REX")
+    assert "signed" in refused("continue", "REX")
+    assert "REX: continued: REX" in told("continue", "REX", "--key", key)
+    until_status("running")
+
+
 def test_of_two_engines_on_one_directory_the_second_is_refused(tmp_path: Path, engines: list[Engine]) -> None:
     state = StateDirectory(tmp_path / "state")
     assert f"is in use by another engine (process {os.getpid()})" in refused(

@@ -42,7 +42,10 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "splitter": "deployment.add_splitter",
         "router": "network.add_router",
         "status": "robots.add_status",
-        **dict.fromkeys(("complete", "activate", "abort", "retry", "skip", "set", "move"), "robots.add_requests"),
+        **dict.fromkeys(
+            ("complete", "activate", "abort", "retry", "suspend", "continue", "skip", "restart", "fail", "set", "move"),
+            "robots.add_requests",
+        ),
         "world": "worlds.add_world",
         **dict.fromkeys(("pause", "resume"), "worlds.add_time"),
         "keys": "deployment.add_keys",

@@ -1,4 +1,4 @@
-"""Commands for running robots: ``fame status``, ``complete``, ``activate``, ``retry``, ``skip``, ``set``, ``move``."""
+"""Commands for running robots: ``fame status``, ``complete``, ``retry``, ``suspend`` and others."""
 
 from __future__ import annotations
 
@@ -175,6 +175,11 @@ def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
         ends = f"a newer deployment or fame abort {robot} ends that"
         yield (*head, "", "", f"its sender and the others for {report.candidate}; {ends}", "")
         head = ("", "", "", "")
+    if person := report.suspended:
+        steers = f", {person['holder']} steers it" if person.get("holder") else f"; fame continue {robot} ends that"
+        since = f"{max(0.0, report.now - person.get('since', 0.0)):.0f} s"
+        yield (*head, "", since, f"suspended by {person.get('by', '')}{steers}", "")
+        head = ("", "", "", "")
     for incident in report.incidents:
         text = f"incident: {incident.get('text', '')}; fame retry {robot} {incident.get('element', '')}"
         yield (*head, incident.get("element", ""), "", text, "")
@@ -221,6 +226,24 @@ def add_requests(commands: Commands) -> None:
         commands, "skip", element="id of the element where the token waits; it is cancelled",
         examples=("fame skip REX Task_Grip", "fame skip REX Task_Grip --key team.key"),
         help="let a running robot go on behind an element, without its results, by its default flow if it has one",
+    )  # fmt: skip
+    _add_request(
+        commands, "restart", element="id of the element where the token is, as a drawn call activity; it is cancelled",
+        examples=("fame restart REX Task_GoTo",),
+        help="execute an element of a running robot again from its beginning",
+    )  # fmt: skip
+    _add_request(
+        commands, "fail", element="id of the element where the token is; it is cancelled",
+        examples=("fame fail REX Task_GoTo",),
+        help="raise the error taken_over at an element of a suspended robot, whose mission continues",
+    )  # fmt: skip
+    _add_request(
+        commands, "suspend", examples=("fame suspend REX", "fame suspend REX --key team.key"),
+        help="suspend the mission of a running robot, in its safe state, until fame continue",
+    )  # fmt: skip
+    _add_request(
+        commands, "continue", examples=("fame continue REX",),
+        help="let a suspended mission continue: activities begin again with their variables",
     )  # fmt: skip
     setting = _add_request(
         commands, "set", examples=("fame set REX speed=0.5", "fame set REX home='[1, 2]' --key team.key"),
@@ -279,7 +302,7 @@ def request(arguments: Namespace) -> int:
         status = "completed" if done else "failed"
         print_json({"status": status, "robot": arguments.robot, "element": arguments.element, "reason": report.reason})
     else:
-        shown = report.reason or arguments.element or ", ".join(dict(arguments.value))
+        shown = report.reason or arguments.element or ", ".join(dict(arguments.value)) or arguments.robot
         print(f"{arguments.robot}: {report.answer}: {printable(shown)}")
     return 0 if done else 1
 

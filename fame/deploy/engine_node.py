@@ -29,7 +29,7 @@ from fame.deploy.machine import ProtocolMachine, unexpected
 from fame.deploy.migration import Foreseen, foresee, take_over
 from fame.deploy.options import EngineOptions
 from fame.deploy.request_verifier import RequestVerifier
-from fame.deploy.requests import TaskServer
+from fame.deploy.requests import TaskRequest, TaskServer
 from fame.deploy.resumed_mission import ResumedMission
 from fame.deploy.resumption import StateKeeper
 from fame.deploy.robot_protocol import step
@@ -177,7 +177,7 @@ class EngineNode:
             kind: RateLimiter(self.scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
         }  # of senders that wait for an answer, and of bare models
         self._failures = RateLimiter(self.scheduler, partial(self._note, kind="answer"))
-        self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verifier.verify_task)
+        self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
         self._resume()
         self.status.begin()
 
@@ -270,6 +270,8 @@ class EngineNode:
             envelope = read_envelope(message.data, self.robot, self._wall_time())
             deployment = envelope.deployment
             self._verifier.verify_deployment(envelope)
+            if envelope.phase in ("load", "run") and self.running is not None and self.running.suspension.holder:
+                raise DeploymentError(f"{self.running.suspension.holder} steers the robot", cause="steered")
             self._protocol.handle(Received(envelope))
         except DeploymentError as error:
             self._refuse(deployment, str(error), error.cause)
@@ -277,6 +279,13 @@ class EngineNode:
             raise
         except Exception as error:  # no message ends an engine
             self._refuse(deployment, unexpected(error), "error")
+
+    def _verify_task(self, request: TaskRequest) -> str:
+        """Give the fingerprint of who signed a request. Raises DeploymentError, also for one that cannot be met now."""
+        signer = self._verifier.verify_task(request)
+        if request.act == "take_over" and self._protocol.state.candidate is not None:
+            raise DeploymentError("a deployment is under way: nobody takes the robot over", cause="deployment")
+        return signer
 
     def _refuse(self, deployment: str, reason: str, cause: str) -> None:
         """Refuse a message. One about a deployment that is known here may be forged: it is no answer to the sender."""

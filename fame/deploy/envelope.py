@@ -68,6 +68,7 @@ _ERROR: dict[str, fields.FieldCheck] = {
     **dict.fromkeys(("code", "element", "name", "file", "text"), _TEXT),
     "line": fields.integer(),
 }
+_SUSPENDED: dict[str, fields.FieldCheck] = {**dict.fromkeys(("by", "holder"), _TEXT), "since": fields.number}
 _PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
 _TOKEN: dict[str, fields.FieldCheck] = {
     **dict.fromkeys(("element", "fate", "target", "reason", "name"), _TEXT),
@@ -153,7 +154,7 @@ class Report:
     """The status of a robot, perhaps with an answer to a deployment.
 
     state   ``waiting`` (for its first process), ``loading``, ``ready``, ``holding`` (ready, its sender is
-            silent), ``running``, ``suspended`` (its
+            silent), ``running``, ``suspended`` (by a person, or its
             state cannot be written), ``incident`` (holds until somebody repairs it), ``idle`` (no instance), ``failed``
     instances, started, completed, failed      of this process: how many run now, have started, completed, failed
     deployed   the deployment that its process came with, `hash` the model
@@ -172,6 +173,7 @@ class Report:
     more_waits number of waiting tokens beyond those
     untaken    how many messages no event has taken, by topic
     offers     the elements of open ad-hoc sub-processes that can be activated
+    suspended  by which person its mission is suspended: `by`, `since` (s), `holder` (who steers it, or empty)
     incidents  elements that have failed and wait for somebody: `element`, `code`, `text`
     errors     of the last instances that have failed: `code`, `element`, `name`, `file`, `line`, `text`
     warnings   of the middleware, of lost messages and of clocks that jump, the latest last
@@ -210,6 +212,7 @@ class Report:
     incidents: Annotated[
         Sequence[Mapping[str, str]], fields.sequence(fields.record(dict.fromkeys(("element", "code", "text"), _TEXT)))
     ] = ()
+    suspended: Annotated[Mapping[str, Any], fields.record(_SUSPENDED)] = field(default_factory=dict)
     now: fields.Number = 0.0
     born: fields.Birth = 0
     time: fields.Number = 0.0

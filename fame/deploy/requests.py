@@ -1,8 +1,8 @@
-"""Requests of people to one robot: complete a task, activate an element, repair what runs, abort a deployment.
+"""Requests of people to one robot: complete a task, repair what runs, suspend or steer it, abort a deployment.
 
 A `TaskRequest` goes to ``bpmn_task``: a task that waits for somebody is completed, an element of an open ad-hoc
-sub-process activated, an incident retried, an element skipped, a variable set, a token moved. An abort goes to
-``bpmn_process``, as a sender's would. The answer is on ``bpmn_status``.
+sub-process activated, an incident retried, an element skipped, a variable set, a token moved, the mission suspended,
+taken over and continued. An abort goes to ``bpmn_process``, as a sender's would. The answer is on ``bpmn_status``.
 
 The same request again has no effect but the answer, so a client repeats it until it gets one. Where keys are used
 requests are signed, as an envelope is: for one run of one robot's engine, and for `fame.deploy.signing.FRESH` s.
@@ -36,8 +36,10 @@ SIZE = 1_000_000
 """The longest request (characters)."""
 _DONE = {
     "complete": "completed", "activate": "activated", "retry": "retried", "skip": "skipped", "set": "set",
-    "move": "moved",
+    "move": "moved", "suspend": "suspended", "take_over": "taken over", "continue": "continued",
+    "restart": "restarted", "fail": "made to fail", "note": "noted",
 }  # fmt: skip
+ACTS = tuple(_DONE)
 _ANSWERS = 100
 """How many answers a robot remembers."""
 
@@ -48,16 +50,19 @@ class TaskRequest:
 
     `act` is ``complete``; ``activate``, where `element` is one of an ad-hoc sub-process and there are no values;
     ``retry`` of an element with an incident; ``skip`` of an element, which goes on without its results; ``set``, where
-    there is no element; ``move`` of a token at `element` to the element `to`. `who` says whose request it is: what keys
-    prove counts more.
+    there is no element; ``move`` of a token at `element` to the element `to`; ``suspend`` and ``continue`` of the whole
+    mission; ``take_over``, by which a person holds the `lease` (again: for longer); ``restart`` of an element; ``fail``
+    of one, after which a suspended mission continues; ``note`` of a text, `to`, in the log.
+    `who` says whose request it is: what keys prove counts more.
     `robot`, `born`, `issued` and `signature` are there where keys are used: as of `Envelope`.
     """
 
     id: fields.Name
     element: fields.Name
     values: Annotated[Mapping[str, Any], fields.is_object] = field(default_factory=dict)
-    act: Annotated[str, fields.among("complete", "activate", "retry", "skip", "set", "move")] = "complete"
+    act: Annotated[str, fields.among(*ACTS)] = "complete"
     to: fields.Name = ""
+    lease: fields.Name = ""
     who: fields.Name = ""
     robot: fields.Name = ""
     born: fields.Birth = 0
@@ -154,6 +159,18 @@ class TaskServer:
                     node.move(request.element, request.to, who=who)
                 case "skip":
                     node.skip(request.element, who=who)
+                case "suspend":
+                    node.suspension.suspend(who)
+                case "take_over":
+                    node.suspension.take_over(who, request.lease)
+                case "continue":
+                    node.suspension.go_on(who, request.lease)
+                case "restart":
+                    node.restart(request.element, who=who)
+                case "fail":
+                    node.fail(request.element, request.lease, who=who)
+                case "note":
+                    node.note(request.element, f"{request.to} by {who}")
                 case _:
                     node.complete(request.element, request.values)
                     if request.who:

@@ -243,6 +243,8 @@ def state_of(process: RobotNode | None) -> str:
         return "waiting"
     if process.engine.incidents:
         return "incident"
+    if process.suspension.by:
+        return "suspended"
     if any(instance.status == "failed" for instance in process.instances[-1:]):
         return "failed"
     return "running" if process.engine.instances else "idle"
@@ -283,6 +285,7 @@ def _described(process: RobotNode) -> dict[str, Any]:
         "untaken": process.untaken(),
         "offers": process.offers(),
         "error": str(last) if last is not None else "",
+        "suspended": process.suspension.to_json(),
         "incidents": [{"element": id, "code": code, "text": text} for id, code, text in process.incidents[:WAITS]],
         "errors": [
             {**instance.error.to_json(), "name": instance.error.name}

@@ -73,6 +73,17 @@ def give_up_part(engine: EngineState, wait: Wait, error: BaseException) -> None:
     fail(engine, wait.scope, wait.node, error, wait=wait.owner)
 
 
+def fail_token(engine: EngineState, element: str, error: BaseException) -> None:
+    """Raise an error in place of what a held token does at an element. Raises MissionError if no token is there."""
+    token, scope = repair.token_at(engine, element)
+    assert token.node is not None
+    if isinstance(token, Wait):
+        waiting.withdraw(engine, token)
+    else:
+        scopes.kill(engine, token, notified=False)
+    fail(engine, scope, token.node, error)
+
+
 def abandon(
     engine: EngineState, instance: Instance, node: Node, text: str, code: str, cause: BaseException | None = None
 ) -> None:

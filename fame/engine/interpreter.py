@@ -183,6 +183,11 @@ class Engine(EngineState):
         self.run()
         return following
 
+    def fail(self, element: str, error: BaseException) -> None:
+        """Cancel the work of a token, raise an error in its place, and continue what is held. Raises MissionError."""
+        faults.fail_token(self, element, error)
+        self.release()
+
     def restart(self) -> None:
         """Continue after `fame.engine.restore`, once: start scripts again, and tokens that wait for them."""
         for wait in sorted(self.waits.values(), key=attrgetter("key")):

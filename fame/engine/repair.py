@@ -92,7 +92,7 @@ def set_variables(engine: EngineState, values: Mapping[str, Any], instance: int 
 
 def move(engine: EngineState, source: str, target: str) -> None:
     """Cancel the work of a token at an element, and start another element of the scope. Raises MissionError."""
-    token, scope = _token_at(engine, source)
+    token, scope = token_at(engine, source)
     entry = scope.body.entries.get(target) if scope.body is not None else None
     if entry is None:
         there = ", ".join(sorted(scope.body.entries)) if scope.body is not None else "none"
@@ -105,7 +105,7 @@ def skip(engine: EngineState, element: str) -> str:
 
     Returns the id of what comes next. Raises MissionError if there is no token, or no default flow.
     """
-    token, scope = _token_at(engine, element)
+    token, scope = token_at(engine, element)
     node = token.node
     assert node is not None
     split = node if isinstance(node.spec, Branch) else node.next
@@ -124,7 +124,7 @@ def _go_on(engine: EngineState, token: Wait | Scope, scope: Scope, following: No
     scopes.proceed(engine, following, scope, cancelling)
 
 
-def _token_at(engine: EngineState, element: str) -> tuple[Wait | Scope, Scope]:
+def token_at(engine: EngineState, element: str) -> tuple[Wait | Scope, Scope]:
     """Return the first token at an element, one that waits or the scope of an activity, and the scope around it.
 
     Raises MissionError if no token is there.

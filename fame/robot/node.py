@@ -28,6 +28,7 @@ from fame.robot.events import Event
 from fame.robot.host import EngineHost
 from fame.robot.mission import Mission
 from fame.robot.options import RobotOptions
+from fame.robot.suspension import Suspension
 from fame.robot.waiting_tokens import WaitingToken, WaitingTokens
 from fame.scripting import Runner
 
@@ -73,7 +74,7 @@ class RobotNode:
     ) -> None:
         options = options or RobotOptions()
         self._hold_errors = options.hold_errors
-        self._holds: set[str] = set()
+        self.holds: set[str] = set()  # the reasons
         self.name: str = name
         self.namespace: str = name
         self.mission, self.scheduler, self.middleware = mission, scheduler, middleware
@@ -90,6 +91,7 @@ class RobotNode:
         self.runner.on_lost = self._on_lost_request
         self.waiting: WaitingTokens = WaitingTokens(name, mission, self.node, middleware, scheduler, self.runner)
         self.host.on_suspended = self.waiting.on_suspended
+        self.suspension: Suspension = Suspension(self)
         self._observed = options.observer is not None
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # messages between `load` and `start`
         if compiled:
@@ -169,14 +171,14 @@ class RobotNode:
 
     def hold(self, reason: str = "") -> None:
         """Suspend the mission, in the safe state, until `release` is called for each reason."""
-        self._holds.add(reason)
+        self.holds.add(reason)
         self.engine.hold()
         self.runner.poll()
 
     def release(self, reason: str = "") -> None:
         """Continue after `hold`, as soon as its scripts have ended, unless there is another reason to hold."""
-        self._holds.discard(reason)
-        if self._holds:
+        self.holds.discard(reason)
+        if self.holds:
             return
         if self.engine.held is not None and self.leaving:
             self.scheduler.after(_POLL, partial(self.release, reason), Kind.RESUMPTION)
@@ -195,6 +197,7 @@ class RobotNode:
 
     def close(self) -> None:
         """Close scripts, timers and all endpoints."""
+        self.suspension.close()
         self.host.close()
         self.endpoints.direct.close()
         if self.acknowledged is not None:
@@ -293,6 +296,14 @@ class RobotNode:
     def skip(self, element: str, *, who: str = "") -> None:
         """Go on behind an element without its results. Raises MissionError if that is not possible."""
         self._repair(element, "skipped", who, lambda: self.engine.skip(element))
+
+    def restart(self, element: str, *, who: str = "") -> None:
+        """Cancel an element, and execute it from its beginning. Raises MissionError if no token is there."""
+        self._repair(element, "restarted", who, lambda: self.engine.move(element, element))
+
+    def fail(self, element: str, lease: str = "", *, who: str = "") -> None:
+        """Raise an error at an element of a suspended mission, which continues (`Suspension.fail`)."""
+        self._repair(element, "failed", who, lambda: self.suspension.fail(element, who, lease))
 
     def _repair(self, element: str, text: str, who: str, act: Callable[[], object]) -> None:
         """Execute a person's request, with a note in journal and event log. `act` may say what comes next."""

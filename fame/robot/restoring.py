@@ -17,6 +17,7 @@ from fame.robot.journal import SegmentContents, write_segment
 from fame.robot.node import INCIDENT, RobotNode
 from fame.robot.state_tables import StateTables, Tables, fold, instance_data, instance_of, restore_engine
 from fame.robot.stored_values import Loader
+from fame.robot.suspension import SUSPENDED
 
 _UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -33,6 +34,7 @@ def tables_of(node: RobotNode, epoch: int) -> Tables:
     signals = node.acknowledged.tables(epoch) if node.acknowledged is not None else {}
     return {
         **signals,
+        "suspension": node.suspension.table(epoch),
         "timers": {str(key): [kind, text, base + epoch, fired] for key, (kind, text, base, fired) in timers},
         "totals": {"": [host.started, host.completed, host.failed, host.elements_done]},
     }
@@ -62,9 +64,10 @@ def set_timers(node: RobotNode, tables: Tables, set_back: int = 0) -> list[Wait]
 
 def go_on(node: RobotNode) -> None:
     """Continue with a restored engine: scripts start again, and messages are delivered."""
-    if node.engine.incidents:
-        node.hold(INCIDENT)
-    else:
+    for reason, holds in ((INCIDENT, node.engine.incidents), (SUSPENDED, node.suspension.by)):
+        if holds:
+            node.hold(reason)
+    if not node.holds:
         node.engine.release()
     node.engine.restart()
     node.go_on()
@@ -92,6 +95,7 @@ def restored(node: RobotNode, contents: SegmentContents) -> Tables:
     over = [instance_of(data, engine.program, load) for data in tables.get("ended", {}).values()]
     host.instances[:] = sorted([*over, *engine.instances.values()], key=lambda instance: instance.key)
     node.attach(engine)
+    node.suspension.restore(tables.get("suspension", {}), epoch_of(node))
     if node.acknowledged is not None:
         node.acknowledged.restore(tables, epoch_of(node))
     return tables

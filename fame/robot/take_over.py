@@ -117,6 +117,7 @@ def take_over(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[Migra
     over = [instance for instance in old.instances if instance.status != "running"]
     host.instances[:] = sorted([*over, *engine.instances.values()], key=lambda instance: instance.key)
     new.attach(engine)
+    new.suspension.restore(old.suspension.table(0), 0)
     if new.acknowledged is not None and old.acknowledged is not None:
         new.acknowledged.restore(old.acknowledged.tables(epoch_of(old)), epoch_of(new))
     new.forget_early()
@@ -126,7 +127,7 @@ def take_over(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[Migra
 def go_on_after(new: RobotNode, timers: dict[str, Any]) -> None:
     """Continue a process that has taken over; `timers` are those of the old one, from `timers_of`."""
     set_timers(new, {"timers": timers})
-    if not new.engine.incidents:
+    if not (new.engine.incidents or new.suspension.by):
         new.engine.release()
     arm_new(new.engine)
     go_on(new)

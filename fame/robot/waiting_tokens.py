@@ -119,6 +119,7 @@ class WaitingTokens:
         self._warned = 0  # how many warnings there were then
         self._gaps = PublisherGaps()
         self._seen: dict[Hashable, int] = {}  # waiting token -> when `list` saw it first
+        self.person: tuple[str, int] = ("", 0)  # who has suspended the mission, since when (ns)
         self._suspended: dict[int, int] = {}  # key of a handler that suspends its scope -> since when
 
     def on_message(self, topic: str, *, awaited: bool) -> None:
@@ -136,7 +137,7 @@ class WaitingTokens:
         """A value that is cheap to compare: `details` differ only if it does."""
         key, runner = wait.key, self._runner
         server = runner.server_silence(key), runner.server_mismatch(key)
-        return wait.paused, runner.request(key), self.uncorrelated.get(key), *server
+        return wait.paused, self.person, runner.request(key), self.uncorrelated.get(key), *server
 
     def last_miss(self, wait: Wait) -> tuple[int, str] | None:
         """When (ns) the last message came that a token waits for, and why it did not count; None if none came."""
@@ -202,14 +203,15 @@ class WaitingTokens:
         if not wait.paused:
             return ""
         handler, since = suspender(wait), ""
-        if handler is not None and handler.key in self._suspended:
-            since = f" since {(now - self._suspended[handler.key]) / SECOND:.3g} s"
+        begun = self._suspended.get(handler.key) if handler is not None else self.person[1] if self.person[0] else None
+        if begun is not None:
+            since = f" since {(now - begun) / SECOND:.3g} s"
         return f"suspended by {self._label(handler)}{since}"
 
     def _label(self, handler: Scope | None) -> str:
-        """The name of an event sub-process that suspends a token; without one the robot is on hold."""
+        """The name of an event sub-process that suspends a token; without one a person, or the robot is on hold."""
         if handler is None or handler.node is None:
-            return "a hold of the robot"
+            return self.person[0] or "a hold of the robot"
         name = self._elements.get((handler.node.file, handler.node.id))
         return f'"{name.name}"' if name is not None and name.name else handler.node.id
 

@@ -192,6 +192,7 @@ def _requests() -> list[bytes]:
         TaskRequest(id="1", element="T", values={"approved": True, "x": [1, {"y": None}]}, who="somebody"),
         TaskRequest(id="2", element="T", act="move", to="U"),
         TaskRequest(id="3", element="", act="set", values={"x": 1.5}),
+        TaskRequest(id="4", element="", act="take_over", lease="5"),
     ]
     return [each.signed("REX", _key(), born=5, now=NOW).to_json().encode() for each in plain]
 

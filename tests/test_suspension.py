@@ -1,0 +1,203 @@
+"""A person suspends a mission, steers the robot, and lets the mission continue; the engine may die meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from deployment_field import definitions, process
+from test_resumption import POOL, Durable, request
+
+from fame.cli.robots import rows
+from fame.deploy import Report
+
+ANN = "ann@desk (unverified)"
+DRIVE = definitions(
+    POOL,
+    process(
+        "p",
+        '<startEvent id="s"/><callActivity id="go" name="Go" calledElement="q"/><userTask id="u"/>'
+        '<boundaryEvent id="late" attachedToRef="go"><timerEventDefinition><timeDuration>PT60S</timeDuration>'
+        '</timerEventDefinition></boundaryEvent><userTask id="slow"/>'
+        '<boundaryEvent id="lost" attachedToRef="go"><errorEventDefinition errorRef="E"/></boundaryEvent>'
+        '<userTask id="mend"/>',
+        ("s", "go"),
+        ("go", "u"),
+        ("late", "slow"),
+        ("lost", "mend"),
+    ),
+    process(
+        "q",
+        '<startEvent id="qs"/><scriptTask id="first"><script>pass</script></scriptTask>'
+        '<scriptTask id="drive"><script>n = globals().get("n", 0)\nwhile True:\n    n += 1\n    await sleep(1)</script>'
+        "</scriptTask>",
+        ("qs", "first"),
+        ("first", "drive"),
+    ),
+    '<error id="E" errorCode="taken_over"/>',
+)
+
+
+@pytest.fixture
+def field(tmp_path: Path) -> Iterator[Durable]:
+    made = Durable(tmp_path / "state", safe_state=[("stop", "std_msgs/msg/Bool", {"data": True})])
+    made.stops = []
+    made.person.subscription("/A/stop", "std_msgs/msg/Bool", lambda message: made.stops.append(made.scheduler.now))
+    made.deploy(DRIVE)
+    yield made
+    for engine in made.engines.values():
+        engine.close()
+
+
+def ask(field: Durable, act: str, element: str = "", **more: Any) -> Report:
+    """The robot's answer to a request of Ann."""
+    request(field, act=act, element=element, **{"who": "ann@desk", **more})
+    return next(report for report in reversed(field.said) if report.answer)
+
+
+def n(field: Durable) -> int:
+    (root,) = field.engine.running.engine.instances.values()
+    (inner,) = root.root.children
+    return int(inner.variables["n"])
+
+
+def waiting(field: Durable) -> list[str]:
+    return [wait.element for wait in field.engine.running.waiting_tokens()]
+
+
+def test_a_suspended_mission_stands_still_in_the_safe_state_through_its_calls_and_then_begins_again(
+    field: Durable,
+) -> None:
+    before, stopped = n(field), len(field.stops)
+    assert ask(field, "suspend").answer == "suspended"
+    assert len(field.stops) > stopped
+    field.pass_time(20)
+    assert n(field) <= before + 1
+    assert field.said[-1].state == "suspended"
+    assert ask(field, "continue").answer == "continued"
+    field.pass_time(5)
+    assert n(field) > before + 4
+    assert field.said[-1].state == "running"
+
+
+def test_the_status_says_who_suspended_it_and_what_ends_that(field: Durable) -> None:
+    ask(field, "suspend")
+    field.pass_time(3)
+    report = field.said[-1]
+    assert (report.suspended["by"], report.suspended["holder"]) == (ANN, "")
+    shown = [row[6] for row in rows("A", report)]
+    assert shown[0].startswith(f"suspended by {ANN} since ")
+    assert f"suspended by {ANN}; fame continue A ends that" in shown
+
+
+def test_why_it_waits_names_the_person(field: Durable) -> None:
+    ask(field, "suspend")
+    node = field.engine.running
+    (wait,) = [wait for wait in next(iter(node.engine.instances.values())).waits() if wait.node.id == "drive"]
+    assert {"suspended": True, "by": ANN}.items() <= node.waiting.details(wait).items()
+
+
+def test_deadlines_go_on_while_it_is_suspended(field: Durable) -> None:
+    ask(field, "suspend")
+    field.pass_time(80)
+    assert waiting(field) == ["drive"]
+    ask(field, "continue")
+    assert waiting(field) == ["slow"]
+
+
+def test_a_restarted_engine_comes_back_suspended_with_its_author(field: Durable) -> None:
+    ask(field, "suspend")
+    since = field.said[-1].suspended["since"]
+    before = n(field)
+    field.crash()
+    field.pass_time(10)
+    field.start()
+    field.pass_time(3)
+    assert field.said[-1].state == "suspended"
+    assert field.said[-1].suspended == {"by": ANN, "since": since, "holder": ""}
+    assert n(field) == before
+    ask(field, "continue")
+    field.pass_time(3)
+    assert n(field) > before
+    field.crash()
+    field.start()
+    field.pass_time(3)
+    assert field.said[-1].state == "running"
+
+
+def test_who_suspended_and_continued_it_is_in_the_journal_and_the_log(field: Durable) -> None:
+    ask(field, "suspend")
+    ask(field, "continue", who="bob@field")
+    text = field.engine._keeper.directory.segments()[-1].read_text()
+    for note in (f"suspended by {ANN}", "continued by bob@field (unverified)"):
+        assert note in text
+        assert note in field.notes
+
+
+def test_what_is_not_suspended_does_not_continue(field: Durable) -> None:
+    assert ask(field, "continue").reason == "A: no person has suspended its mission"
+    assert ask(field, "fail", "go").reason == "A: no person has suspended its mission"
+
+
+def test_a_drawn_activity_is_restarted_with_what_it_calls(field: Durable) -> None:
+    ask(field, "suspend")
+    assert ask(field, "restart", "go").answer == "restarted"
+    ask(field, "continue")
+    assert field.engine.running.instances[0].visits["first"] == 2
+    assert waiting(field) == ["drive"]
+
+
+def test_a_skipped_activity_is_left_when_the_mission_continues(field: Durable) -> None:
+    ask(field, "suspend")
+    ask(field, "skip", "go")
+    assert waiting(field) == []
+    ask(field, "continue")
+    assert waiting(field) == ["u"]
+
+
+def test_a_failed_activity_raises_taken_over_which_its_boundary_event_catches(field: Durable) -> None:
+    ask(field, "suspend")
+    assert ask(field, "fail", "go").answer == "made to fail"
+    assert (waiting(field), field.said[-1].state) == (["mend"], "running")
+    assert f"failed by {ANN}" in field.notes
+
+
+def test_what_another_hold_keeps_does_not_fail_yet(tmp_path: Path) -> None:
+    field = Durable(tmp_path / "state", hold_errors=True)
+    field.deploy(DRIVE)
+    ask(field, "suspend")
+    field.engine.running.hold("disk")
+    assert ask(field, "fail", "go").reason == "go: cannot fail yet: the robot also holds for disk"
+    field.engine.running.release("disk")
+    assert ask(field, "fail", "first").reason == "first: has no token; tokens are at: drive, go"
+    assert ask(field, "fail", "drive").answer == "made to fail"
+    assert waiting(field) == ["mend"]
+    field.engine.close()
+
+
+def test_a_failure_that_nothing_catches_is_an_incident(tmp_path: Path) -> None:
+    field = Durable(tmp_path / "state", hold_errors=True)
+    field.deploy(DRIVE.replace('errorCode="taken_over"', 'errorCode="other"'))
+    ask(field, "suspend")
+    ask(field, "fail", "go")
+    assert (field.said[-1].state, field.said[-1].incidents[0]["code"]) == ("incident", "taken_over")
+    ask(field, "retry", "go")
+    assert (field.said[-1].state, waiting(field)) == ("running", ["drive"])
+    field.engine.close()
+
+
+def test_a_mission_that_is_migrated_meanwhile_stays_suspended_and_a_new_deployment_starts_its_own(
+    field: Durable,
+) -> None:
+    ask(field, "suspend")
+    field.deploy(DRIVE.replace("n += 1", "n += 2"), "d2", 2, migrate=True)
+    assert (field.engine.deployed, field.said[-1].state, field.said[-1].suspended["by"]) == ("d2", "suspended", ANN)
+    before = n(field)
+    ask(field, "continue")
+    field.pass_time(3)
+    assert n(field) >= before + 6
+    ask(field, "suspend")
+    field.deploy(DRIVE, "d3", 3)
+    assert (field.engine.deployed, field.said[-1].state, field.said[-1].suspended) == ("d3", "running", {})
