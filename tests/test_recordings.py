@@ -89,6 +89,11 @@ def test_the_last_state_is_that_of_the_end(run: tuple[Path, EventLog]) -> None:
         assert "Drone" in recording.robots
 
 
+def test_the_end_of_a_run_that_is_cut_shows_what_was_active(run: tuple[Path, EventLog]) -> None:
+    with Recording(run[0]) as recording:
+        assert recording.state(recording.end).robots["Drone"].tokens
+
+
 def test_a_token_says_where_it_is_and_what_it_waits_for(run: tuple[Path, EventLog]) -> None:
     with Recording(run[0]) as recording:
         tokens = recording.state(10 * SECOND).robots["Drone"].tokens.values()

@@ -81,6 +81,7 @@ class EngineHost:
         self.acknowledged: AcknowledgedSignals | None = None
         self.on_suspended: Callable[[Engine], object] = lambda engine: None
         self.observer: Observer | None = observer_of(options.observer) if options.observer is not None else None
+        self.observed: bool = True
         self.scripts: Scripts = Scripts(
             robot,
             node,
@@ -193,7 +194,7 @@ class EngineHost:
     # ---- observation -------------------------------------------------------------------------------------------------
 
     def observe(self, trail: Trail) -> None:
-        if self.observer is not None:
+        if self.observer is not None and self.observed:
             self.observer.trail(self._scheduler.now, self._robot, trail)
 
     def report(self, element: str, text: str) -> None:

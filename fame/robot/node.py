@@ -186,8 +186,9 @@ class RobotNode:
             self.engine.release()
             self.runner.poll()
 
-    def stop(self) -> None:
-        """Cancel everything, and bring the robot to its safe state."""
+    def stop(self, *, observed: bool = True) -> None:
+        """Cancel everything, and bring the robot to its safe state. `observed`: observers hear what is cancelled."""
+        self.host.observed = observed
         self.engine.stop()
 
     @property

@@ -375,11 +375,14 @@ class Run:
             self.world.close()
 
     def stop(self) -> None:
-        """Bring every robot with a live engine to its safe state, then close everything."""
+        """Bring every robot with a live engine to its safe state, then close everything.
+
+        What this cancels is no part of the run: logs and recordings end with what was active.
+        """
         with self._random:
             for node in self.nodes:
                 if node.name not in self.dead:
-                    node.stop()
+                    node.stop(observed=False)
         self.close()
 
 
