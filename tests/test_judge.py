@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -221,6 +222,42 @@ def test_the_card_is_printed_from_the_model_alone(folder: Path, capsys: pytest.C
     assert "no promise" in capsys.readouterr().out
     code, found = told(capsys, "monitor", "model", "show", folder / "monitor.skops")
     assert (code, found["Model"]["detector"]) == (0, "mahalanobis")
+
+
+# ---- two models ------------------------------------------------------------------------------------------------------
+
+
+def test_two_models_judge_the_same_runs_and_the_labels_say_which_is_better(
+    folder: Path, model: TrainedModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    deaf = replace(model, thresholds=tuple(1e6 * each for each in model.thresholds))
+    deaf.save(tmp_path / "deaf.skops")
+    names, data = (folder / "monitor.skops", tmp_path / "deaf.skops"), folder / "runs.csv"
+    code, found = told(capsys, "monitor", "model", "compare", *names, data)
+    assert (code, found["better"], found["worse"]) == (1, 0, 2)
+    assert [(run["run"], run["label"], run["old"], run["new"]) for run in found["differing"]] == [
+        (1, -1, "anomalous", "benign"),
+        (3, -1, "anomalous", "benign"),
+    ]
+    assert (found["old"]["figures"]["found"], found["new"]["figures"]["found"]) == (2, 0)
+    assert told(capsys, "monitor", "model", "compare", *reversed(names), data)[0] == 0
+    assert main(["monitor", "model", "compare", *map(str, (names[0], names[0], data))]) == 0
+    assert "same verdicts on every run" in capsys.readouterr().out
+
+
+def test_without_labels_or_verdicts_which_model_is_better_is_not_known(
+    folder: Path, model: TrainedModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    replace(model, thresholds=tuple(1e6 * each for each in model.thresholds)).save(tmp_path / "deaf.skops")
+    names = (folder / "monitor.skops", tmp_path / "deaf.skops")
+    write(tmp_path / "runs.csv", [own_data.run(1000), own_data.run(5001, "stuck")], anomalous=None)
+    code, found = told(capsys, "monitor", "model", "compare", *names, tmp_path / "runs.csv")
+    assert (code, found["status"]) == (3, "partial")
+    assert found["text"] == "other verdicts on 1 of 2 runs: without labels, which model is right is not known"
+    short = own_data.run(1000)
+    write(tmp_path / "short.csv", [replace(short, values=short.values[:20], stamps=short.stamps[:20])], anomalous=())
+    code, found = told(capsys, "monitor", "model", "compare", names[0], names[0], tmp_path / "short.csv")
+    assert (code, found["text"]) == (3, "same verdicts on every run")
 
 
 # ---- drift -----------------------------------------------------------------------------------------------------------

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, add_json, command, group
+from fame.cli.arguments import Commands, Parser, add_json, command, group
 from fame.cli.output import note, print_json, table
 from fame.errors import NOT_KNOWN
 
 if TYPE_CHECKING:
+    from fame.monitor.anomaly.model import Model
+    from fame.monitor.comparison import ModelComparison
     from fame.monitor.data_files import LabelledRun
     from fame.monitor.judge import Event, JudgedRuns
     from fame.monitor.pipeline.trained_model import TrainedModel
@@ -31,15 +33,7 @@ def add_judge(commands: Commands) -> None:
         help="judge recorded runs by a model, with the same code as live: verdicts, events, rates, and a report",
     )  # fmt: skip
     parser.add_argument("model", type=Path, metavar="MODEL.skops", help="what fame monitor train or adm learn wrote")
-    parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help="CSV files, bags and MCAP files")
-    parser.add_argument(
-        "--config", type=Path, metavar="CONFIG.yaml",
-        help="configuration whose Inputs are read from bags, for a model of fame monitor train",
-    )  # fmt: skip
-    parser.add_argument(
-        "--topic", default="/joint_states",
-        help="topic that is read from bags, for a model of fame monitor adm learn (default: %(default)s)",
-    )  # fmt: skip
+    _add_data(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="REPORT.html", help="write a page with plots")
     parser.add_argument(
         "--scores",
@@ -50,19 +44,24 @@ def add_judge(commands: Commands) -> None:
     add_json(parser)
 
 
+def _add_data(parser: Parser) -> None:
+    parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help="CSV files, bags and MCAP files")
+    parser.add_argument(
+        "--config", type=Path, metavar="CONFIG.yaml",
+        help="configuration whose Inputs are read from bags, for a model of fame monitor train",
+    )  # fmt: skip
+    parser.add_argument(
+        "--topic", default="/joint_states",
+        help="topic that is read from bags, for a model of fame monitor adm learn (default: %(default)s)",
+    )  # fmt: skip
+
+
 def run_judge(arguments: Namespace) -> int:
     """Judge; exit code 1 if a run is anomalous, otherwise 3 if one was not judged."""
-    from fame.monitor.judge import judge_recordings, judge_trained
     from fame.monitor.model_card import card_of, load_any
-    from fame.monitor.pipeline.trained_model import TrainedModel
 
     model = load_any(arguments.model)
-    if isinstance(model, TrainedModel):
-        runs = _read(arguments.data, arguments.config, model)
-        labelled = any(run.labelled for run in runs)
-        judgement = judge_trained(model, runs, str(arguments.model), labelled=labelled)
-    else:
-        judgement = judge_recordings(model, arguments.data, str(arguments.model), arguments.topic)
+    judgement = _judge(model, arguments.model, arguments)
     if arguments.scores is not None:
         from fame.monitor.judge import write_scores
 
@@ -79,6 +78,17 @@ def run_judge(arguments: Namespace) -> int:
         if arguments.output is not None:
             note(f"report: {arguments.output}")
     return judgement.exit_code
+
+
+def _judge(model: TrainedModel | Model, path: Path, arguments: Namespace) -> JudgedRuns:
+    """Let a model judge the data of a command."""
+    from fame.monitor.judge import judge_recordings, judge_trained
+    from fame.monitor.pipeline.trained_model import TrainedModel
+
+    if not isinstance(model, TrainedModel):
+        return judge_recordings(model, arguments.data, str(path), arguments.topic)
+    runs = _read(arguments.data, arguments.config, model)
+    return judge_trained(model, runs, str(path), labelled=any(run.labelled for run in runs))
 
 
 def _read(paths: Sequence[Path], config: Path | None, model: TrainedModel) -> list[LabelledRun]:
@@ -142,7 +152,8 @@ def _event(events: Sequence[Event]) -> str:
 def add_model(commands: Commands) -> None:
     """Declare the command and its parts."""
     examples = "fame monitor model show joint_monitor.skops", "fame monitor model show best.skops --json"
-    parser = group(commands, "model", examples=examples[:1], help="inspect learned models")
+    comparisons = ("fame monitor model compare old.skops new.skops runs.csv",)
+    parser = group(commands, "model", examples=(*examples[:1], *comparisons), help="inspect and compare learned models")
     parts = parser.add_subparsers(metavar="SUBCOMMAND", required=True)
     show = command(
         parts, "show", run_show, examples=examples,
@@ -150,6 +161,15 @@ def add_model(commands: Commands) -> None:
     )  # fmt: skip
     show.add_argument("model", type=Path, metavar="MODEL.skops")
     add_json(show)
+    compare = command(
+        parts, "compare", run_compare, examples=comparisons,
+        help="let two models judge the same recordings: exit code 1 if the new one judges more labelled runs wrongly, "
+        "otherwise 3 if a run is not judged, or verdicts differ on runs without labels",
+    )  # fmt: skip
+    compare.add_argument("old", type=Path, metavar="OLD.skops")
+    compare.add_argument("new", type=Path, metavar="NEW.skops")
+    _add_data(compare)
+    add_json(compare)
 
 
 def run_show(arguments: Namespace) -> int:
@@ -162,3 +182,37 @@ def run_show(arguments: Namespace) -> int:
     else:
         print(to_markdown(card, arguments.model.name), end="")
     return 0
+
+
+def run_compare(arguments: Namespace) -> int:
+    """Compare; exit code 1 if the new model is worse, otherwise 3 if that is not known."""
+    from fame.monitor.comparison import ModelComparison
+    from fame.monitor.model_card import load_any
+
+    paths = arguments.old, arguments.new
+    models = [load_any(path) for path in paths]
+    compared = ModelComparison(*(_judge(model, path, arguments) for model, path in zip(models, paths, strict=True)))
+    if arguments.json:
+        status = "partial" if compared.exit_code == NOT_KNOWN else "completed"
+        print_json({"status": status, **compared.to_plain()})
+    else:
+        _print_comparison(compared)
+    return compared.exit_code
+
+
+def _print_comparison(compared: ModelComparison) -> None:
+    from fame.monitor.judge import shown
+
+    labels = {1: "benign", -1: "anomalous", None: "-"}
+    if compared.differing:
+        rows = [
+            (str(old.number), Path(old.file).name, labels[old.label], old.verdict, new.verdict)
+            for old, new in compared.differing
+        ]
+        print(table(("run", "file", "label", "old", "new"), rows))
+        print()
+    old, new = compared.old.figures, compared.new.figures
+    print(
+        table(("figure", "old", "new"), [(name, shown(old.get(name)), shown(new.get(name))) for name in {**old, **new}])
+    )
+    print(f"\n{compared.text}")

@@ -1,0 +1,80 @@
+"""Two models judge the same recordings: where their verdicts differ, and which of them the labels bear out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from fame.errors import NOT_KNOWN, ConfigError
+from fame.monitor.judge import JudgedRun, JudgedRuns
+
+
+@dataclass(frozen=True, slots=True)
+class ModelComparison:
+    """What an old and a new model say of each run. Raises ConfigError if they have read other runs."""
+
+    old: JudgedRuns
+    new: JudgedRuns
+
+    def __post_init__(self) -> None:
+        if len(self.old.runs) != len(self.new.runs):
+            counts = f"{len(self.old.runs)} runs in the data, {self.new.model} reads {len(self.new.runs)}"
+            raise ConfigError(f"reads {counts}: they cannot be compared", file=self.old.model)
+
+    @property
+    def pairs(self) -> tuple[tuple[JudgedRun, JudgedRun], ...]:
+        """Each run as both have judged it."""
+        return tuple(zip(self.old.runs, self.new.runs, strict=True))
+
+    @property
+    def differing(self) -> tuple[tuple[JudgedRun, JudgedRun], ...]:
+        """The runs with another verdict, or of which only one model finds the anomaly that the labels name."""
+        return tuple((old, new) for old, new in self.pairs if (old.verdict, right(old)) != (new.verdict, right(new)))
+
+    @property
+    def better(self) -> int:
+        """Labelled runs that only the new model judges rightly."""
+        return sum(bool(right(new)) and not right(old) for old, new in self.pairs)
+
+    @property
+    def worse(self) -> int:
+        """Labelled runs that only the old model judges rightly."""
+        return sum(bool(right(old)) and not right(new) for old, new in self.pairs)
+
+    @property
+    def exit_code(self) -> int:
+        """1 if the new model judges more runs wrongly; 3 if that is not known, as labels or verdicts are missing."""
+        if self.worse > self.better:
+            return 1
+        unknown = any(right(old) is None for old, _ in self.differing)
+        unjudged = any("not judged" in (old.verdict, new.verdict) for old, new in self.pairs)
+        return NOT_KNOWN if unknown or unjudged or not self.pairs else 0
+
+    @property
+    def text(self) -> str:
+        """The result in a sentence."""
+        if not self.differing:
+            return "same verdicts on every run"
+        found = f"other verdicts on {len(self.differing)} of {len(self.pairs)} runs"
+        if any(right(old) is None for old, _ in self.differing):
+            return f"{found}: without labels, which model is right is not known"
+        return f"{found}: {self.better} right only by the new model, {self.worse} only by the old one"
+
+    def to_plain(self) -> dict[str, Any]:
+        """Give figures of both and the runs that differ as plain data."""
+        return {
+            "text": self.text, "better": self.better, "worse": self.worse,
+            "old": {"model": self.old.model, "figures": self.old.figures},
+            "new": {"model": self.new.model, "figures": self.new.figures},
+            "differing": [
+                {"run": old.number, "file": old.file, "label": old.label, "old": old.verdict, "new": new.verdict}
+                for old, new in self.differing
+            ],
+        }  # fmt: skip
+
+
+def right(run: JudgedRun) -> bool | None:
+    """Whether the verdict is that of the labels; None without labels."""
+    if run.label is None:
+        return None
+    return run.latency is not None if run.label == -1 else run.verdict == "benign"
