@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from bpmn_text import properties
-from collaborations import Steps, team, text_of
+from collaborations import Step, Steps, team, text_of
 from compare_explorations import replayed
 
 import fame
@@ -35,13 +35,20 @@ def result_of(robots: dict[str, Steps]) -> Exploration:
 
 def edited(steps: Steps, *changes: tuple[str, str], heard: int = 1, **called: Steps) -> bool:
     """Whether B may wait for ever in a model whose text is changed; `called` are processes that A calls."""
+    found = explored(steps, *changes, heard=heard, **called)
+    return any(place.element.startswith("B_catch_go") for one in found.findings for place in one.places)
+
+
+def explored(
+    steps: Steps, *changes: tuple[str, str], heard: int = 1, faults: bool = False, **called: Steps
+) -> Exploration:
     text = text_of({"A": steps, "B": ["queue go"] * heard, **called}, calls=(*called,))
     for pattern, new in changes:
         text, count = re.subn(pattern, new, text)
         assert count
-    found = explore(fame.read(text.encode()), delivery="run")
+    found = explore(fame.read(text.encode()), delivery="run", faults=faults)
     assert found.exhaustive
-    return any(place.element.startswith("B_catch_go") for one in found.findings for place in one.places)
+    return found
 
 
 @pytest.mark.parametrize(
@@ -323,15 +330,42 @@ SERVICE = {"service": "blade", "type": "std_srvs/srv/SetBool"}
 ACTION = {"action": "drive", "type": "nav2_msgs/action/Spin"}
 
 
-def with_a_service(steps: Steps, code: str = "c", **said: str) -> bool:
-    """Whether B may wait for ever where the work of A is a service task; error `c` has that code."""
+def served(steps: Steps, code: str, said: dict[str, str]) -> tuple[tuple[tuple[str, str], ...], dict[str, Steps]]:
+    """What makes the work of A a service task, and the code of error `c` that one; a process that it calls."""
     task = f"<serviceTask id='served'>{properties(**said)}</serviceTask>"
     changes = (
         (r'<scriptTask id="[AH]_work_\d+"(.*?)</scriptTask>', task),
         (r'"[AH]_work_\d+"', '"served"'),
         ('errorCode="c"', f'errorCode="{code}"') if code else (r' errorRef="Error_c"|\Z', ""),
     )
-    return edited(steps, *changes, **({"H": ["work"]} if "'H'" in repr(steps) else {}))
+    return changes, ({"H": ["work"]} if "'H'" in repr(steps) else {})
+
+
+def with_a_service(steps: Steps, code: str = "c", **said: str) -> bool:
+    """Whether B may wait for ever where the work of A is a service task."""
+    changes, called = served(steps, code, said)
+    return edited(steps, *changes, **called)
+
+
+@pytest.mark.parametrize("inner", ["work", ("call", "H")])
+@pytest.mark.parametrize(("code", "said", "told"), [
+    ("lost", SERVICE, "service"), ("service", ACTION, "aborted"),
+    ("aborted", ACTION | {"errors": "{service: off}"}, "off"),
+])  # fmt: skip
+def test_a_failure_that_no_error_event_catches_is_told_and_leaves_robots_waiting_as_a_single_fault(
+    inner: Step, code: str, said: dict[str, str], told: str
+) -> None:
+    steps: Steps = ["run x = 0", ("guard", [inner], "error c", ["end"]), "throw go"]
+    changes, called = served(steps, code, said)
+    found = explored(steps, *changes, faults=True, **called)
+    (one,) = (one for one in found.findings if "may fail" in one.text)
+    assert (one.kind, one.level) == ("error", "warning")
+    assert one.text.endswith(f"may fail: error {told} would not be caught")
+    assert any(f"fails: {told}: B waits" in one.text for one in found.findings if one.kind == "fault")
+    for caught in ("", "script"):  # by an event of any code
+        changes, called = served(steps, caught, said)
+        found = explored(steps, *changes, **called)
+        assert any("may fail" in one.text for one in found.findings) == bool(caught)
 
 
 @pytest.mark.parametrize(("said", "code"), [

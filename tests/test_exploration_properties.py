@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from html import escape
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from fame.cli import main
 from fame.properties.grammar import parse
 from fame.properties.sentence import NOWHERE
 from fame.scenario.exploration import explore
+from fame.testing import ExpectationError, MissionLoader
 
 TWO: dict[str, Steps] = {
     "A": ["work", "throw a", "work"],
@@ -125,10 +127,15 @@ def test_the_signal_of_a_watched_property_comes_from_its_monitor(watched: str, s
         assert found.outside == ()
 
 
-def test_exit_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exit_codes(tmp_path: Path, mission: MissionLoader, capsys: pytest.CaptureFixture[str]) -> None:
     model = tmp_path / "two.bpmn"
     model.write_bytes(team({"A": ["work", "throw a"], "B": ["catch a"]}).source)
     for sentence, code in {"B completes": 0, "never B completes": 1, "A completes within 5 s": 3}.items():
         (tmp_path / "two.properties.yaml").write_text(f"properties:\n  p: {sentence}\n")
         assert main(["check", "--explore", str(model)]) == code
-        assert "property p is " in capsys.readouterr().out
+        shown = capsys.readouterr().out
+        assert "property p is " in shown
+        assert ("but it is not known whether p may be violated" in shown) == (code == 3)
+        fails = pytest.raises(ExpectationError, match=r"p may be violated|property p is refuted")
+        with fails if code else nullcontext():
+            mission.explore(model)

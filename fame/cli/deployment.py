@@ -140,7 +140,6 @@ def _refuse_unexplored(definitions: Definitions, library: Library, found: Mappin
 
     The robots are those that were `found`; a pool without one has as many as `fame check --explore` takes.
     """
-    from fame.cli.exploration import partial_text
     from fame.scenario.exploration import explore_found
 
     result = explore_found(definitions, library, found)
@@ -151,10 +150,10 @@ def _refuse_unexplored(definitions: Definitions, library: Library, found: Mappin
         raise DeploymentError(f"not deployed: {faults[0].text}{more}")
     if result.status == "partial":
         if not partial:
-            error = DeploymentError(f"not deployed: {partial_text(result)}; --allow-partial deploys it nevertheless")
+            error = DeploymentError(f"not deployed: {result.partly()}; --allow-partial deploys it nevertheless")
             error.exit_code = NOT_KNOWN
             raise error
-        note(partial_text(result))
+        note(result.partly())
 
 
 def _print_outcome(deployment: Deployment, migrated: migration.Migration) -> None:

@@ -262,16 +262,11 @@ def _summary(result: Exploration, hidden: int) -> str:
              for level in ("error", "warning") if level in levels]  # fmt: skip
     parts += [f"{accepted} accepted"] if accepted else []
     if result.status == "partial":
-        parts.insert(0, partial_text(result))
+        parts.insert(0, result.partly())
     elif not result.exhaustive:
         parts[-1] += f", in a partial search ({result.states:,} of unknown)"
     text = ", ".join(parts) or "No problems found."
     return text + (f" ({hidden} without consequences: --all)" if hidden else "")
-
-
-def partial_text(result: Exploration) -> str:
-    """What is known after a search that was cut and found no error."""
-    return f"no error found in a partial search ({result.states:,} of unknown)"
 
 
 def as_json(result: Exploration) -> dict[str, Any]:

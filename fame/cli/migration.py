@@ -78,7 +78,6 @@ class Migration:
 
     def _approve(self, pools: Mapping[str, Pool], foreseen: Mapping[str, Foreseen]) -> str:
         """Explore the state that the robots would have. Called in a thread, while they are held."""
-        from fame.cli.exploration import partial_text
         from fame.scenario.exploration import explore_migrated
 
         try:
@@ -90,7 +89,7 @@ class Migration:
         self._found = [one for one in result.findings if one.level == "error"]
         if not self._found and result.status == "partial" and not (self._force or self._allow_partial):
             self._partial = True
-            return f"{partial_text(result)} (--allow-partial or --force overrides)"
+            return f"{result.partly()} (--allow-partial or --force overrides)"
         if not self._found:
             return ""
         if self._force:

@@ -554,9 +554,11 @@ class MissionLoader:
 
         result = explore(self._found(path), **self._options(options))
         if result.status == "failed" or (result.status == "partial" and not allow_partial):
-            errors = (one for one in result.findings if one.level == "error")
-            lines = [line for one in errors for line in (str(one), *(f"  {step}" for step in one.run))]
-            raise ExpectationError("\n".join([result.summary(), *(lines or ["no error found in a partial search"])]))
+            shown = [(str(one), one.run) for one in result.findings if one.level == "error"]
+            refuted = (one for one in result.properties if one.verdict == "refuted")
+            shown += [(f"property {one.name} is refuted: {one.sentence}", one.run) for one in refuted]
+            lines = [line for text, run in shown for line in (text, *(f"  {step}" for step in run))]
+            raise ExpectationError("\n".join([result.summary(), *(lines or [result.partly()])]))
         return result
 
     def _scenario(self, path: str | Path, options: Mapping[str, Any]) -> Scenario:

@@ -23,6 +23,7 @@ from fame.check.explore.slicing import assignments, links, sliced, unknown_part,
 from fame.check.expressions import cover_all, expressions_in, names_of
 from fame.engine.data import variable_name
 from fame.errors import FameError
+from fame.middleware.messages import is_action
 from fame.scripting import script_topics
 
 Home = tuple[model.Definitions, model.Process]
@@ -65,6 +66,8 @@ class Abstraction:
     needed   variables without which a script or expression that decides something could not run; None: not yet known
     caught   scripts with an error event at their task, at a sub-process around it, or in one
     catches  the codes that error events catch; "": any
+    unhandled  (element, code) of services, actions and behaviours with such inside: they may fail, nothing catches it
+    called   processes that calls lead to
     """
 
     library: Library
@@ -80,6 +83,8 @@ class Abstraction:
     caught: set[str] = field(default_factory=set)
     aliases: Aliases = field(default_factory=Aliases)
     catches: frozenset[str] = frozenset()
+    unhandled: set[tuple[str, str]] = field(default_factory=set)
+    called: frozenset[str] = frozenset()
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _reduced: dict[tuple[str, str], model.Process] = field(default_factory=dict)
 
@@ -88,7 +93,8 @@ class Abstraction:
         key = (home.file, process.id)
         if key not in self._reduced:
             self._homes[home.file] = home
-            self._reduced[key] = replace(process, body=self._body(process.body, home))
+            around = "" in self.catches and process.id in self.called  # at the call, perhaps
+            self._reduced[key] = replace(process, body=self._body(process.body, home, around))
         return self._reduced[key]
 
     def forget(self) -> None:
@@ -148,10 +154,10 @@ class Abstraction:
         """A service or action, which may fail with the codes that error events of the team catch."""
         fails = {code for code in step_codes(task, None, body) if code != "script"}
         fails |= _fails(task, self.catches)
-        if "" in self.catches and (
-            around or any(event.defined(model.ErrorDefinition) for event in body.boundary(task.id))
-        ):
+        if self._is_caught(task, body, around):
             fails.add("service" if task.service is not None else "script")
+        elif task.service is not None:
+            fails |= self._unhandled(task, _fails(task, None) - fails)
         results = set[str]()
         if task.service is not None and task.io is not None and task.io.outputs:
             results = {"msg"}.union(*(names_of(item.source)[0] for item in task.io.outputs))
@@ -160,6 +166,17 @@ class Abstraction:
             results = results or {variable_name(task.service.name)}
         feedback = re.findall(r"\w+", task.properties.get("feedback", ""))
         return Step(writes=tuple(feedback), results=tuple(sorted(results)), codes=tuple(sorted(fails)))
+
+    def _is_caught(self, node: model.Activity, body: model.Body, around: bool) -> bool:
+        """Whether an error event of any code is at an element, or around it."""
+        at = (one for event in body.boundary(node.id) for one in event.defined(model.ErrorDefinition))
+        return "" in self.catches and (around or any(not one.code for one in at))
+
+    def _unhandled(self, node: model.Activity, codes: Set[str]) -> set[str]:
+        """Of codes that nothing catches one: they all do the same."""
+        found = sorted(codes, key=lambda code: (code != "service", code))[:1]
+        self.unhandled |= {(node.id, code) for code in found}
+        return {*found}
 
     def _with_aliases(self, names: Iterable[str]) -> set[str]:
         found = {*names}
@@ -188,8 +205,11 @@ class Abstraction:
         served = any(
             isinstance(one, model.Task) and one.service is not None for _, p in closure for one in p.body.walk()
         )
-        if served and around and "" in self.catches and not codes:
-            codes = ("service",)
+        if served and self._is_caught(call, body, around):
+            codes = codes or ("service",)
+        elif served:
+            every = step_codes(call, _thrown_in(self.library, *called, None, set()), body)
+            codes = (*codes, *self._unhandled(call, {*every} - {*codes}))
         name = step_name(home.file, call.id)
         sorts = [tuple(sorted(names)) for names in (writes, changes, results, used)]
         self.steps[name] = Step(sorts[0], sorts[1], sorts[2], sorts[3], codes)
@@ -210,13 +230,20 @@ def _caught_in(process: model.Process) -> Iterator[str]:
             yield from (one.code or "" for one in node.defined(model.ErrorDefinition))
 
 
-def _fails(task: model.Task, catches: Set[str]) -> set[str]:
-    """The codes with which a service or action may fail, of those that are caught; ``errors`` names further ones."""
+def _fails(task: model.Task, catches: Set[str] | None) -> set[str]:
+    """The codes with which a service or action may fail, of those that are caught; ``errors`` names further ones.
+
+    `catches` None: of all, without what only somebody else's request (``canceled``) or ``retry`` brings about.
+    """
     if task.service is None:
-        return {"script"} & catches
+        return {"script"} & (catches or set())
     others = dict(re.findall(r"(\w+)\s*:\s*([\w.]+)", task.properties.get("errors", "")))
     outcomes = {"service", "lost", "aborted", "canceled", "rejected"}
-    return ((outcomes - others.keys()) | {*others.values()}) & catches
+    if catches is None:
+        outcomes = {"service", "aborted", "rejected"} if is_action(task.service.type or "") else {"service"}
+        others.pop("canceled", None)
+    codes = (outcomes - others.keys()) | {*others.values()}
+    return codes if catches is None else codes & catches
 
 
 def _without_message(event: model.Event) -> model.Event:
@@ -248,6 +275,7 @@ def abstraction(
     processes = {id(one): one for pool in pools for _, one in library.closure(definitions, pool.process)}
     found.counted = _counted(processes.values())
     found.unknown = frozenset() if given else _unknown(processes.values(), found.outside - thrown)
+    found.called = frozenset(one.called for process in processes.values() for one in process.body.calls())
     found.catches = frozenset(code for process in processes.values() for code in _caught_in(process))
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
     found.aliases = Aliases(body for process in processes.values() for body in process.body.bodies())
@@ -344,7 +372,7 @@ def step_codes(node: model.Activity, thrown: set[str] | None, body: model.Body) 
 
 
 def _thrown_in(
-    library: Library, home: model.Definitions, process: model.Process, catches: Set[str], seen: set[str]
+    library: Library, home: model.Definitions, process: model.Process, catches: Set[str] | None, seen: set[str]
 ) -> set[str] | None:
     """The codes that leave a called process; None if it may raise any."""
     if process.id in seen:
@@ -354,7 +382,7 @@ def _thrown_in(
 
 
 def _thrown_by(
-    library: Library, home: model.Definitions, body: model.Body, catches: Set[str], seen: set[str]
+    library: Library, home: model.Definitions, body: model.Body, catches: Set[str] | None, seen: set[str]
 ) -> set[str] | None:
     caught: dict[str, set[str | None]] = defaultdict(set)
     for node in body.nodes:
@@ -376,7 +404,7 @@ def _thrown_by(
 
 
 def _thrown_at(
-    library: Library, home: model.Definitions, node: model.FlowNode, catches: Set[str], seen: set[str]
+    library: Library, home: model.Definitions, node: model.FlowNode, catches: Set[str] | None, seen: set[str]
 ) -> set[str] | None:
     if node.body is not None:
         return _thrown_by(library, home, node.body, catches, seen)

@@ -148,6 +148,13 @@ class Exploration:
         refuted = any(one.verdict == "refuted" for one in self.properties)
         return refuted or any(one.level == "error" for one in self.findings)
 
+    def partly(self) -> str:
+        """What is known if no error was found, but not all is known."""
+        if self.exhaustive:
+            names = [one.name for one in self.properties if one.verdict == "not known"]
+            return f"no error found, but it is not known whether {', '.join(names)} may be violated"
+        return f"no error found in a partial search ({self.states:,} of unknown)"
+
     @property
     def states(self) -> int:
         """States of all searches."""

@@ -117,6 +117,7 @@ class Report:
             *self._not_started(),
             *self._signals(),
             *self._errors(circling, good),
+            *self._unhandled(),
             *self._growth(),
             *self._from_nowhere(),
         ]
@@ -364,6 +365,17 @@ class Report:
             else:
                 yield replace(made, text=f"{text}; then {_after_title(after)}", run=after.run, doomed=after.doomed,
                               robots=after.robots)  # fmt: skip
+
+    def _unhandled(self) -> Iterator[Finding]:
+        """Services and actions that were begun, whose failure nothing catches; what follows is a single fault."""
+        for pool in dict.fromkeys(self.pools):
+            robots = [robot for robot, one in enumerate(self.pools) if one == pool]
+            local, who = self.product.locals[robots[0]], _names([self.product.robots[robot] for robot in robots])
+            for element, code in sorted(local.unhandled):
+                if element in local.states.visited:
+                    place = self.runs.place(element)
+                    text = f"{who}: {place.display_name} may fail: error {code} would not be caught"
+                    yield Finding("error", text, (place,), (self.processes[robots[0]],))
 
     def _consequences(
         self, circling: Mapping[Cause, int], good: bytearray

@@ -78,7 +78,7 @@ class Local:
         self.kept = kept.union(self.host.remembered)
         self.host.kept = self.kept.__contains__
         self.host.caught, self.host.observed, self.host.aliases = model.caught, events, model.aliases
-        self.body = explored.body
+        self.body, self.unhandled = explored.body, model.unhandled
         file = definitions.file
         self.program = compile_program(explored, host=host, library=model.find, file=file, observed=observed)
         elements = self.program.elements

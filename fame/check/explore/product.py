@@ -129,9 +129,11 @@ class Product:
         found = self._own[robot].get(state)
         if found is None:
             local = self.locals[robot]
+            view, faults = local.views[state], self.options.faults
             found = self._own[robot][state] = tuple(
                 move
-                for stimulus in local.views[state].own
+                for stimulus, element in zip(view.own, view.elements, strict=True)
+                if faults or (element, stimulus[2]) not in local.unhandled
                 for move in self.moves(robot, state, stimulus, local.step(state, stimulus))
             )
         return found
