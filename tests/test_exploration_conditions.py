@@ -277,8 +277,9 @@ def stuck_in_javascript(condition: str, *between: object) -> bool:
 
 @pytest.mark.parametrize(
     "condition",
-    ["$x > 3", "next(null, $x > 3);", "$x === 3 && !($y < 2)", "$x.length > 3 || $y.data", "!$x", "$x[0] !== $y"],
-)
+    ["$x > 3", "next(null, $x > 3);", "$x === 3 && !($y < 2)", "$x.length > 3 || $y.data", "!$x", "$x[0] !== $y",
+     "$x ? $y > 1 : false", "typeof $x === 'number' && $x > 3"],
+)  # fmt: skip
 def test_a_condition_in_javascript_has_one_outcome_until_its_variables_are_set(condition: str) -> None:
     same = ["work", "run v = robot.now", js("$v = $x + 1; next()"), js("if ($x > 3) { $v = Math.abs($w); }; next()")]
     for between in ([], same, [js("const t = $x; console.log(t); next()")], [js("$w.push(1); next()")]):
@@ -290,8 +291,10 @@ def test_a_condition_in_javascript_has_one_outcome_until_its_variables_are_set(c
 
 
 @pytest.mark.parametrize(
-    "condition", ["$x > Math.random()", "$x.next() > 3", "this.content.x > $x", "$ros_node.a > $x"]
-)
+    "condition",
+    ["$x > Math.random()", "$x.next() > 3", "this.content.x > $x", "$ros_node.a > $x",
+     "$x ? $x.next() : 0", "$x ? ($y = 2) : 0", "$x ? $y >>= 1 : 0", "$x ? this.content : 0", "$x ? $ros_node.a : 0"],
+)  # fmt: skip
 def test_what_may_change_without_a_write_is_never_remembered_in_javascript(condition: str) -> None:
     assert stuck_in_javascript(condition, "work")
 

@@ -34,6 +34,11 @@ _PURE = frozenset(
 )
 
 _JAVASCRIPT_NAMES = ("Infinity", "NaN", "environment", "this", "undefined")
+_JAVASCRIPT_WORDS = {"Infinity", "NaN", "undefined", "true", "false", "null", "typeof"}
+_STRING_IN_JAVASCRIPT = re.compile(r"""'[^'\\]*'|"[^"\\]*\"""")
+_VARIABLE_IN_JAVASCRIPT = re.compile(r"\bthis\.environment\.variables(\??\.(?!ros_node\b|node\b)[\w$]+)+")
+_EFFECT_IN_JAVASCRIPT = re.compile(r"[\w$\])]\s*(\?\.)?\(|[`/]|\+\+|--|=>|>>=|<<=|(?<![=!<>])=(?!=)")
+"""A call, an assignment, or what hides one."""
 _IMPURE = {
     "feel": re.compile(r"\b(random number|uuid|now|today)\s*\("),
     "juel": re.compile(r"(?<!\bnot)(?<!\bempty)(?<!\band)(?<!\bor)\b\s*\("),
@@ -188,7 +193,13 @@ def _read(condition: model.Expression) -> frozenset[str]:
         pure = tree is not None and all(map(_is_pure, ast.walk(tree)))
     elif condition.language == "javascript":
         tree = condition_tree(condition)
-        pure = tree is not None and all(map(_is_pure_in_javascript, ast.walk(tree)))
+        if tree is not None:
+            pure = all(map(_is_pure_in_javascript, ast.walk(tree)))
+        else:  # a form that Python does not have
+            left = _VARIABLE_IN_JAVASCRIPT.sub("0", _STRING_IN_JAVASCRIPT.sub("0", condition.text))
+            pure = (
+                not _EFFECT_IN_JAVASCRIPT.search(left) and {*re.findall(r"[A-Za-z_$][\w$]*", left)} <= _JAVASCRIPT_WORDS
+            )
     else:
         impure = _IMPURE.get(condition.language)
         pure = impure is not None and not impure.search(condition.text)
