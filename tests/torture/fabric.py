@@ -226,8 +226,10 @@ class Wire:
         self.nodes: list[WireNode] = []
         self.known: dict[End, None] = {}  # endpoints of other processes
         self._on: dict[str, dict[End, None]] = {}  # topic -> all endpoints, own ones and known ones
-        self._infos: dict[str, TopicInfo] = {}  # of the topics that have not changed since they were asked for
-        self._graph: Sequence[TopicInfo] | None = None  # until an endpoint comes or goes
+        self._own: dict[str, dict[End, None]] = {}
+        self._infos: dict[str, TopicInfo] = {}  # as they were when the graph was asked for
+        self._changed: set[str] = set()  # topics since then
+        self._graph: Sequence[TopicInfo] = []
 
     def node(self, name: str, namespace: str = "", part: str = "") -> WireNode:
         node = WireNode(self, name, namespace.strip("/"))
@@ -244,21 +246,21 @@ class Wire:
 
     def own(self, topic: str) -> list[End]:
         """Those that it has."""
-        return [end for end in self._on.get(topic, ()) if end.node.middleware is self]
+        return list(self._own.get(topic, ()))
 
     def add(self, end: End) -> None:
         """An endpoint is there from now on."""
         self._on.setdefault(end.topic, {})[end] = None
-        self._change(end.topic)
+        if end.wire is self:
+            self._own.setdefault(end.topic, {})[end] = None
+        self._changed.add(end.topic)
 
     def remove(self, end: End) -> None:
         """It is not there any more."""
         del self._on[end.topic][end]
-        self._change(end.topic)
-
-    def _change(self, topic: str) -> None:
-        self._graph = None
-        self._infos.pop(topic, None)
+        if end.wire is self:
+            del self._own[end.topic][end]
+        self._changed.add(end.topic)
 
     def warn(self, warning: EndpointWarning) -> None:
         if warning not in self.warnings:
@@ -271,9 +273,9 @@ class Wire:
         return []
 
     def graph(self) -> Sequence[TopicInfo]:
-        if self._graph is None:
-            for topic in self._on.keys() - self._infos.keys():
-                self._infos[topic] = self._info(topic)
+        if self._changed:
+            self._infos |= {topic: self._info(topic) for topic in self._changed}
+            self._changed.clear()
             self._graph = [info for _, info in sorted(self._infos.items()) if info.publishers or info.subscribers]
         return self._graph
 
@@ -318,11 +320,11 @@ class Wire:
 
     def knows(self, source: Wire) -> bool:
         """Whether it knows endpoints of another process."""
-        return any(end.node.middleware is source for end in self.known)
+        return any(end.wire is source for end in self.known)
 
     def forget(self, source: Wire) -> None:
         """Nothing was received from another process for too long."""
-        for end in [end for end in self.known if end.node.middleware is source]:
+        for end in [end for end in self.known if end.wire is source]:
             self.lose(end)
 
 
@@ -353,7 +355,7 @@ class WireNode:
         for other in wire.on(end.topic):
             if other.node is not self:
                 end.meet(other)
-                if other.node.middleware is wire:
+                if other.wire is wire:
                     other.meet(end)
         self.ends.append(end)
         wire.add(end)
@@ -374,7 +376,7 @@ class End:
 
     def __init__(self, node: WireNode, topic: str, type: str, qos: QoS) -> None:
         self.node, self.topic, self.type, self.qos = node, resolve(topic, node.namespace), type, qos
-        self.open = True
+        self.open, self.wire = True, node.middleware
 
     def meet(self, other: End) -> None:
         """Another endpoint is known."""
@@ -384,14 +386,13 @@ class End:
 
     def link(self, other: End) -> Link | None:
         """The way to another endpoint; None within a process."""
-        fabric = self.node.middleware.fabric
-        return fabric.links.get((self.node.middleware.id, other.node.middleware.id))
+        return self.wire.fabric.links.get((self.wire.id, other.wire.id))
 
     def close(self) -> None:
         if self.open:
             self.open = False
             self.node.ends.remove(self)
-            wire = self.node.middleware
+            wire = self.wire
             wire.remove(self)
             for own in wire.own(self.topic):
                 own.part(self)
@@ -405,6 +406,7 @@ class Publisher(End):
         super().__init__(node, topic, messages.message_type(type).__msgtype__, qos)
         self._class = messages.message_type(type)
         self.matched: dict[Subscription, None] = {}
+        self._processes: dict[Wire, list[Subscription]] = {}  # `matched` by process, until it changes
         kept = qos.durability == "transient_local"
         self._kept: deque[AnyMessage] = deque(maxlen=qos.depth if kept else 0)
 
@@ -412,30 +414,25 @@ class Publisher(End):
         if message.__class__ is not self._class or not self.open:
             raise publish_error(self.topic, self.type, message, closed=not self.open)
         self._kept.append(message)
-        wire = self.node.middleware
-        now = wire.fabric.scheduler.now / SECOND
-        wire.fabric.published.setdefault(self.topic, []).append((now, wire.id, message))
-        ends: dict[Wire, list[Subscription]] = {}
-        for subscription in self.matched:
-            ends.setdefault(subscription.node.middleware, []).append(subscription)
-        for there, subscriptions in ends.items():
+        fabric = self.wire.fabric
+        fabric.published.setdefault(self.topic, []).append((fabric.scheduler.now / SECOND, self.wire.id, message))
+        if self.matched and not self._processes:
+            for subscription in self.matched:
+                self._processes.setdefault(subscription.wire, []).append(subscription)
+        for there, subscriptions in self._processes.items():
             self._send(there, subscriptions, message)
 
-    def _send(self, there: Wire, subscriptions: list[Subscription], message: AnyMessage) -> None:
+    def _send(self, there: Wire, subscriptions: Sequence[Subscription], message: AnyMessage) -> None:
         """Send a message to a process: all its subscriptions get it at once."""
-        link = wire.fabric.links.get((wire.id, there.id)) if (wire := self.node.middleware) is not there else None
-
-        def arrive() -> None:
+        if there is self.wire:
             for subscription in subscriptions:
-                if link is None:
-                    subscription.enqueue(message)
-                else:
-                    subscription.arrive(self, message)
+                subscription.enqueue(message)
+        elif link := self.wire.fabric.links.get((self.wire.id, there.id)):
+            link.send((self, there), self.qos, partial(self._arrive, tuple(subscriptions), message))
 
-        if link is None:
-            arrive()
-        else:
-            link.send((self, there), self.qos, arrive)
+    def _arrive(self, subscriptions: Sequence[Subscription], message: AnyMessage) -> None:
+        for subscription in subscriptions:
+            subscription.arrive(self, message)
 
     def subscriber_count(self) -> int:
         return len(self.matched)
@@ -449,12 +446,14 @@ class Publisher(End):
             ):
                 return
             self.matched[other] = None
+            self._processes.clear()
             if other.qos.durability == "transient_local":
                 for message in self._kept:
-                    self._send(other.node.middleware, [other], message)
+                    self._send(other.wire, [other], message)
 
     def part(self, other: End) -> None:
         self.matched.pop(other, None)  # type: ignore[call-overload]
+        self._processes.clear()
 
 
 class Subscription(End):
@@ -471,7 +470,7 @@ class Subscription(End):
 
     def arrive(self, publisher: Publisher, message: AnyMessage) -> None:
         """A message from another process: one of a publisher that is not known yet waits for its discovery."""
-        if publisher in self.node.middleware.known:
+        if publisher in self.wire.known:
             self.enqueue(message)
         elif self.open and self.qos.reliability == "reliable":
             self._early.setdefault(publisher, []).append(message)
@@ -484,9 +483,9 @@ class Subscription(End):
         """Queue a message; a full queue loses its oldest."""
         if self.open:
             if len(self._queue) == self._queue.maxlen:
-                self.node.middleware.fabric.struck["queue overflow"] += 1
+                self.wire.fabric.struck["queue overflow"] += 1
             else:
-                self.node.middleware.process.soon(self._deliver)
+                self.wire.process.soon(self._deliver)
             self._queue.append(message)
 
     def _deliver(self) -> None:
@@ -518,7 +517,7 @@ class Client(End):
         self._insistent.add(request, frozenset(self._servers()))
 
     def _servers(self) -> list[Service]:
-        ends = self.node.middleware.on(self.topic)
+        ends = self.wire.on(self.topic)
         return [end for end in ends if isinstance(end, Service) and end.type == self.type]
 
     @property
@@ -526,7 +525,7 @@ class Client(End):
         return bool(self._servers())
 
     def meet(self, other: End) -> None:
-        self.node.middleware.process.soon(self._look)
+        self.wire.process.soon(self._look)
 
     part = meet
 
@@ -566,7 +565,7 @@ class Client(End):
             deliver_response(server.handler(request), respond)
 
     def _way(self, sender: End, receiver: End, action: Callable[[], object]) -> None:
-        process = receiver.node.middleware.process
+        process = receiver.wire.process
         link = sender.link(receiver)
         if link is None:
             process.soon(action)

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from heapq import heappop, heappush
 from typing import Any
 from unittest.mock import patch
 from uuid import UUID
@@ -30,7 +31,7 @@ START = 1_700_000_000.0
 
 @contextmanager
 def ids_of(seed: int) -> Iterator[None]:
-    """What processes draw to tell goals, journals and signals apart is that of a seed meanwhile."""
+    """What processes draw, also to tell goals, journals and signals apart, is that of a seed meanwhile."""
     chance = random.Random(f"{seed} ids")
 
     def draw() -> UUID:
@@ -39,7 +40,37 @@ def ids_of(seed: int) -> Iterator[None]:
     with ExitStack() as patches:
         for module in (actions, engine_node, journal, runner):
             patches.enter_context(patch.object(module, "uuid4", draw))
+        patches.enter_context(
+            patch.object(engine_node, "new_seed", partial(random.Random(f"{seed} seeds").getrandbits, 32))
+        )
         yield
+
+
+class Timeline(Scheduler):
+    """The time of a team. One queue has what is to be done and the entries of all processes, in their order."""
+
+    def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
+        return self.enter(time, 0, Entry(time, action, self), kind)
+
+    def enter(self, time: int, origin: int, entry: Entry, kind: Kind) -> Entry:
+        """Enter what is to be done at `time` (ns); the clock of its process began at `origin`."""
+        if time < self.now:
+            time = self.now
+        entry.time = time - origin
+        heappush(self._heap, (time, kind, next(self._sequence), entry))
+        return entry
+
+    def _work(self, until: int | None) -> None:
+        heap, end = self._heap, self.now if until is None else until
+        while heap and heap[0][0] <= end:
+            self.now, _, _, entry = heappop(heap)
+            action = entry.action
+            if action is not None and isinstance(process := entry._queue, Process):
+                process.do(entry, action)
+            elif action is not None:
+                entry.action = None
+                action()
+        self.now = end
 
 
 class Machine:
@@ -67,7 +98,7 @@ class Process(Scheduler):
     is_simulated = False
 
     def __init__(
-        self, name: str, machine: Machine, team: Scheduler, on_error: Callable[[Process, Exception | PowerLoss], object]
+        self, name: str, machine: Machine, team: Timeline, on_error: Callable[[Process, Exception | PowerLoss], object]
     ) -> None:
         self._team, self._origin = team, team.now
         super().__init__()
@@ -86,11 +117,13 @@ class Process(Scheduler):
         pass
 
     def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
-        team, origin = self._team, self._origin
-        now = team.now - origin
-        entry = Entry(time if time > now else now, action, self)
-        team.at(entry.time + origin, partial(self._run, entry), kind)
-        return entry
+        return self._team.enter(time + self._origin, self._origin, Entry(time, action, self), kind)
+
+    def after(self, delay: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
+        return self._team.enter(self._team.now + delay, self._origin, Entry(delay, action, self), kind)
+
+    def soon(self, action: Action, kind: Kind = Kind.MESSAGE) -> Entry:
+        return self._team.enter(self._team.now, self._origin, Entry(0, action, self), kind)
 
     def worker(self, name: str) -> Worker:
         return _Worker(self, 1.5 if "load" in name else 0.05)
@@ -104,18 +137,20 @@ class Process(Scheduler):
         self.stopped = False
         held, self._held = self._held, []
         for entry in held:
-            self._run(entry)
+            if entry.action is not None:
+                self.do(entry, entry.action)
 
     def kill(self) -> None:
         """SIGKILL."""
         self.alive = False
         self._held.clear()
 
-    def _run(self, entry: Entry) -> None:
+    def do(self, entry: Entry, action: Action) -> None:
+        """Do what an entry has, unless the process is dead; as soon as it goes on if it is stopped."""
         if self.stopped:
             self._held.append(entry)
-        elif self.alive and entry.action is not None:
-            action, entry.action = entry.action, None
+        elif self.alive:
+            entry.action = None
             try:
                 action()
             except (Exception, PowerLoss) as error:

@@ -16,7 +16,7 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.clock import SECOND, Entry, Kind
 from fame.deploy import Deployment, EngineNode, engines
 from fame.deploy.assignment import assign_robots
 from fame.deploy.authentication import Diagram
@@ -37,7 +37,7 @@ from .disks import PowerLoss
 from .fabric import Fabric, Wire
 from .missions import DRIVE, ROBOTS, mission, text
 from .plan import DESK, DISK_FAULTS, SPLITTERS, Plan, Step
-from .processes import Machine, Process
+from .processes import Machine, Process, Timeline
 
 STRANGER = 66
 """The version that somebody deploys who has no key of the team."""
@@ -113,7 +113,7 @@ class Team:
 
     plan: Plan
     log: Path | None = None
-    scheduler: Scheduler = field(default_factory=Scheduler)
+    scheduler: Timeline = field(default_factory=Timeline)
     said: list[Said] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
