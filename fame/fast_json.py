@@ -26,7 +26,7 @@ def _other(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else str(value)
 
 
-def json_value(data: bytes) -> Any:
+def json_value(data: bytes | str) -> Any:
     """The value of JSON, for readers to which all large numbers are floating point. Raises ValueError."""
     if orjson is not None:
         with suppress(ValueError):  # numbers and texts that Python's JSON alone has

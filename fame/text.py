@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 from unicodedata import combining, normalize
 
@@ -17,8 +17,8 @@ NAMES = "letters, digits and _, not starting with a digit"
 """The parts of a name that ROS 2 allows between slashes."""
 
 
-def read_json(text: str, longest: int = 1_000_000) -> Any:
-    """The value of a text from elsewhere, whose size (characters) and depth are checked before anything is made of it.
+def read_json(text: str, longest: int = 1_000_000, load: Callable[[str], Any] = json.loads) -> Any:
+    """The value of a text from elsewhere, whose size (characters) and depth are checked before `load` makes it.
 
     Raises ValueError; never RecursionError, here or where the value is walked.
     """
@@ -26,7 +26,7 @@ def read_json(text: str, longest: int = 1_000_000) -> Any:
         raise ValueError(f"{len(text)} characters; at most {longest} are accepted")
     if is_deep(text):
         raise ValueError(f"brackets do not match, or are nested more than {DEPTH} deep")
-    return json.loads(text)
+    return load(text)
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str | int]]) -> str:
