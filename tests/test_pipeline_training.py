@@ -338,6 +338,7 @@ def test_a_table_in_another_encoding_is_refused_with_its_line(tmp_path: Path) ->
         ("stamp;a\n0,0;1.500\n", ":2: expected a number in column 'a' without a point, .* got '1.500'"),
         ("stamp;a\n0,0;1 500,5\n", ":2: expected a number in column 'a', got '1 500,5'"),
         ("stamp,a\n0,N/A\n", ":2: expected a number in column 'a', got 'N/A'"),
+        ("Zeit;a\n26.11.2026 11:00:00;1,5\n", r"a date only in .* \(--time-column 'Zeit'\), got '26"),
     ],
 )
 def test_a_table_that_cannot_be_meant_is_refused_with_its_line(text: str, why: str, tmp_path: Path) -> None:

@@ -256,7 +256,10 @@ def _numbers(
             except ValueError:
                 right = "a number (s) or a date such as 2026-01-31T12:00:00.5" if name.strip() == stamp else "a number"
                 where = f" in column {name.strip()!r}" if not _is_number(name) else ""
-                where += " without a point, since decimals have a comma" if comma and "." in cell else ""
+                if _is_date(cell):
+                    where += f", a date only in the column of the times (--time-column {name.strip()!r})"
+                elif comma and "." in cell:
+                    where += " without a point, since decimals have a comma"
                 raise ConfigError(f"expected {right}{where}, got {cell!r}", file=str(path), line=number) from None
     return np.array(rows, dtype=np.float64)
 
@@ -274,8 +277,18 @@ def _number(cell: str, *, date: bool, comma: bool) -> float:
         if comma and "." in cell:
             raise ValueError(cell)
         return float(number)
-    moment = datetime.fromisoformat(_GERMAN.sub(r"\3-\2-\1 \4", number.strip()))
+    moment = _moment(number)
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def _moment(text: str) -> datetime:
+    return datetime.fromisoformat(_GERMAN.sub(r"\3-\2-\1 \4", text.strip()))
+
+
+def _is_date(text: str) -> bool:
+    with suppress(ValueError):
+        return not _is_number(text) and bool(_moment(text))
+    return False
 
 
 def _row(line: str, path: Path, number: int, separator: str) -> list[str]:
