@@ -8,6 +8,7 @@ Each type is a class with the members of `sim2d.robot.SimulatedRobot`; a world f
     planner    path planners of vehicles and drone
     navigation maneuvers of vehicles: follow a path, recover, dock
     nav2       the action servers of Nav2, for vehicles
+    twist_mux  the mission's commands, or those of a person who steers
     sensors    range sensor, camera, odometry
     equipment  battery, blade, tray, LED
     gazebo     topics that robots in Gazebo lack

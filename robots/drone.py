@@ -18,14 +18,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from fame.clock import SECOND
 from fame.config.values import Point, parameter
 from fame.errors import MissingTypeError
 from fame.middleware.interface import AnyMessage, EndpointWarning
 from robots.equipment import DRAIN_RATE, Battery, BatteryParameters
 from robots.planner import DirectPlanner
 from robots.sensors import Camera, CameraParameters, Motion, Odometer, OdometerParameters
-from robots.vehicles import GRAVITY, STOP, check_fault, towards, within
+from robots.twist_mux import DEAD_MAN, TwistMux
+from robots.vehicles import GRAVITY, STOP, check_fault, end_of, towards, within
 from sim2d.robot import Appearance, Pose, TopicCommand, body_of, period, rectangle
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ class FlightParameters:
     floor: float = parameter(0.5, "m", minimum=CLEAR, up_to="ceiling")
     ceiling: float = parameter(10.0, "m", minimum=0.5)
     watchdog: float = parameter(1.0, "s, 0 for none", minimum=0)
+    manual_speed: float = parameter(0.5, "m/s", above=0)
 
 
 class Flight:
@@ -76,7 +77,7 @@ class Flight:
         self.altitude = self.climb = 0.0
         self.dead = self._is_clear = False
         self._ahead = self._left = self._up = self._turn_rate = 0.0
-        self._valid_until = 0
+        self._valid_until = 0.0  # ns
 
     @property
     def airborne(self) -> bool:
@@ -95,15 +96,16 @@ class Flight:
         (vx, vy), (cos, sin) = body.velocity, body.rotation_vector
         return Motion(vx * cos + vy * sin, vy * cos - vx * sin, self.climb, body.angular_velocity)
 
-    def command(self, twist: AnyMessage, now: int) -> None:
+    def command(self, twist: AnyMessage, now: int, *, by_hand: bool = False) -> None:
         """Obey a geometry_msgs/msg/Twist in the body frame, clipped to the limits; NaN stops."""
         p = self._parameters
         ahead, left = within(twist.linear.x, math.inf), within(twist.linear.y, math.inf)
-        share = min(1.0, p.max_speed / (math.hypot(ahead, left) or 1.0))
+        fastest = min(p.max_speed, p.manual_speed) if by_hand else p.max_speed
+        share = min(1.0, fastest / (math.hypot(ahead, left) or 1.0))
         self._ahead, self._left = ahead * share, left * share
-        self._up = within(twist.linear.z, p.max_climb)
+        self._up = within(twist.linear.z, min(p.max_climb, fastest))
         self._turn_rate = within(twist.angular.z, p.max_turn_rate)
-        self._valid_until = now + round(p.watchdog * SECOND)
+        self._valid_until = end_of(now, DEAD_MAN if by_hand else p.watchdog)
 
     def take_off(self) -> None:
         """Start the motors and climb; no effect in flight."""
@@ -124,7 +126,7 @@ class Flight:
             if not body.is_sleeping:
                 self._push(0.0, 0.0, 0.0, _SKIDS * GRAVITY, duration)
             return
-        if self.phase != "flying" or (p.watchdog and now > self._valid_until):
+        if self.phase != "flying" or now > self._valid_until:
             self._ahead = self._left = self._up = self._turn_rate = 0.0
         cos, sin = body.rotation_vector
         wanted = self._ahead * cos - self._left * sin, self._ahead * sin + self._left * cos
@@ -212,9 +214,7 @@ class Drone:
         self._drain_time = self._drain * world.step
         self._planner_node = world.middleware.node("planner", config.name)
         self._planner = DirectPlanner(self._planner_node)
-        node.subscription(
-            "cmd_vel", "geometry_msgs/msg/Twist", lambda twist: flight.command(twist, world.scheduler.now)
-        )
+        TwistMux(node, world.scheduler, flight)
         node.subscription("takeoff", "std_msgs/msg/Empty", lambda _: flight.take_off())
         node.subscription("land", "std_msgs/msg/Empty", lambda _: flight.land())
         try:

@@ -1,7 +1,8 @@
 """Ground vehicles: a differential drive on tyres, odometry, an ultrasonic sensor at the nose, the map, a path planner.
 
-All vehicles subscribe to `cmd_vel` and publish `odom`, `range` and, once, `map`. Their planner answers `goal_pose` with
-`plan`. With `navigation: nav2` the action servers of Nav2 replace the planner.
+All vehicles subscribe to `cmd_vel` (while a person steers, to `cmd_vel_manual`: `robots.twist_mux`) and publish `odom`,
+`range` and, once, `map`. Their planner answers `goal_pose` with `plan`. With `navigation: nav2` the action servers of
+Nav2 replace the planner.
 
 car      a small vehicle with an LED, set by `led`
 tractor  a field robot with a blade under it, set by `blade_force`, and a battery, published as `battery_state`. With an
@@ -30,6 +31,7 @@ from robots.nav2 import Nav2
 from robots.navigation import Dock, Limits
 from robots.planner import Planner, PlannerParameters
 from robots.sensors import STILL, Motion, Odometer, OdometerParameters, Ultrasonic, UltrasonicParameters
+from robots.twist_mux import DEAD_MAN, TwistMux
 from sim2d.robot import Appearance, Cone, Pose, TopicCommand, body_of, period, rectangle
 
 if TYPE_CHECKING:
@@ -60,6 +62,7 @@ class DriveParameters:
     turn_acceleration: float = parameter(10.0, "rad/s²", above=0)
     friction: float = parameter(FRICTION["rubber"], "", above=0, names=FRICTION)
     watchdog: float = parameter(1.0, "s, 0 for none", minimum=0)
+    manual_speed: float = parameter(0.5, "m/s", above=0)
 
 
 class Drive:
@@ -75,7 +78,7 @@ class Drive:
         self.blocked = False
         self._parameters = parameters
         self._grip = parameters.friction * GRAVITY
-        self._valid_until = 0
+        self._valid_until = 0.0  # ns
         self._pose: Pose | None = None  # since the last step, as far as it was asked for
 
     @property
@@ -95,18 +98,18 @@ class Drive:
         (vx, vy), (cos, sin) = body.velocity, body.rotation_vector
         return Motion(ahead=vx * cos + vy * sin, turn_rate=body.angular_velocity)
 
-    def command(self, twist: AnyMessage, now: int) -> None:
+    def command(self, twist: AnyMessage, now: int, *, by_hand: bool = False) -> None:
         """Obey `linear.x` and `angular.z` of a geometry_msgs/msg/Twist, clipped to the limits; NaN stops."""
         limits = self._parameters
-        self.speed = within(twist.linear.x, limits.max_speed)
+        self.speed = within(twist.linear.x, min(limits.max_speed, limits.manual_speed) if by_hand else limits.max_speed)
         self.turn_rate = within(twist.angular.z, limits.max_turn_rate)
-        self._valid_until = now + round(limits.watchdog * SECOND)
+        self._valid_until = end_of(now, DEAD_MAN if by_hand else limits.watchdog)
 
     def move(self, now: int, duration: float) -> None:
         """Apply the forces of motors and tyres for a step of `duration` s."""
         limits, body = self._parameters, self.body
         self._pose = None
-        if self.blocked or (limits.watchdog and now > self._valid_until):
+        if self.blocked or now > self._valid_until:
             self.speed = self.turn_rate = 0.0
         if self.speed == 0 and self.turn_rate == 0 and body.is_sleeping:
             return
@@ -126,6 +129,11 @@ class Drive:
         if turning != self.turn_rate:
             wanted = towards(turning, self.turn_rate, limits.turn_acceleration * duration)
             body.torque = (wanted - turning) * body.moment / duration
+
+
+def end_of(now: int, seconds: float) -> float:
+    """When (ns) a command given `now` (ns) is no longer valid; never if it is for 0 s."""
+    return now + seconds * SECOND if seconds else math.inf
 
 
 def within(value: float, limit: float) -> float:
@@ -176,7 +184,7 @@ class Vehicle:
             self._nav2 = self._make_nav2(p, world)
         else:
             self._planner = Planner(self._navigation_node, p.planner, drive.radius)
-        node.subscription("cmd_vel", "geometry_msgs/msg/Twist", lambda twist: drive.command(twist, world.scheduler.now))
+        TwistMux(node, world.scheduler, drive)
 
     def _make_nav2(self, p: VehicleParameters, world: RobotWorld) -> Nav2:
         limits = Limits(p.max_speed, p.max_turn_rate, p.acceleration / 2, self.drive.radius, p.length / 2)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from deployment_field import definitions, process
-from test_resumption import POOL, Durable, request
+from test_resumption import POOL, Durable, request, told
 
 from fame.cli.robots import rows
 from fame.deploy import Report
@@ -201,3 +201,50 @@ def test_a_mission_that_is_migrated_meanwhile_stays_suspended_and_a_new_deployme
     ask(field, "suspend")
     field.deploy(DRIVE, "d3", 3)
     assert (field.engine.deployed, field.said[-1].state, field.said[-1].suspended) == ("d3", "running", {})
+
+
+# ---- the lease -------------------------------------------------------------------------------------------------------
+
+
+def test_one_person_at_a_time_steers_and_the_status_says_who(field: Durable) -> None:
+    assert ask(field, "take_over", lease="1").answer == "taken over"
+    assert (field.said[-1].state, field.said[-1].suspended["holder"]) == ("suspended", ANN)
+    assert f"suspended by {ANN}, {ANN} steers it" in [row[6] for row in rows("A", field.said[-1])]
+    refusal = f"A: {ANN} steers it; fame suspend stops it"
+    assert ask(field, "take_over", who="bob@field", lease="2").reason == refusal
+    assert ask(field, "continue", who="bob@field").reason == refusal
+    assert ask(field, "continue", lease="1").answer == "continued"
+    assert ask(field, "take_over", who="bob@field", lease="2").answer == "taken over"
+
+
+def test_a_lease_that_is_not_prolonged_ends_and_the_robot_stays_suspended(field: Durable) -> None:
+    locks: list[bool] = []
+    field.person.subscription("/A/taken_over", "std_msgs/msg/Bool", lambda message: locks.append(message.data))
+    for _ in range(5):
+        ask(field, "take_over", lease="1")  # each takes a second
+    assert field.said[-1].suspended["holder"] == ANN
+    stopped = len(field.stops)
+    field.pass_time(4)
+    assert (field.said[-1].suspended["holder"], field.said[-1].suspended["by"]) == ("", ANN)
+    assert locks == [True] * 5 + [False]
+    assert len(field.stops) > stopped
+    assert f"{ANN} steers no longer: lost" in field.notes
+
+
+def test_after_a_restart_of_the_engine_nobody_steers(field: Durable) -> None:
+    ask(field, "take_over", lease="1")
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    assert (field.said[-1].state, field.said[-1].suspended["holder"]) == ("suspended", "")
+
+
+def test_while_somebody_steers_no_deployment_is_accepted_and_nobody_steers_during_one(field: Durable) -> None:
+    ask(field, "take_over", lease="1")
+    field.deploy(DRIVE, "d2", 2)
+    assert f"{ANN} steers the robot" in {report.reason for report in field.said if report.answer == "refused"}
+    field.pass_time(4)
+    told(field, "d3", 3, DRIVE, "load")
+    field.pass_time(1)
+    assert field.engine.state == "ready"
+    assert ask(field, "take_over", lease="2").reason == "a deployment is under way: nobody takes the robot over"

@@ -41,7 +41,7 @@ class Suspension:
 
     def __init__(self, node: RobotNode) -> None:
         self._node = node
-        self.by = self.holder = self._lease = ""
+        self.by = self.holder = self._lease = self._ended = ""
         self.since = 0
         self._expiry: Entry | None = None
 
@@ -53,9 +53,11 @@ class Suspension:
     def take_over(self, who: str, lease: str) -> None:
         """Suspend the mission, and let a person steer for `LEASE`; the same `lease` again prolongs that.
 
-        Raises MissionError while another person steers.
+        Raises MissionError while another person steers, and for a lease that has ended.
         """
         self._check_holder(who, lease)
+        if lease and lease == self._ended:
+            raise MissionError(f"{who} steers no longer: take over again", robot=self._node.name)
         if not self.holder:
             self.holder, self._lease = who, lease
             self._begin(who, f"taken over by {who}")
@@ -127,7 +129,7 @@ class Suspension:
     def _end_lease(self) -> None:
         self.close()
         if self.holder:
-            self.holder = self._lease = ""
+            self._ended, self.holder, self._lease = self._lease, "", ""
             self._publish_lock(False)
 
     def _label(self) -> None:

@@ -38,6 +38,7 @@ from fame.testing.failure import failure, save_diagrams
 from fame.testing.fakes import Fakes
 from fame.testing.late_recording import LateFile
 from fame.testing.stubs import Stub, StubLibrary
+from fame.testing.taken_over import TakenOver
 from fame.testing.trace import Trace
 from fame.text import suggestion
 
@@ -283,6 +284,11 @@ class MissionUnderTest:
         cast, chosen = with_parameters(old.cast, old.definitions, old.library, variables, Source(old.file))
         merged = {robot: {**old.variables.get(robot, {}), **chosen.get(robot, {})} for robot in old.cast}
         self.scenario = replace(old, cast=cast, variables=merged)
+
+    def take_over(self, robot: str = "", *, who: str = "a person") -> TakenOver:
+        """Suspend a robot's mission and steer it, as a person does; see `fame.testing.taken_over`."""
+        self.is_played = True
+        return TakenOver(self, self.robot(robot), who)
 
     def fault(self, *where: str) -> MissionUnderTest:
         """Inject a fault now: ``fault("REX", "engine")``, or a fault of the robot's type."""
