@@ -49,6 +49,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "world": "worlds.add_world",
         **dict.fromkeys(("pause", "resume"), "worlds.add_time"),
         "keys": "deployment.add_keys",
+        "doctor": "doctor.add",
     },
     "monitor": {
         "record": "pipelines.add_record",

@@ -71,13 +71,14 @@ from fame.deploy.termination import Ready, Silence
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
 from fame.randomness import new_seed, robot_random
+from fame.robot.clock_server import ClockServer
 
 if TYPE_CHECKING:
     from random import Random
 
     from fame.engine.state import Instance
     from fame.robot import RobotNode
-    from fame.robot.live import ClockServer, LiveFeed
+    from fame.robot.live import LiveFeed
 
 _DEPLOYMENT, _PROMISE, _DISK = "deployment", "promise", "disk"
 """Why a mission is suspended: for `RobotNode.hold`."""
@@ -141,7 +142,6 @@ class EngineNode:
         self._end_reported = -_END_PERIOD
         self._stopped = False
         self._feed: LiveFeed | None = None
-        self._clock_server: ClockServer | None = None
         self._open_endpoints((options.identity or Identity.new()) if options.trusted else None)
 
     def _random(self, seed: int) -> Random:
@@ -177,6 +177,7 @@ class EngineNode:
             kind: RateLimiter(self.scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
         }  # of senders that wait for an answer, and of bare models
         self._failures = RateLimiter(self.scheduler, partial(self._note, kind="answer"))
+        self._clock_server = ClockServer(self.node, lambda: self._time.now, self._options.epoch)
         self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
         self._resume()
         self.status.begin()
@@ -419,12 +420,10 @@ class EngineNode:
     def _loading(self, envelope: Envelope) -> LoadingTask[RobotNode]:
         """The task that loads a process, which tells what happens in it."""
         from fame.robot.events import combine_observers
-        from fame.robot.live import ClockServer, LiveFeed
+        from fame.robot.live import LiveFeed
         from fame.robot.options import Membership
 
         options = self._options
-        if self._clock_server is None:
-            self._clock_server = ClockServer(self.node, lambda: self._time.now, options.epoch)
         if self._feed is None:
             self._feed = LiveFeed(
                 *self._live, self.scheduler, session=self.born, epoch=options.epoch, seed=self._seed, log=options.log

@@ -256,6 +256,11 @@ def _sourced(full: str) -> bool:
     return False
 
 
+def broken_files() -> list[str]:
+    """The files of folders that were left out, each with what is wrong with it."""
+    return list(_broken.values())
+
+
 def _broken_file(full: str) -> str:
     """``; its file cannot be used: ...`` if a file of this type, or of what it is a part of, was left out."""
     found = next((text for name, text in _broken.items() if full == name or full.startswith(f"{name}_")), "")

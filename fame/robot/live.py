@@ -2,15 +2,13 @@
 
 On ``/<robot>/bpmn_events`` (std_msgs/msg/String, reliable) are numbered batches of changes as JSON, at most 20 a
 second, while there is a subscriber; on ``/<robot>/bpmn_model`` (transient local) is the running model. A new
-subscriber gets the whole state first, with the next batch; all get it every few seconds, in case a batch was lost. On
-``/<robot>/bpmn_clock`` an engine says its time to who asks for it.
+subscriber gets the whole state first, with the next batch; all get it every few seconds, in case a batch was lost.
 docs/recordings.md describes the JSON.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Protocol
 from weakref import WeakSet
@@ -19,16 +17,15 @@ from fame.clock import EPOCH, SECOND, Entry, Kind, Scheduler, date_text
 from fame.engine.state import Trail
 from fame.fast_json import json_bytes
 from fame.middleware import messages
-from fame.middleware.interface import AnyMessage, Node, Publisher
+from fame.middleware.interface import Node, Publisher
 from fame.robot.changes import ChangeTracker
 from fame.robot.events import Event, Observer
 from fame.robot.robot_state import COUNTED, RobotState
-from fame.text import read_json
 
 if TYPE_CHECKING:
     from fame.robot.node import RobotNode
 
-STRING, ELEMENT_TOPIC, CLOCK_TOPIC = "std_msgs/msg/String", "/fame_dt", "bpmn_clock"
+STRING, ELEMENT_TOPIC = "std_msgs/msg/String", "/fame_dt"
 _PERIOD = SECOND // 20
 """Least time between two batches (ns)."""
 _KEY_PERIOD = 5 * SECOND
@@ -244,22 +241,6 @@ class ProcessFeed(Observer):
             except Exception as error:  # what cannot be shown still runs
                 self._tracker.active = False  # until the feed looks again for subscribers
                 self.node.host.report("", f"changes cannot be published: {type(error).__name__}: {error}")
-
-
-class ClockServer:
-    """Answers questions for the time on ``/<robot>/bpmn_clock``: `now` (ns) since the date `epoch`."""
-
-    def __init__(self, node: Node, now: Callable[[], int], epoch: datetime) -> None:
-        self._now, self._epoch = now, date_text(epoch)
-        self._publisher = node.publisher(CLOCK_TOPIC, STRING)
-        node.subscription(CLOCK_TOPIC, STRING, self._on_question)
-
-    def _on_question(self, message: AnyMessage) -> None:
-        with suppress(ValueError, TypeError, AttributeError):  # from a stranger
-            question = read_json(message.data, 1000).get("ask")
-            if isinstance(question, str):
-                answer = {"answer": question, "time": self._now(), "epoch": self._epoch}
-                self._publisher.publish(messages.create(STRING, json_bytes(answer).decode()))
 
 
 class ElementFeed(Observer):

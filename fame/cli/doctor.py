@@ -1,0 +1,303 @@
+"""``fame doctor``: whether this machine and its team are ready, and what mends each thing that is not."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+from argparse import Namespace
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from functools import partial
+from importlib import metadata
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from fame.cli.arguments import (
+    Commands,
+    add_json,
+    add_key,
+    add_trust,
+    add_types,
+    command,
+    positive,
+    private_key,
+    trusted_keys,
+)
+from fame.cli.network import add_network, connected, wait_until
+from fame.cli.output import print_json
+from fame.errors import NOT_KNOWN, FameError
+
+if TYPE_CHECKING:
+    from fame.clock import WallScheduler
+    from fame.deploy import Report
+    from fame.log.clocks import ClockAnswer
+    from fame.middleware.interface import Middleware
+
+PACKAGES = {"dds": "cyclonedds", "zenoh": "eclipse-zenoh", "ros": "rclpy"}
+_MEND_PACKAGE = {"dds": "pip install 'fame-robots[dds]'", "zenoh": "pip install 'fame-robots[zenoh]'",
+                 "ros": "source /opt/ros/jazzy/setup.bash"}  # fmt: skip
+_BUFFER = 2_097_152
+"""Bytes that the kernel should keep of what DDS receives: messages above 64 kB come in many packets at once."""
+_FREE = 100_000_000
+"""Bytes that a folder of states needs at least."""
+_APART = 0.1
+"""Seconds that the clock of a robot may be apart from this one: dates of timers and bounds of properties read both."""
+_ROUNDS = 1.5
+"""For how long robots are asked for their time and their state (s)."""
+_NET = Path("/sys/class/net")
+_RECEIVED = Path("/proc/sys/net/core/rmem_max")
+_LOOPBACK, _MULTICAST = 0x8, 0x1000  # IFF_LOOPBACK, IFF_MULTICAST of <linux/if.h>
+
+
+class Finding(NamedTuple):
+    """What a look at something found, and what mends it."""
+
+    check: str
+    verdict: Literal["ok", "warning", "wrong", "not known"]
+    text: str
+    mend: str = ""
+
+
+def add(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "doctor", run,
+        examples=(
+            "fame doctor",
+            "fame doctor REX DINGO --network wlan0 --trust team.pub",
+            "fame doctor --middleware zenoh --router 10.0.0.7 --state /var/lib/fame/REX --json",
+        ),
+        help="look at this machine and its team: packages, clock, network, keys, types, folders, the time to robots, "
+        "each with what mends it; exit code 1 if something is wrong, otherwise 3 if something is not known",
+    )  # fmt: skip
+    parser.add_argument("robots", nargs="*", metavar="ROBOT", help="robots that have to be there")
+    parser.add_argument("--wait", type=positive, default=5.0, metavar="S", help="how long to look for robots (5 s)")
+    add_trust(parser, "read this key, and expect that robots sign what they report with keys that it vouches for")
+    add_key(parser, "read this key, with which you sign missions")
+    parser.add_argument("--state", type=Path, metavar="DIR", help="the folder in which an engine keeps its mission")
+    add_types(parser)
+    add_network(parser)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Look at everything, print what was found, and return the exit code."""
+    findings = []
+    for finding in examine(arguments):
+        findings.append(finding)
+        if not arguments.json:
+            print(f"{finding.verdict:<9}  {finding.check}: {finding.text}")
+            if finding.mend:
+                print(f"{'':<9}  -> {finding.mend}")
+    verdicts = {finding.verdict for finding in findings}
+    code = 1 if "wrong" in verdicts else NOT_KNOWN if "not known" in verdicts else 0
+    if arguments.json:
+        status = {0: "completed", 1: "failed"}.get(code, "partial")
+        print_json({"status": status, "findings": [finding._asdict() for finding in findings]})
+    return code
+
+
+def examine(arguments: Namespace) -> Iterator[Finding]:
+    """What there is to say of this machine, then of the team."""
+    yield from packages(arguments.middleware)
+    yield clock()
+    yield from network(arguments)
+    yield from keys(arguments)
+    yield from types(arguments)
+    if arguments.state is not None:
+        yield folder(arguments.state)
+    try:
+        with connected(arguments) as (scheduler, middleware):
+            yield from _Team(arguments, scheduler, middleware).findings()
+    except FameError as error:
+        yield Finding("robots", "not known", f"no connection: {error}")
+
+
+# ---- this machine ----------------------------------------------------------------------------------------------------
+
+
+def packages(backend: str) -> Iterator[Finding]:
+    from fame import __version__
+
+    yield Finding("FAME", "ok", f"{__version__}, Python {platform.python_version()}")
+    name = PACKAGES[backend]
+    try:
+        yield Finding("middleware", "ok", f"{backend}: {name} {metadata.version(name)}")
+    except metadata.PackageNotFoundError:
+        yield Finding("middleware", "wrong", f"{backend}: {name} is not installed here", _MEND_PACKAGE[backend])
+    chosen = os.environ.get("RMW_IMPLEMENTATION", "")
+    if backend != "ros" and chosen and ("zenoh" in chosen) != (backend == "zenoh"):
+        other = "zenoh" if "zenoh" in chosen else "dds"
+        text = f"RMW_IMPLEMENTATION={chosen}: nodes of ROS 2 that are started here do not meet --middleware {backend}"
+        yield Finding("middleware", "warning", text, f"--middleware {other}")
+
+
+def clock() -> Finding:
+    command = ("timedatectl", "show", "--property", "NTPSynchronized", "--value")
+    try:
+        said = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False).stdout.strip()
+    except (OSError, subprocess.TimeoutExpired):
+        said = ""
+    if said == "yes":
+        return Finding("clock", "ok", "synchronized over the network")
+    if said == "no":
+        text = "not synchronized: dates of timers, recordings and signatures are those of this machine alone"
+        return Finding("clock", "wrong", text, "timedatectl set-ntp true, or chrony with a server in your network")
+    return Finding("clock", "not known", "timedatectl says nothing here", "compare date on each machine")
+
+
+def network(arguments: Namespace) -> Iterator[Finding]:
+    name, dds = arguments.network, arguments.middleware != "zenoh"
+    domain = f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}" if dds else "Zenoh"
+    if name is None:
+        yield Finding("network", "ok", f"{domain}, this machine only: other machines need --network or --router")
+        return
+    yield Finding("network", "ok", f"{domain}, {name}")
+    place = _NET / str(name)
+    if place.is_dir():
+        if (state := (place / "operstate").read_text().strip()) == "down":
+            yield Finding("network", "wrong", f"{name} is {state}", f"ip link set {name} up")
+        if dds and not int((place / "flags").read_text(), 16) & (_MULTICAST | _LOOPBACK):
+            text = f"{name} has no multicast, by which robots find each other"
+            yield Finding("network", "wrong", text, f"ip link set {name} multicast on, or --middleware zenoh")
+    if dds and _RECEIVED.exists() and (size := int(_RECEIVED.read_text())) < _BUFFER:
+        text = f"the kernel keeps {size} bytes of what arrives: large messages lose parts, and are sent again"
+        yield Finding("network", "warning", text, f"sysctl -w net.core.rmem_max={_BUFFER}")
+    if not arguments.trust:
+        text = f"without keys, everybody on {name} can send robots a process"
+        yield Finding("keys", "warning", text, "fame keys new team; give engines --trust team.pub")
+
+
+def keys(arguments: Namespace) -> Iterator[Finding]:
+    try:
+        trusted = trusted_keys(arguments)
+        if trusted:
+            yield Finding("keys", "ok", f"{len(trusted)} to trust, of {', '.join(map(str, arguments.trust))}")
+        if arguments.key is not None:
+            known = private_key(arguments).public_key() in trusted if trusted else True
+            text = f"{arguments.key} can be read" if known else f"{arguments.key} is none of those of --trust"
+            mend = "" if known else f"give engines --trust {arguments.key.with_suffix('.pub')}"
+            yield Finding("keys", "ok" if known else "wrong", text, mend)
+    except FameError as error:
+        yield Finding("keys", "wrong", str(error))
+
+
+def types(arguments: Namespace) -> Iterator[Finding]:
+    from fame.middleware.typesystem import broken_files
+
+    if arguments.types:
+        yield Finding("types", "ok", f"read from {', '.join(map(str, arguments.types))}")
+    for text in broken_files():
+        yield Finding("types", "wrong", text, "mend the file, or remove it; engines have to have the same")
+
+
+def folder(path: Path) -> Finding:
+    there = next(each for each in (path, *path.absolute().parents) if each.exists())
+    try:
+        with TemporaryFile(dir=there) as file:
+            file.write(b"FAME")
+            file.flush()
+            os.fsync(file.fileno())
+        free = shutil.disk_usage(there).free
+    except OSError as error:
+        return Finding("state", "wrong", f"{there} cannot be written: {error.strerror}", f"chown $USER {there}")
+    if free < _FREE:
+        return Finding("state", "wrong", f"{free / 1e6:.0f} MB are free in {there}", "make room: states and logs grow")
+    return Finding("state", "ok", f"{there} can be written, {free / 1e9:.1f} GB are free")
+
+
+# ---- the team --------------------------------------------------------------------------------------------------------
+
+
+class _Team:
+    """The robots on the network, as their reports and answers show them."""
+
+    def __init__(self, arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> None:
+        self._arguments, self._scheduler, self._middleware = arguments, scheduler, middleware
+        self._reports: dict[str, Report] = {}
+        self._answers: dict[str, ClockAnswer] = {}
+
+    def findings(self) -> Iterator[Finding]:
+        """What there is to say of each robot, after a while."""
+        from fame.deploy import engines
+
+        wanted = set(self._arguments.robots)
+        wait_until(self._scheduler, lambda: wanted and wanted <= set(engines(self._middleware)), self._arguments.wait)
+        robots = sorted(engines(self._middleware))
+        self._ask(robots)
+        for robot in robots:
+            yield from self._robot(robot)
+        nodes = {name for info in self._middleware.graph() for name in (*info.publishers, *info.subscribers)}
+        mend = "fame engine NAME there; the same middleware, domain and network; no firewall between"
+        for robot in sorted(wanted - set(robots)):
+            yield Finding(robot, "wrong", f"no engine of this name was found within {self._arguments.wait:g} s", mend)
+        if not robots and not wanted:
+            text = f"no engine was found within {self._arguments.wait:g} s, and {len(nodes)} other nodes"
+            yield Finding("robots", "not known", text, mend)
+
+    def _ask(self, robots: list[str]) -> None:
+        """Listen to the reports of robots, and ask them for their time."""
+        from fame.clock import SECOND
+        from fame.deploy import STATUS_QOS, STRING
+        from fame.deploy.authentication import ReportReader
+        from fame.log.clocks import ClockQuestions
+        from fame.log.live_team import now_since
+
+        trusted, node, begun = trusted_keys(self._arguments), self._middleware.node("_fame_doctor"), datetime.now(UTC)
+
+        def on_report(reader: ReportReader, message: Any) -> None:
+            if (report := reader.read(message.data)) is not None:
+                self._reports[reader.robot] = report
+
+        def on_answer(robot: str, answer: ClockAnswer) -> None:
+            if robot not in self._answers or answer.trip < self._answers[robot].trip:
+                self._answers[robot] = answer
+
+        for robot in robots:
+            reader = ReportReader(robot, signed=bool(trusted), trusted=trusted)
+            node.subscription(f"/{robot}/bpmn_status", STRING, partial(on_report, reader), STATUS_QOS)
+        now = partial(now_since, begun)
+        with ClockQuestions(node, self._scheduler, lambda: robots, now, lambda: begun, on_answer):
+            self._scheduler.run(self._scheduler.now + round(_ROUNDS * SECOND))
+            everyone = set(robots)
+            wait_until(
+                self._scheduler, lambda: self._reports.keys() & self._answers.keys() >= everyone, self._arguments.wait
+            )
+
+    def _robot(self, robot: str) -> Iterator[Finding]:
+        report, answer = self._reports.get(robot), self._answers.get(robot)
+        if report is None:
+            signed = " that a trusted key vouches for" if self._arguments.trust else ""
+            yield Finding(robot, "wrong", f"has an engine, but no report{signed}", f"look at the engine of {robot}")
+        else:
+            yield Finding(robot, "ok", report.state)
+            if report.warnings:
+                more = f" (and {len(report.warnings) - 1} more)" if len(report.warnings) > 1 else ""
+                yield Finding(robot, "warning", f"{report.warnings[-1]}{more}", "fame status --json has them all")
+            for missed, seconds in sorted(report.absent.items()):
+                yield Finding(robot, "warning", f"misses {missed} of its team for {seconds:.0f} s")
+        if answer is None:
+            yield Finding(robot, "not known", "did not answer how late it is", "an older FAME, or a node that is busy")
+        else:
+            yield from answered(robot, answer)
+
+
+def answered(robot: str, answer: ClockAnswer) -> Iterator[Finding]:
+    from fame import __version__
+
+    ahead, doubt = answer.ahead / 1e9, answer.trip / 2e9
+    side = "ahead" if ahead > 0 else "behind"
+    text = f"answers after {answer.trip / 1e6:.1f} ms; its clock is {abs(ahead):.3f} s {side}, known to {doubt:.3f} s"
+    if abs(ahead) - doubt > _APART:
+        yield Finding(robot, "wrong", text, f"synchronize the clock of {robot}; of a simulated team, this is no fault")
+    elif abs(ahead) + doubt > _APART:
+        yield Finding(robot, "not known", text, "ask again when the network is quiet")
+    else:
+        yield Finding(robot, "ok", text)
+    version = answer.answer.get("fame")
+    if version != __version__:
+        told = f"runs FAME {version}" if isinstance(version, str) else "runs an older FAME"
+        yield Finding(robot, "warning", f"{told}, here is {__version__}", "install the same on every machine")

@@ -1,0 +1,32 @@
+"""An engine's time for who asks for it: questions and answers on ``/<robot>/bpmn_clock``, as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import datetime
+
+from fame import __version__
+from fame.clock import date_text
+from fame.fast_json import json_bytes
+from fame.middleware import messages
+from fame.middleware.interface import AnyMessage, Node
+from fame.text import read_json
+
+STRING, CLOCK_TOPIC = "std_msgs/msg/String", "bpmn_clock"
+
+
+class ClockServer:
+    """Answers questions for the time on ``/<robot>/bpmn_clock``: `now` (ns) since the date `epoch`; and its version."""
+
+    def __init__(self, node: Node, now: Callable[[], int], epoch: datetime) -> None:
+        self._now, self._epoch = now, date_text(epoch)
+        self._publisher = node.publisher(CLOCK_TOPIC, STRING)
+        node.subscription(CLOCK_TOPIC, STRING, self._on_question)
+
+    def _on_question(self, message: AnyMessage) -> None:
+        with suppress(ValueError, TypeError, AttributeError):  # from a stranger
+            question = read_json(message.data, 1000).get("ask")
+            if isinstance(question, str):
+                answer = {"answer": question, "time": self._now(), "epoch": self._epoch, "fame": __version__}
+                self._publisher.publish(messages.create(STRING, json_bytes(answer).decode()))
