@@ -1,9 +1,11 @@
-"""Imports on first use (the convention of ``lazy_loader.attach``, SPEC 1; PEP 562), and packages of FAME's extras."""
+"""Imports on first use (the convention of ``lazy_loader.attach``, SPEC 1; PEP 562), packages of extras, the version."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from typing import Any
 
@@ -35,6 +37,15 @@ def require(package: str) -> None:
     if find_spec(package) is None:
         text, extra = _EXTRAS[package]
         raise UnavailableError(f"{text}: pip install 'fame-robots[{extra}]'")
+
+
+@cache
+def fame_version() -> str:
+    """The version of FAME; empty where it is not installed."""
+    try:
+        return version("fame-robots")
+    except PackageNotFoundError:
+        return ""
 
 
 def attach(

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 from domains import PROCESSES
 
-from fame import __version__
 from fame.cli import doctor, main
 from fame.cli.doctor import Finding
+from fame.imports import fame_version
 from fame.log.clocks import ClockAnswer
 
 MESSAGE = "float64 x\n"
@@ -115,7 +115,7 @@ def test_a_broken_file_of_types_is_wrong(tmp_path: Path) -> None:
     ],
 )
 def test_a_clock_is_fine_only_where_that_is_known(trip: float, ahead: float, verdict: str) -> None:
-    answer = ClockAnswer(round(trip * SECOND), round(ahead * SECOND), {"fame": __version__})
+    answer = ClockAnswer(round(trip * SECOND), round(ahead * SECOND), {"fame": fame_version()})
     assert verdicts(doctor.answered("REX", answer)) == [verdict]
 
 

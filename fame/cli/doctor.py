@@ -120,9 +120,10 @@ def examine(arguments: Namespace) -> Iterator[Finding]:
 
 
 def packages(backend: str) -> Iterator[Finding]:
-    from fame import __version__
+    """Whether the middleware is installed, and is that of ROS 2's nodes here."""
+    from fame.imports import fame_version
 
-    yield Finding("FAME", "ok", f"{__version__}, Python {platform.python_version()}")
+    yield Finding("FAME", "ok", f"{fame_version()}, Python {platform.python_version()}")
     name = PACKAGES[backend]
     try:
         yield Finding("middleware", "ok", f"{backend}: {name} {metadata.version(name)}")
@@ -136,6 +137,7 @@ def packages(backend: str) -> Iterator[Finding]:
 
 
 def clock() -> Finding:
+    """Whether the clock of this machine is synchronized."""
     command = ("timedatectl", "show", "--property", "NTPSynchronized", "--value")
     try:
         said = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False).stdout.strip()
@@ -150,6 +152,7 @@ def clock() -> Finding:
 
 
 def network(arguments: Namespace) -> Iterator[Finding]:
+    """Whether robots can find each other by the network that was asked for."""
     name, dds = arguments.network, arguments.middleware != "zenoh"
     domain = f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}" if dds else "Zenoh"
     if name is None:
@@ -172,6 +175,7 @@ def network(arguments: Namespace) -> Iterator[Finding]:
 
 
 def keys(arguments: Namespace) -> Iterator[Finding]:
+    """Whether keys can be read and fit each other."""
     try:
         trusted = trusted_keys(arguments)
         if trusted:
@@ -186,6 +190,7 @@ def keys(arguments: Namespace) -> Iterator[Finding]:
 
 
 def types(arguments: Namespace) -> Iterator[Finding]:
+    """The files of message types that were left out."""
     from fame.middleware.typesystem import broken_files
 
     if arguments.types:
@@ -195,6 +200,7 @@ def types(arguments: Namespace) -> Iterator[Finding]:
 
 
 def folder(path: Path) -> Finding:
+    """Whether an engine could keep its state there. Nothing is left behind."""
     there = next(each for each in (path, *path.absolute().parents) if each.exists())
     try:
         with TemporaryFile(dir=there) as file:
@@ -286,7 +292,8 @@ class _Team:
 
 
 def answered(robot: str, answer: ClockAnswer) -> Iterator[Finding]:
-    from fame import __version__
+    """What a robot's answer says: how far it is, how late its clock, which version."""
+    from fame.imports import fame_version
 
     ahead, doubt = answer.ahead / 1e9, answer.trip / 2e9
     side = "ahead" if ahead > 0 else "behind"
@@ -298,6 +305,6 @@ def answered(robot: str, answer: ClockAnswer) -> Iterator[Finding]:
     else:
         yield Finding(robot, "ok", text)
     version = answer.answer.get("fame")
-    if version != __version__:
+    if version != fame_version():
         told = f"runs FAME {version}" if isinstance(version, str) else "runs an older FAME"
-        yield Finding(robot, "warning", f"{told}, here is {__version__}", "install the same on every machine")
+        yield Finding(robot, "warning", f"{told}, here is {fame_version()}", "install the same on every machine")

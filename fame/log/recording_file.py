@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from fame.fast_json import json_bytes
+from fame.imports import fame_version
 from fame.log.channels import CHANNELS, FORMAT
 
 if TYPE_CHECKING:
@@ -54,14 +53,14 @@ class RecordingFile(Sink):
         from mcap.writer import CompressionType, Writer
 
         self._writer: Writer = Writer(stream, chunk_size=CHUNK, compression=CompressionType.ZSTD)
-        self._writer.start(profile="", library=f"fame {_version()}")
+        self._writer.start(profile="", library=f"fame {fame_version()}")
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._sequences: dict[int, int] = {}
 
     def describe(self, metadata: Mapping[str, str]) -> None:
         """Write what the recording says of itself."""
-        whole = {"format": str(FORMAT), "fame": _version(), "python": sys.version.split()[0], **metadata}
+        whole = {"format": str(FORMAT), "fame": fame_version(), "python": sys.version.split()[0], **metadata}
         self._writer.add_metadata("fame", whole)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
@@ -104,12 +103,3 @@ class RecordingFile(Sink):
     def finish(self) -> None:
         """Write the index."""
         self._writer.finish()  # type: ignore[no-untyped-call]
-
-
-@cache
-def _version() -> str:
-    """The version of FAME; empty where it is not installed."""
-    try:
-        return version("fame-robots")
-    except PackageNotFoundError:
-        return ""

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from datetime import datetime
 
-from fame import __version__
 from fame.clock import date_text
 from fame.fast_json import json_bytes
+from fame.imports import fame_version
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, Node
 from fame.text import read_json
@@ -28,5 +28,5 @@ class ClockServer:
         with suppress(ValueError, TypeError, AttributeError):  # from a stranger
             question = read_json(message.data, 1000).get("ask")
             if isinstance(question, str):
-                answer = {"answer": question, "time": self._now(), "epoch": self._epoch, "fame": __version__}
+                answer = {"answer": question, "time": self._now(), "epoch": self._epoch, "fame": fame_version()}
                 self._publisher.publish(messages.create(STRING, json_bytes(answer).decode()))
