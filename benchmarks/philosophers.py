@@ -4,9 +4,10 @@
 
 For each number of philosophers, `ordered` (the last one takes the other fork first, so that none can starve) and
 `cyclic` (they can deadlock): states, seconds (CPU) and whether a deadlock was found. FAME explores all states with
-delivery `run`. SPIN verifies a model in Promela in which forks and philosophers send each other the same messages,
-which wait in channels; it stops at the first deadlock. A tool that does not end within S seconds (default 60) and 1 GB
-is not asked for more philosophers. Without `spin` and `gcc` its rows are left out, which is said.
+delivery `run`; with `--first` it ends at the first error, which runs show before any state is explored. SPIN verifies a
+model in Promela in which forks and philosophers send each other the same messages, which wait in channels; it stops at
+the first deadlock. A tool that does not end within S seconds (default 60) and 1 GB is not asked for more philosophers.
+Without `spin` and `gcc` its rows are left out, which is said.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -54,9 +56,9 @@ def promela(count: int, *, ordered: bool) -> str:
     return PROMELA.format(n=count, run="; ".join(runs))
 
 
-def fame(count: int, *, ordered: bool, reduced: bool, seconds: float) -> Row | None:
+def fame(count: int, *, ordered: bool, reduced: bool, seconds: float, first: bool = False) -> Row | None:
     """Explore them in a process of its own; None if it does not end."""
-    command = [sys.executable, __file__, "--case", json.dumps([count, ordered, reduced])]
+    command = [sys.executable, __file__, "--case", json.dumps([count, ordered, reduced, first])]
     try:
         done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=10 * seconds,
                               preexec_fn=_bounded(seconds))  # fmt: skip
@@ -65,7 +67,7 @@ def fame(count: int, *, ordered: bool, reduced: bool, seconds: float) -> Row | N
     return tuple(json.loads(done.stdout)) if done.returncode == 0 else None
 
 
-def explored(count: int, ordered: bool, reduced: bool) -> Row:
+def explored(count: int, ordered: bool, reduced: bool, first: bool) -> Row:
     """Explore them in this process."""
     sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
     from collaborations import philosophers, team
@@ -74,7 +76,7 @@ def explored(count: int, ordered: bool, reduced: bool) -> Row:
 
     model = team(philosophers(count, ordered=ordered))
     begun = time.process_time()
-    result = explore(model, delivery="run", reduced=reduced, samples=False, limit=100_000_000)
+    result = explore(model, delivery="run", reduced=reduced, samples=False, first=first, limit=100_000_000)
     return result.states, time.process_time() - begun, result.failed
 
 
@@ -107,19 +109,19 @@ def _bounded(seconds: float) -> Callable[[], None]:
 
 def rows(most: int, seconds: float) -> Iterator[str]:
     """The table, a row at a time."""
-    tools: dict[str, Callable[..., Row | None]] = {"FAME": fame}
+    tools: dict[str, Callable[..., Row | None]] = {"FAME": fame, "--first": partial(fame, first=True)}
     if shutil.which("spin") and shutil.which("gcc"):
         tools["SPIN"] = spin
     else:
         yield "spin, gcc: not found, so SPIN is left out (apt-get install spin gcc)"
-    yield f"{'philosophers':16}{'tool':8}{'reduced':9}{'states':>12}{'s':>9}  deadlock"
+    yield f"{'philosophers':16}{'tool':9}{'reduced':9}{'states':>12}{'s':>9}  deadlock"
     for ordered in (True, False):
         for name, tool in tools.items():
-            for reduced in (True, False):
+            for reduced in (True,) if name == "--first" else (True, False):
                 for count in range(3, most + 1):
                     row = tool(count, ordered=ordered, reduced=reduced, seconds=seconds)
                     title = f"{count} {'ordered' if ordered else 'cyclic':12}".ljust(16)
-                    title += f"{name:8}{'yes' if reduced else 'no':9}"
+                    title += f"{name:9}{'yes' if reduced else 'no':9}"
                     if row is None:
                         yield f"{title}{'not ended':>12}"
                         break

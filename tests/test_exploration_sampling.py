@@ -5,12 +5,14 @@ from __future__ import annotations
 from random import Random
 
 import pytest
-from collaborations import Steps, text_of, varied
+from collaborations import Steps, philosophers, team, text_of, varied
 from compare_explorations import run
 
 import fame
 from fame.check.explore import Exploration
 from fame.check.explore.findings import FAILING
+from fame.properties.grammar import parse
+from fame.properties.sentence import NOWHERE
 from fame.scenario.exploration import explore
 
 _SEEDS = 60
@@ -66,6 +68,18 @@ def test_fewer_robots_are_explored_and_a_deadlock_with_them_is_named_as_such() -
     (one,) = [one for one in result.findings if one.kind == "fewer"]
     assert one.text.startswith("with fewer robots (F=1): deadlock: C waits")
     assert result.status == "partial"  # three robots are enough
+
+
+def test_the_first_error_ends_an_exploration_if_that_is_asked_for() -> None:
+    model, made = team(philosophers(9, ordered=False)), [parse("Phil0 completes", NOWHERE, "p")]
+    found = explore(model, delivery="run", first=True, properties=made)
+    assert (found.status, found.states, found.sampled) == ("failed", 0, ("the order of fame run",))
+    assert found.findings[0].kind == "deadlock"
+    assert [one.verdict for one in found.properties] == ["not known"]
+    found = explore(team(philosophers(4, ordered=True)), delivery="run", first=True)
+    assert (found.status, found.exhaustive) == ("completed", True)
+    late = explore(fame.read(text_of(LATE).encode()), first=True)
+    assert [search.cuts for search in late.searches] == [("ended at the first error",)] * 2
 
 
 @pytest.mark.parametrize("part", range(4))

@@ -27,6 +27,7 @@ _ONLY = (
     "faults",
     "limit",
     "seconds",
+    "first",
     "all",
     "trace",
     "allow_partial",
@@ -67,6 +68,10 @@ def add_arguments(parser: Parser) -> None:
         "--limit", type=natural, default=None, metavar="N", help="maximum number of states (default: 200000)"
     )
     group.add_argument("--seconds", type=positive, default=None, metavar="S", help="maximum time, for all deliveries")
+    group.add_argument(
+        "--first", action="store_true",
+        help="end at the first error; explore the order of fame run, fewer robots and random runs before all states",
+    )  # fmt: skip
     group.add_argument(
         "--allow-partial", action="store_true",
         help="exit code 0 instead of 3 if no error was found, but not all states were explored",
@@ -117,6 +122,7 @@ def run(arguments: Namespace) -> int:
                 faults=arguments.faults,
                 limit=200_000 if arguments.limit is None else arguments.limit,
                 seconds=arguments.seconds,
+                first=arguments.first,
                 progress=show,
             )
         results.append(result)

@@ -42,6 +42,7 @@ def explore(
     seconds: float | None = None,
     properties: Sequence[Property] | None = None,
     samples: bool = True,
+    first: bool = False,
     progress: Callable[[int, int], object] = lambda states, frontier: None,
 ) -> Exploration:
     """Explore the reachable states of a collaboration, and return the findings.
@@ -58,6 +59,7 @@ def explore(
     properties  what is proved or refuted; by default those of the scenario, of ``NAME.properties.yaml`` beside the
               model, and the deadlines drawn in it
     samples   if a limit ends a search, also explore the order of `fame run`, fewer robots, and random runs
+    first     explore these parts first, and end at the first error
     progress  called now and then with the number of states of a delivery, and of those still to be explored
 
     Raises ModelError and ConfigError as `fame.Scenario.load` does.
@@ -75,6 +77,7 @@ def explore(
         limit=limit,
         seconds=seconds,
         samples=samples,
+        first=first,
         progress=progress,
     )
     definitions, found, cast = cast_of(model, robots, library)

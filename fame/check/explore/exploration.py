@@ -65,6 +65,7 @@ class Request:
     sources   topics on which somebody outside of the team publishes
     properties  sentences that are judged
     samples   explore some parts besides if a limit ends a search
+    first     explore these parts first, and end at the first error
     progress  called now and then with the number of states of a delivery, and of those still to be explored
     """
 
@@ -77,6 +78,7 @@ class Request:
     sources: frozenset[str] = frozenset()
     properties: tuple[Property, ...] = ()
     samples: bool = True
+    first: bool = False
     progress: Callable[[int, int], object] = silent
 
 
@@ -481,9 +483,26 @@ def _explored(team: Team, begun: float) -> Exploration:
     def stop() -> bool:
         return over(SEARCHING)
 
+    def failed() -> bool:
+        return request.first and any(one.level == "error" for one in findings.values())
+
+    def take(found: Iterable[Finding]) -> None:
+        for one in found:
+            findings[_cause(one)] = min(findings.get(_cause(one), one), one, key=_rank)
+
+    def sample(share: float) -> Iterator[str]:
+        for name, found in team.sample(lambda: over(share)):
+            take([one for one in found if not _is_known(one, findings.values())])
+            yield name
+            if failed():
+                return
+
+    sampled = [*sample(1 - SEARCHING)] if request.first else []
     for delivery in request.delivery:
-        if left <= 0 or stop():
-            searches.append(Searched(delivery, 0, 0, 0.0, (f"no budget is left for delivery {delivery}",), bound=True))
+        if failed() or left <= 0 or stop():
+            why = "ended at the first error" if failed() else f"no budget is left for delivery {delivery}"
+            unknown = tuple(Judged(one.name, one.sentence, "not known", why) for one in request.properties)
+            searches.append(Searched(delivery, 0, 0, 0.0, (why,), bound=True, judged=unknown))
             continue
         with rarely_collected(_YOUNG):
             searched, found = team.search(delivery, left, stop)
@@ -491,17 +510,9 @@ def _explored(team: Team, begun: float) -> Exploration:
         left -= searched.states
         for other in [key for key, one in findings.items() if one.kind == "unreachable"]:
             del findings[other]  # what one delivery did not enter another may have; the last one knows all
-        for one in found:
-            key = _cause(one)
-            findings[key] = min(findings.get(key, one), one, key=_rank)
-    sampled = []
-    if request.samples and any(search.bound for search in searches):
-        for name, found in team.sample(lambda: over(1.0)):
-            sampled.append(name)
-            for one in found:
-                if not _is_known(one, findings.values()):
-                    key = _cause(one)
-                    findings[key] = min(findings.get(key, one), one, key=_rank)
+        take(found)
+    if request.samples and not request.first and any(search.bound for search in searches):
+        sampled += sample(1.0)
     partial = any(search.cuts for search in searches)
     unreachable = [] if partial else [one for one in findings.values() if one.kind == "unreachable"]
     kept = [_never(one, team.received, partial=partial) for one in findings.values() if one.kind != "unreachable"]
@@ -530,12 +541,11 @@ def _called(step: str) -> tuple[str, str, str]:
 
 def _together(searches: Sequence[Searched]) -> Iterator[Judged]:
     """What is known of each property: refuted if it is in one delivery, else not known unless all of them tell."""
-    for judged in zip(*(search.judged for search in searches if not search.bound or search.judged), strict=True):
+    for judged in zip(*(search.judged for search in searches), strict=True):
         first = min(judged, key=lambda one: PROOFS.index(one.verdict))
         if first.verdict == "not triggered" and any(one.verdict == "proved" for one in judged):
             first = next(one for one in judged if one.verdict == "proved")
-        bound = first.verdict != "refuted" and any(search.bound and not search.judged for search in searches)
-        yield replace(first, verdict="not known", text="not all deliveries were explored") if bound else first
+        yield first
 
 
 def _never(finding: Finding, received: Set[tuple[str, str]], *, partial: bool) -> Finding:
