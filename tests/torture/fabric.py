@@ -35,6 +35,9 @@ from .processes import Process
 LEASE = 10.0
 _MESSAGE = Kind.MESSAGE
 _ALL = QoS(history="keep_all")
+_REPEATED = "/bpmn_"
+"""In the names of topics whose senders repeat what is not answered: deployments, reports, requests of people, and
+acknowledged signals with their answers."""
 
 
 class Fabric:
@@ -46,6 +49,7 @@ class Fabric:
         self.links: dict[tuple[str, str], Link] = {}
         self.cuts: Counter[frozenset[str]] = Counter()  # of machines
         self.delay, self.loss = 0.002, 0.0  # s at most, probability
+        self.twice = 0.0  # probability that a message of a protocol which repeats itself arrives again
         self.struck: Counter[str] = Counter()
         self.published: dict[str, list[tuple[float, str, AnyMessage]]] = {}  # topic -> (s, process, message)
 
@@ -181,6 +185,18 @@ class Link:
         waiting.append(action)
         if self.open:
             self._schedule(stream)
+
+    def twice(self, action: Callable[[], object]) -> None:
+        """A message arrives, and perhaps once more up to 3 s later: what acknowledges it was lost."""
+        action()
+        if self._chance() < self.fabric.twice:
+            delay = round(self.random.uniform(0.0, 3.0) * SECOND)
+            self.fabric.scheduler.after(delay, partial(self._again, action), _MESSAGE)
+
+    def _again(self, action: Callable[[], object]) -> None:
+        if self.open:
+            self.fabric.struck["arrived twice"] += 1
+            action()
 
     def _send_once(self, action: Callable[[], object]) -> None:
         fabric = self.fabric
@@ -428,7 +444,9 @@ class Publisher(End):
             for subscription in subscriptions:
                 subscription.enqueue(message)
         elif link := self.wire.fabric.links.get((self.wire.id, there.id)):
-            link.send((self, there), self.qos, partial(self._arrive, tuple(subscriptions), message))
+            action = partial(self._arrive, tuple(subscriptions), message)
+            repeats = self.wire.fabric.twice and _REPEATED in self.topic
+            link.send((self, there), self.qos, partial(link.twice, action) if repeats else action)
 
     def _arrive(self, subscriptions: Sequence[Subscription], message: AnyMessage) -> None:
         for subscription in subscriptions:

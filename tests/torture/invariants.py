@@ -35,6 +35,7 @@ def _judge(team: Team) -> list[str]:
         *stuck(team),
         *strangers(team),
         *order(team),
+        *alarms(team),
         *goals(team),
         *repairs(team),
     ]
@@ -178,6 +179,28 @@ def order(team: Team) -> Iterator[str]:
                     yield from _unreported(team, robot.name, counts)
                 elif len(counts) <= counts[-1] - counts[0] and not _LOSING & {step.kind for step in team.plan.steps}:
                     yield f"{robot.name} has lost counts without a cause: {counts}"
+
+
+def alarms(team: Team) -> Iterator[str]:
+    """Every second count raises one alarm of a monitor; B catches each once, and since the last fault all in order."""
+    ticks = [(time, message.data) for time, _, message in team.fabric.published.get("/tick", ())]
+    said = Counter(count for _, count in ticks)
+    raised = Counter((process, round(message.data)) for _, process, message in team.fabric.published.get("/alarm", ()))
+    for (monitor, count), number in raised.items():
+        if not count % 2 or number > said[count]:
+            yield f"{monitor} has raised {number} alarms for {count}, which was said {said[count]} times"
+    robot = team.robots["B"]
+    process = robot.engine.running if robot.engine is not None else None
+    for instance in process.engine.instances.values() if process is not None else ():
+        taken = list(instance.variables.get("alarms", ()))
+        if too_often := Counter(taken) - Counter(count for _, count in raised.elements()):
+            yield f"B has caught alarms {sorted(too_often)} more often than they were raised"
+        if max(said.values(), default=0) == 1 and not {"migrate", "repair"} & {step.kind for step in team.plan.steps}:
+            since, now = max(team.healed + 1, robot.began), taken[-1] // 1000 if taken else 0
+            late = [count for time, count in ticks if time > since and count % 2 and count // 1000 == now]
+            caught = [count for count in taken if count in late]
+            if caught and caught != late[late.index(caught[0]) : late.index(caught[-1]) + 1]:
+                yield f"B has caught {caught} of the alarms {late} since the last fault"
 
 
 _OF_THE_DISK = {"repair", *DISK_FAULTS} - {"power"}

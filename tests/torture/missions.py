@@ -19,21 +19,29 @@ def _process(id: str, elements: str, *flows: str) -> str:
     return f'<process id="{id}" isExecutable="true">{elements}{arrows}</process>'
 
 
-def _signal(tag: str, id: str, properties: str = "") -> str:
+def _signal(tag: str, id: str, properties: str = "", signal: str = "tick") -> str:
     more = f"<extensionElements><camunda:properties>{properties}</camunda:properties></extensionElements>"
-    return f'<{tag} id="{id}">{more}<signalEventDefinition signalRef="tick"/></{tag}>'
+    return f'<{tag} id="{id}">{more}<signalEventDefinition signalRef="{signal}"/></{tag}>'
 
 
-def _listening(id: str, version: int, *, breaks: bool) -> str:
+def _listening(id: str, version: int, *, breaks: bool, watched: bool) -> str:
     work = BREAKS if breaks else "pass"
+    alarmed, begun, flows = "", "", ()
+    if watched:
+        begun = "; alarms = []"
+        alarmed = _signal("intermediateCatchEvent", f"{id}watch", _ALARM, "alarm") + (
+            f'<scriptTask id="{id}note"><script>alarms = alarms + [round(alarm)]</script></scriptTask>'
+        )
+        flows = f"{id}init>{id}watch", f"{id}watch>{id}note", f"{id}note>{id}watch"
     return _process(
         id,
-        f'<startEvent id="{id}s"/><scriptTask id="{id}init"><script>version, kept, mended = {version}, [], 0</script>'
-        "</scriptTask>"
+        f'<startEvent id="{id}s"/><scriptTask id="{id}init"><script>version, kept, mended = {version}, [], 0'
+        f"{begun}</script></scriptTask>"
         + _signal("intermediateCatchEvent", f"{id}hear", '<camunda:property name="queue" value="50"/>')
         + f'<scriptTask id="{id}work"><script>{work}</script></scriptTask>'
-        + f'<scriptTask id="{id}keep"><script>kept = kept + [tick]</script></scriptTask>',
+        + f'<scriptTask id="{id}keep"><script>kept = kept + [tick]</script></scriptTask>{alarmed}',
         f"{id}s>{id}init", f"{id}init>{id}hear", f"{id}hear>{id}work", f"{id}work>{id}keep", f"{id}keep>{id}hear",
+        *flows,
     )  # fmt: skip
 
 
@@ -55,6 +63,7 @@ def _counting(version: int, payload: str, *, drives: bool) -> str:
 
 BREAKS = "if tick % 10 == 3 and not mended: raise ValueError('broken')\nmended = 0"
 """What C does with a count: now and then it fails, until a person has mended it."""
+_ALARM = '<camunda:property name="type" value="std_msgs/msg/Float64"/><camunda:property name="queue" value="50"/>'
 DRIVE = "nav2_msgs/action/NavigateToPose"
 _DRIVE = (
     '<serviceTask id="go"><extensionElements><camunda:properties><camunda:property name="action" value="/go"/>'
@@ -69,7 +78,7 @@ def text(version: int, more: str = "") -> str:
     """A counts, and says its count on `/tick`; the others keep the counts that they receive.
 
     `more`: with ``drives`` A has a goal for each count; with ``breaks`` C needs somebody now and then; with
-    ``acknowledges`` each count is acknowledged within 5 s.
+    ``acknowledges`` each count is acknowledged within 5 s; with ``watched`` B keeps the alarms of `monitor.yaml`.
     """
     payload = (
         '<camunda:property name="type" value="std_msgs/msg/Int32"/><camunda:property name="payload" value="${n}"/>'
@@ -78,11 +87,19 @@ def text(version: int, more: str = "") -> str:
         payload += '<camunda:property name="delivery" value="acknowledged"/><camunda:property name="ttl" value="5"/>'
     counting = _counting(version, payload, drives="drives" in more)
     listening = "".join(
-        _listening(f"p{name.lower()}", version, breaks=name == "C" and "breaks" in more) for name in ROBOTS[1:]
+        _listening(
+            f"p{name.lower()}",
+            version,
+            breaks=name == "C" and "breaks" in more,
+            watched=name == "B" and "watched" in more,
+        )
+        for name in ROBOTS[1:]
     )
+    alarm = '<signal id="alarm" name="alarm"/>' if "watched" in more else ""
     pools = "".join(f'<participant id="P{name}" name="{name}" processRef="p{name.lower()}"/>' for name in ROBOTS)
     return (
-        f'<definitions xmlns="{_BPMN}" xmlns:camunda="{_CAMUNDA}" targetNamespace="t"><signal id="tick" name="tick"/>'
+        f'<definitions xmlns="{_BPMN}" xmlns:camunda="{_CAMUNDA}" targetNamespace="t">'
+        f'<signal id="tick" name="tick"/>{alarm}'
         f'<collaboration id="c">{pools}</collaboration>{counting}{listening}</definitions>'
     )
 

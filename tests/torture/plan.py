@@ -67,6 +67,11 @@ KEYS = ("stranger",)
 """What strikes only teams with keys."""
 SERVER = "kill server", "stop server"
 SPLITTER = "kill splitter", "stop splitter"
+MONITOR = "kill monitor", "stop monitor", "cut monitor"
+PROGRAMS = " server", " splitter", " monitor"
+"""How the kinds of fault end that strike what runs beside the robots."""
+RARE = ("battery", "flip")
+"""Drawn twice as often as others: few of them meet what a robot has to notice (a digit of a state, a timer)."""
 DISK_FAULTS = ("power", "battery", "fuse", "full", "read-only", "flip", "erase")
 
 _OF_ROBOTS = ("kill", "stop", "match", *DISK_FAULTS)
@@ -74,8 +79,8 @@ _STAGES = ("waiting", "loading", "matching", "ready", "holding", "running")
 PHASES = (
     {f"{kind} / {stage}" for kind in _OF_ROBOTS for stage in _STAGES}
     | {f"{kind} sender / {phase}" for kind in ("kill", "stop") for phase in ("discovery", "load", "start")}
-    | {f"{kind} {target} / running" for kind in ("kill", "stop") for target in ("server", "splitter")}
-    | {f"{kind} / nothing under way" for kind in ("cut", "loss", "delay")}
+    | {f"{kind} {target} / running" for kind in ("kill", "stop") for target in ("server", "splitter", "monitor")}
+    | {f"{kind} / nothing under way" for kind in ("cut", "loss", "delay", "twice")}
 )
 """Each fault with the phases in which it has to strike some time."""
 
@@ -115,6 +120,7 @@ def draw(seed: int) -> Plan:
         for _ in range(chance.randint(1, 4)):
             step = _when(chance, moments, _fault(chance, kind, min(begun)))
             steps += _everywhere(chance, step) if kind in _OF_ROBOTS else [step]
+    steps += _added(random.Random(f"added {seed}"), moments, min(begun), durable=bool(durable))
     if signed and "splitter" in {step.kind for step in steps}:  # what is signed later has to be dated later
         steps = [step for step in steps if not (step.kind in ("clock", "drift") and step.target == DESK)]
     heal = chance.choice((12.0, 20.0, 30.0, LONG))  # many short runs try more than a few long ones
@@ -122,6 +128,15 @@ def draw(seed: int) -> Plan:
         steps.append(Step(0.0, "delay", "", [chance.choice((0.05, 0.5, 2.0)), heal]))
     sooner = [replace(step, time=_rounded(step.time * max(heal / LONG, 0.4))) for step in steps]
     return Plan(seed, tuple(sorted((step for step in sooner if step.time < heal), key=lambda step: step.time)), heal)
+
+
+def _added(chance: random.Random, moments: list[tuple[float, str]], begun: float, *, durable: bool) -> list[Step]:
+    """What is drawn from numbers of its own, so that no other draw has changed since there is more to draw."""
+    watched = chance.random() < 0.25
+    steps = [Step(0.0, "watched")] if watched else []
+    for kind in [kind for kind in ("twice", *MONITOR * watched, *RARE * durable) if chance.random() < 0.3]:
+        steps += [_when(chance, moments, _fault(chance, kind, begun)) for _ in range(chance.randint(1, 3))]
+    return steps
 
 
 def _varied(plan: Plan, seed: int, chance: random.Random) -> Plan:
@@ -179,11 +194,13 @@ def _fault(chance: random.Random, kind: str, begun: float) -> Step:
         case "battery":
             back = _rounded(chance.choice((10, 1e3, 1e5)) * chance.random())
             return Step(time, kind, chance.choice(ROBOTS), [long, back])
+        case "cut monitor":
+            return Step(time, "cut", f"{chance.choice(ROBOTS[:2])} monitor", long)
         case "fuse" | "full":
             return Step(
                 time, kind, chance.choice(ROBOTS), [chance.randrange(30) * (100 if kind == "full" else 1), long]
             )
-        case "loss":
+        case "loss" | "twice":
             return Step(time, kind, "", [_rounded(chance.uniform(0.01, 0.6)), long])
         case "delay":
             return Step(time, kind, "", [_rounded(chance.choice((0.05, 0.5, 3.0))), long])

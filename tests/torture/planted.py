@@ -14,7 +14,7 @@ from fame.deploy.envelope import Envelope
 from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.requests import TaskServer
 from fame.deploy.resumption import _PROMISE, StateKeeper
-from fame.robot import journal
+from fame.robot import acknowledged, delivery_protocol, journal
 from fame.robot.acknowledged import AcknowledgedSignals
 from fame.robot.durable import DurableRecorder
 from fame.robot.journal import Journal, StateDirectory
@@ -220,6 +220,27 @@ def _some_dropped(original: Any) -> Any:
     return on_message
 
 
+def _alarms_dropped(original: Any) -> Any:
+    """Every second alarm is lost on its way to the engine."""
+
+    def on_message(self: RobotNode, topic: str, message: Any) -> None:
+        if not topic.endswith("alarm") or message.data % 4 == 3:
+            original(self, topic, message)
+
+    return on_message
+
+
+def _signal_taken_again(original: Any) -> Any:
+    """An acknowledged signal that arrives again is taken again."""
+
+    def step(state: Any, event: Any) -> Any:
+        after, actions = original(state, event)
+        again = event.number and event.number == state.accepted.get((event.robot, event.life))
+        return after, (delivery_protocol.Accept(event.data), *actions) if again else actions
+
+    return step
+
+
 def _repair_each_time(original: Any) -> Any:
     """A request that is repeated is done again, and answered by its last result."""
 
@@ -270,6 +291,8 @@ BUGS: dict[str, Bug] = {
     "what was set aside is forgotten": (_transition, "_set_aside", _set_aside_is_dropped),
     "messages twice after a migration": (RobotNode, "forget_early", _again_after_migration),
     "a message that is dropped": (RobotNode, "on_message", _some_dropped),
+    "an alarm that is dropped": (RobotNode, "on_message", _alarms_dropped),
+    "a signal taken as often as it arrives": (acknowledged, "step_incoming", _signal_taken_again),
     "a repair done each time it is asked": (TaskServer, "_on_request", _repair_each_time),
     "a sequence compared wrongly": (Envelope, "order", _sequence_reversed),
     "a robot that does not report": (EngineNode, "_on_loaded", _nothing),

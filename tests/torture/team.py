@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import math
 import re
 import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +31,15 @@ from fame.errors import ConfigError, DeploymentError, FameError
 from fame.log.engine_log import EngineLog
 from fame.middleware import messages
 from fame.middleware.actions import ActionServer, ServerGoal
+from fame.monitor.pipeline.configuration import Configuration, load
+from fame.monitor.pipeline.node import ProcessingNode
 from fame.robot import Event
 from fame.robot.journal import StateDirectory
 
 from .disks import PowerLoss
 from .fabric import Fabric, Wire
 from .missions import DRIVE, ROBOTS, mission, text
-from .plan import DESK, DISK_FAULTS, SPLITTERS, Plan, Step
+from .plan import DESK, DISK_FAULTS, PROGRAMS, SPLITTERS, Plan, Step
 from .processes import Machine, Process, Timeline
 
 STRANGER = 66
@@ -46,6 +49,15 @@ QUIET = 60.0
 REST = 6.0
 """How long nothing is under way before a team is at rest (s): longer than what is silent is waited for, and than
 signals wait for those who acknowledge them."""
+
+
+_HELPERS = {"drives": "server", "watched": "monitor"}
+"""The program beside the robots that a mission needs for what it has."""
+
+
+@cache
+def _monitor() -> Configuration:
+    return load(Path(__file__).parent / "monitor.yaml")
 
 
 @dataclass
@@ -72,6 +84,7 @@ class Robot:
     durable: bool = False
     spoilt: bool = False  # whether its state was lost, or rot
     fresh: bool = False  # whether a person has put its old state aside
+    began: float = 0.0  # when its process began (s)
 
 
 @dataclass
@@ -132,6 +145,9 @@ class Team:
         self.programs["server"] = Program(
             "server", Machine("server", self.scheduler, self.plan.seed), self._begin_server
         )
+        self.programs["monitor"] = Program(
+            "monitor", Machine("monitor", self.scheduler, self.plan.seed), self._begin_monitor
+        )
         self.goals: list[tuple[str, int]] = []  # (process of the server, count), as they were accepted
         self.expired = Counter[str]()  # signals that were not acknowledged, by receiver
         self.unserved = 0  # how often the server was not there
@@ -142,7 +158,7 @@ class Team:
         self._recordings: list[EngineLog] = []
         self._away = 1.0  # how long a machine without power is away (s)
         self._ahead: list[Entry] = []  # what comes from outside: steps, and what ends them
-        self._healed = False
+        self.healed = math.inf  # when all faults have ended (s)
         self._rested = 0.0  # for how long nothing has been under way (s)
         self._told = 0  # how many lines there were then
 
@@ -154,9 +170,9 @@ class Team:
             action = partial(self._armed.append, step) if step.on else partial(self._do, step)
             self._later(step.time, action)
         self._later(self.plan.heal, self._heal)
-        while not self._healed:
+        while self.healed == math.inf:
             self.pass_time(1)
-            if self._rested >= REST and not self._healed:
+            if self._rested >= REST and self.healed == math.inf:
                 self._skip()
         self.come_to_rest(QUIET)
 
@@ -225,16 +241,16 @@ class Team:
                 self.deploy(step.value, migrates=step.kind == "migrate")
             case "diagram":
                 self.publish_diagram(step.value)
-            case "drives" | "breaks" | "acknowledges":
+            case "drives" | "breaks" | "acknowledges" | "watched":
                 self.more = f"{self.more}{step.kind} "
-                if step.kind == "drives":
-                    self._start(self.programs["server"])
+                if step.kind in _HELPERS:
+                    self._start(self.programs[_HELPERS[step.kind]])
             case "splitter":
                 self._start(self.programs[step.target])
             case "repair":
                 return self.repair(self.robots[step.target], step.value)
-            case "kill server" | "stop server" | "kill splitter" | "stop splitter":
-                return self._strike_program(self.programs[step.target or "server"], step.kind[:4], step.value)
+            case kind if kind.endswith(PROGRAMS):
+                return self._strike_program(self._program(step), step.kind[:4], step.value)
             case "keys":
                 self.key = self._private("team")
             case "stranger":
@@ -266,9 +282,9 @@ class Team:
                 one, other = step.target.split()
                 self.fabric.cut(one, other)
                 self._later(step.value, partial(self.fabric.cut, one, other, heal=True))
-            case "loss":
-                self.fabric.loss = step.value[0]
-                self._later(step.value[1], partial(setattr, self.fabric, "loss", 0.0))
+            case "loss" | "twice":
+                setattr(self.fabric, step.kind, step.value[0])
+                self._later(step.value[1], partial(setattr, self.fabric, step.kind, 0.0))
             case "delay":
                 self.fabric.delay = step.value[0]
                 self._later(step.value[1], partial(setattr, self.fabric, "delay", 0.002))
@@ -297,10 +313,14 @@ class Team:
             candidate = engine._protocol.state.candidate
             stage = engine.state if candidate is None else "holding" if candidate.holds else candidate.stage
             return f"{step.kind} / {stage}"
-        if step.kind.endswith((" server", " splitter")):
-            return f"{step.kind} / {'running' if self.programs[step.target or 'server'].process else 'absent'}"
+        if step.kind.endswith(PROGRAMS):
+            return f"{step.kind} / {'absent' if self._program(step).process is None else 'running'}"
         running = [one.deployment for one in self.senders if one.alive and one.deployment is not None]
         return f"{step.kind} / {running[-1]._protocol.state.phase if running else 'nothing under way'}"
+
+    def _program(self, step: Step) -> Program:
+        """What a step strikes beside the robots."""
+        return self.programs[step.target or step.kind.partition(" ")[2]]
 
     def _later(self, seconds: float, action: Callable[[], object]) -> None:
         self._at(self.scheduler.now + round(seconds * SECOND), action)
@@ -312,14 +332,14 @@ class Team:
     def _heal(self) -> None:
         """No fault from now on: every link is whole, every process runs."""
         self.note("heal")
-        self._healed = True
+        self.healed = self.scheduler.now / SECOND
         self._armed.clear()
         for machine in (*self.machines.values(), *(program.machine for program in self.programs.values())):
             if self.key is not None:  # what is signed is refused where clocks differ
                 machine.ahead = machine.drift = 0.0
             machine.disk.fuse = machine.disk.room = None
             machine.disk.trouble = 0
-        self.fabric.loss, self.fabric.delay = 0.0, 0.002
+        self.fabric.loss, self.fabric.twice, self.fabric.delay = 0.0, 0.0, 0.002
         for pair, count in list(self.fabric.cuts.items()):
             for _ in range(count):
                 self.fabric.cut(*pair, heal=True)
@@ -379,6 +399,10 @@ class Team:
 
         return ActionServer(wire.node("base"), "/go", DRIVE, go, lambda goal: goal.end("canceled", {}))
 
+    def _begin_monitor(self, process: Process, wire: Wire) -> ProcessingNode:
+        """``fame monitor process``: an alarm for every second count."""
+        return ProcessingNode(wire, process, _monitor(), report=lambda text: self.note(f"{process.name}: {text}"))
+
     def _on_error(self, process: Process, error: Exception | PowerLoss) -> None:
         """An error has left the main loop of a process: it ends, as one without a handler would."""
         self.note(f"{process.name} ends: {type(error).__name__}: {error}")
@@ -405,6 +429,7 @@ class Team:
         if robot.process is not None:
             return
         robot.process, robot.wire = self._process(robot.name, robot.machine)
+        robot.began = self.scheduler.now / SECOND
         self.note(f"{robot.process.name} begins")
         robot.process.soon(partial(self._begin_engine, robot, robot.process, robot.wire))
 
