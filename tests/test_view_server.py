@@ -192,6 +192,7 @@ COMPLETE = {"do": "complete", "robot": "REX", "element": "Hand_Over"}
         ("nurse", COMPLETE, ""),
         ("technician", COMPLETE, "Hand_Over is a task of nurse, not of ann (technician)"),
         ("technician", {**COMPLETE, "element": "Anything"}, ""),
+        ("nurse", {**COMPLETE, "do": "take_over"}, "ann (nurse) may only complete tasks"),
         ("nurse", {**COMPLETE, "do": "retry"}, "ann (nurse) may only complete tasks"),
         ("nurse", {**COMPLETE, "do": "skip", "who": "the boss"}, "ann (nurse) may only complete tasks"),
     ],
@@ -204,7 +205,8 @@ def test_a_person_completes_the_tasks_of_their_role_and_does_nothing_else(
         assert server.addresses[ann] != server.address
         status, _, content = ask(server, "/control", "POST", token=ann.token, body=json.dumps(command))
     assert (status, json.loads(content).get("error", "")) == (409 if refused else 200, refused)
-    assert source.commands == ([] if refused else [{**command, "who": f"ann ({role})"}])
+    note = {"do": "note", "robot": "REX", "text": f"{command['do']} refused: {refused}, asked for"}
+    assert source.commands == [{**(note if refused else command), "who": f"ann ({role})"}]  # a refusal is recorded
 
 
 def test_the_page_of_a_person_says_who_it_is_for_and_the_other_one_names_nobody() -> None:

@@ -375,6 +375,52 @@ def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> No
     field.close()
 
 
+def test_with_control_a_robot_is_taken_over_steered_and_given_back() -> None:
+    field = Field(WallScheduler(), control=True)
+    field.engine("REX")
+    twists: list[Any] = []
+    outside = field.middleware.node("base")
+    outside.subscription("/REX/cmd_vel_manual", "geometry_msgs/msg/Twist", twists.append)
+    field.run(1)
+    field.deploy("REX")
+    field.run(2)
+    said: list[Any] = []
+    asked = {"robot": "REX", "lease": "1", "who": "ann"}
+    commands = [
+        {"do": "take_over", **asked},
+        {"do": "steer", **asked, "speed": 0.4, "turn": -1},
+        {"do": "steer", **asked, "lease": "2", "speed": 9, "turn": 0},
+        {"do": "take_over", **asked, "who": "bob", "lease": "2"},
+        {"do": "note", "robot": "REX", "text": "take_over refused, asked for", "who": "eve"},
+        {"do": "continue", **asked},
+        {"do": "steer", **asked, "speed": 1, "turn": 0},
+    ]  # fmt: skip
+
+    def ask() -> None:
+        for command in commands:
+            try:
+                said.append(field.view.control(command))
+            except FameError as error:
+                said.append(str(error))
+        field.scheduler.stop()
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    field.run(20)
+    thread.join(10)
+    field.run(1)
+    not_held = "this page does not steer REX: take over first"
+    assert said == [
+        {"said": "REX: taken over", "steers": True}, {}, not_held,
+        "REX refused: REX: ann (unverified) steers it; fame suspend stops it", {"said": "REX: noted"},
+        {"said": "REX: continued"}, not_held,
+    ]  # fmt: skip
+    assert [(twist.linear.x, twist.angular.z) for twist in twists] == [(0.4, -1.0)]
+    told = [str(detail) for block in field.view._packer.blocks for detail in block.details.values()]
+    assert "take_over refused, asked for by eve (unverified)" in told
+    field.close()
+
+
 def test_people_retry_set_and_move_with_the_buttons_of_the_page(chromium: Browser) -> None:
     field = Field(WallScheduler(), control=True)
     field.engines.append(

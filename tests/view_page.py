@@ -17,18 +17,24 @@ READY = "!!(window.fame && fame.mission.kind && fame.mission.reading >= 1 && fam
 
 @contextmanager
 def opened(
-    browser: Browser, source: PageSource, *, tab: str = "diagram", blocked: bool = False, **options: Any
+    browser: Browser,
+    source: PageSource,
+    *,
+    tab: str = "diagram",
+    blocked: bool = False,
+    refused: bool = False,
+    **options: Any,
 ) -> Iterator[Page]:
     """A page with everything loaded, at a tab. Fails if the page had an error or loaded something from elsewhere.
 
-    `blocked`: that its policy has blocked a script of a drawing is no error.
+    `blocked`: that its policy has blocked a script of a drawing is no error; `refused`: nor is a refused command.
     """
     with Server(source) as server:
         context = browser.new_context(viewport={"width": 1280, "height": 720}, reduced_motion="reduce", **options)
         context.add_init_script(f"sessionStorage.getItem('fame-tab') ?? sessionStorage.setItem('fame-tab', '{tab}')")
         page, wrong = context.new_page(), []
         page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda message: wrong.append(message.text) if _is_error(message, blocked) else None)
+        page.on("console", lambda message: wrong.append(message.text) if _is_error(message, blocked, refused) else None)
         page.on("request", lambda one: None if server.address[:17] in one.url else wrong.append(one.url))
         page.goto(server.address)
         until(page, READY)
@@ -36,7 +42,7 @@ def opened(
             yield page
         finally:
             context.close()
-    assert not wrong
+    assert not wrong, wrong
 
 
 def until(page: Page, condition: str, seconds: float = 60.0) -> Any:
@@ -77,8 +83,9 @@ _ATTEMPT = """(condition) => {
 }"""
 
 
-def _is_error(message: Any, blocked: bool) -> bool:
-    return message.type == "error" and not (blocked and message.text.startswith(_BLOCKED))
+def _is_error(message: Any, blocked: bool, refused: bool) -> bool:
+    expected = (blocked and message.text.startswith(_BLOCKED)) or (refused and "409 (Conflict)" in message.text)
+    return message.type == "error" and not expected
 
 
 def eventually(condition: Callable[[], Any], seconds: float = 60.0) -> Any:

@@ -66,6 +66,12 @@ class Suspension:
         self._expiry = self._node.scheduler.after(LEASE, self._expire, Kind.TIMER)
         self._publish_lock(True)
 
+    def check_steers(self, who: str, lease: str) -> None:
+        """Raise MissionError unless a person steers, by this lease."""
+        self._check_holder(who, lease)
+        if not self.holder:
+            raise MissionError(f"{who} does not steer it: take over first", robot=self._node.name)
+
     def go_on(self, who: str, lease: str = "") -> None:
         """Let the mission continue. Raises MissionError if no person has suspended it, or another one steers."""
         self._check_continues(who, lease)

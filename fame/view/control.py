@@ -18,14 +18,16 @@ from fame.bpmn.topics import EMPTY_TYPE
 from fame.clock import SECOND
 from fame.errors import FameError, MessageError, MissionError
 from fame.middleware import messages
-from fame.middleware.interface import resolve
+from fame.middleware.interface import Publisher, resolve
 from fame.robot import Event, RobotNode
 from fame.scenario import Fault
 from fame.scenario.run import Run
 from fame.text import read_json
+from fame.view.steering import MANUAL, TWIST, twist_of
 
 COMMANDS = (
     "pause", "resume", "step", "speed", "breakpoint", "complete", "retry", "skip", "move", "signal", "set", "fault",
+    "take_over", "steer", "suspend", "continue", "restart", "fail", "note",
 )  # fmt: skip
 AT_ONCE = 0.0
 """The speed of a run that does not follow the wall clock."""
@@ -60,6 +62,7 @@ class RunControl:
         self._changed = threading.Condition()
         self._origin: tuple[float, int] | None = None
         self._run: Run | None = None
+        self._hands: dict[str, Publisher] = {}  # with which people steer
 
     # ---- the run -----------------------------------------------------------------------------------------------------
 
@@ -213,6 +216,45 @@ class RunControl:
         _node(run, command["robot"]).move(element, to, who=_who(command))
         return f"The token goes on at {to}."
 
+    def _do_take_over(self, run: Run, command: _Command) -> str:
+        node = _node(run, command["robot"])
+        begins = not node.suspension.holder
+        node.suspension.take_over(_who(command), str(command["lease"]))
+        if begins:
+            self.speed, self._origin = 1.0, None  # a person steers by the wall clock
+        return f"{node.name} is taken over."
+
+    def _do_steer(self, run: Run, command: _Command) -> str:
+        node = _node(run, command["robot"])
+        node.suspension.check_steers(_who(command), str(command["lease"]))
+        if node.name not in self._hands:
+            topic = resolve(MANUAL, node.namespace)
+            self._hands[node.name] = run.middleware.node("outside").publisher(topic, TWIST)
+        self._hands[node.name].publish(twist_of(command))
+        return ""
+
+    def _do_suspend(self, run: Run, command: _Command) -> str:
+        _node(run, command["robot"]).suspension.suspend(_who(command))
+        return "The mission is suspended."
+
+    def _do_continue(self, run: Run, command: _Command) -> str:
+        _node(run, command["robot"]).suspension.go_on(_who(command), str(command.get("lease", "")))
+        return "The mission continues."
+
+    def _do_restart(self, run: Run, command: _Command) -> str:
+        element = str(command["element"])
+        _node(run, command["robot"]).restart(element, who=_who(command))
+        return f"{element} begins again."
+
+    def _do_fail(self, run: Run, command: _Command) -> str:
+        element = str(command["element"])
+        _node(run, command["robot"]).fail(element, str(command.get("lease", "")), who=_who(command))
+        return f"{element} has failed."
+
+    def _do_note(self, run: Run, command: _Command) -> str:
+        _node(run, command["robot"]).note(str(command.get("element", "")), f"{command['text']} by {_who(command)}")
+        return ""
+
     def _do_signal(self, run: Run, command: _Command) -> str:
         topic = str(command["topic"])
         node = _node(run, command["robot"]) if topic.startswith("~") else run.nodes[0]
@@ -258,6 +300,12 @@ def faults_of(run: Run) -> list[tuple[str, str]]:
         for node in run.nodes
         for kind in ("engine", *(bodies[node.name].FAULTS if node.name in bodies else ()))
     ]
+
+
+def can_be_steered(run: Run, robot: str) -> bool:
+    """Whether a simulated robot drives or flies by velocity commands."""
+    body = run.world.robots.get(robot) if run.world is not None else None
+    return body is not None and any(command.topic == "cmd_vel" for command in body.SAFE_STATE)
 
 
 def _node(run: Run, robot: str) -> RobotNode:

@@ -17,7 +17,7 @@ from fame.log.recorder import Recorder
 from fame.scenario import Scenario
 from fame.scenario.run import Run
 from fame.view.catalogue import Catalogue
-from fame.view.control import COMMANDS, RunControl, faults_of
+from fame.view.control import COMMANDS, RunControl, can_be_steered, faults_of
 from fame.view.mission import Chip, mission_json
 from fame.view.sink import PageSink
 
@@ -126,7 +126,10 @@ class LiveRun(PageSink):
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if self._ended:
             raise FameError(self._failure or "the run is over")
-        return {"said": self.control_of_run.ask(command)}
+        said = self.control_of_run.ask(command)
+        if command["do"] != "take_over" or self._run is None:
+            return {"said": said}
+        return {"said": said, "steers": can_be_steered(self._run, str(command["robot"]))}
 
 
 class SameRun:

@@ -274,9 +274,15 @@ def _routes(source: PageSource) -> Starlette:
 
     def obey(command: Mapping[str, Any], person: Person | None) -> Mapping[str, Any]:
         """Carry out a command of the page of a person, or of the page that may do everything."""
-        if person is not None:
-            person.check(command, source.tasks(str(command.get("element", ""))))
         who = {"who": str(person)} if person is not None else {}
+        if person is not None:
+            try:
+                person.check(command, source.tasks(str(command.get("element", ""))))
+            except FameError as error:
+                with suppress(Exception):  # of a page without control, or an unknown robot
+                    text = f"{command.get('do')} refused: {error}, asked for"
+                    source.control({"do": "note", "robot": command.get("robot"), "text": text} | who)
+                raise
         return source.control({name: value for name, value in command.items() if name != "who"} | who)
 
     async def post(request: Request) -> Response:

@@ -1,36 +1,37 @@
 """The page of a team on the network: the events that its engines publish, as blocks.
 
 Robots may come and go; one that says nothing for some seconds is lost. With control, the page completes and activates
-tasks, retries and skips elements, sets variables and moves tokens, as `fame complete` and the others do; each robot
-decides whether it obeys.
+tasks, repairs what robots run, suspends and steers them, as `fame complete` and the others do; each robot decides
+whether it obeys.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, InvalidStateError, TimeoutError as NoAnswer
 from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 from uuid import uuid4
 
 from fame.bpmn.reader import read
 from fame.clock import SECOND, Scheduler
 from fame.closing import Closing
 from fame.deploy import STATUS_QOS, STRING, Report
-from fame.deploy.requests import TaskClient, TaskRequest
+from fame.deploy.requests import ACTS, TaskClient, TaskRequest
 from fame.errors import FameError, ModelError
 from fame.log.live_judge import LiveJudge
 from fame.log.team_recorder import TeamRecorder
-from fame.middleware.interface import AnyMessage, Middleware, QoS
+from fame.middleware.interface import AnyMessage, Middleware, Publisher, QoS, resolve
 from fame.text import read_json
 from fame.view.catalogue import Catalogue
 from fame.view.mission import mission_json, place_of
 from fame.view.sink import PageSink
+from fame.view.steering import MANUAL, TWIST, twist_of
 
+_T = TypeVar("_T")
 _ANSWER = 5.0
 """Seconds that a robot has to answer a command."""
-_ACTS = ("complete", "activate", "retry", "skip", "set", "move")
 _SILENCE = 5 * SECOND
 """After how long without a status a robot is lost (ns)."""
 _BATTERY = "sensor_msgs/msg/BatteryState"
@@ -64,6 +65,8 @@ class TeamView(PageSink, Closing):
         self._heard: dict[
             str, tuple[int, int]
         ] = {}  # robot -> when its last status came, and the time of the page then
+        self._leases: dict[str, str] = {}  # robot -> lease of the page that steers it
+        self._hands: dict[str, Publisher] = {}  # with which pages have steered robots
         self._charges: dict[str, float] = {}  # of the batteries that are watched, as told last
         self._recorder = TeamRecorder(
             middleware,
@@ -152,7 +155,7 @@ class TeamView(PageSink, Closing):
                 ],
                 blocks=packer.index(),
                 end=packer.end,
-                control=list(_ACTS) if self._control else [],
+                control=[*ACTS, "steer"] if self._control else [],
                 messages=True,
                 empty=[
                     "No robot on the network yet",
@@ -175,12 +178,42 @@ class TeamView(PageSink, Closing):
         if not self._control:
             raise FameError("this page only shows the team: fame view --control lets it control robots")
         act, robot = command.get("do"), str(command.get("robot", ""))
-        if act not in _ACTS or robot not in self._packer.robots:
-            raise FameError(f"expected one of {', '.join(_ACTS)} and the name of a robot, got {act!r} of {robot!r}")
-        report = self._send(robot, _request(str(act), command))
+        if act not in (*ACTS, "steer") or robot not in self._packer.robots:
+            raise FameError(f"expected one of {', '.join(ACTS)} and the name of a robot, got {act!r} of {robot!r}")
+        if act == "steer":
+            return self._steer(robot, command)
+        request = _request(str(act), command)
+        report = self._send(robot, request)
+        if report.answer == "refused" or act in ("suspend", "continue", "fail"):
+            self._leases = {name: lease for name, lease in self._leases.items() if lease != request.lease}
         if report.answer == "refused":
             raise FameError(f"{robot} refused: {report.reason}")
-        return {"said": f"{robot}: {report.answer}"}
+        said = {"said": f"{robot}: {report.answer}"}
+        if act != "take_over":
+            return said
+        self._leases[robot] = request.lease
+        return said | {"steers": self._call(lambda: self._hand(robot))}
+
+    def _hand(self, robot: str) -> bool:
+        """Make what a robot is steered with; whether the robot listens to that."""
+        topic = resolve(MANUAL, robot)
+        if robot not in self._hands:
+            self._hands[robot] = self._node.publisher(topic, TWIST)
+        return any(info.name == topic and info.subscribers for info in self._middleware.graph())
+
+    def _steer(self, robot: str, command: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Publish what a person who has taken a robot over wants it to do."""
+        if not command.get("lease") or self._leases.get(robot) != command["lease"]:
+            raise FameError(f"this page does not steer {robot}: take over first")
+        twist = twist_of(command)
+        self._scheduler.soon(lambda: self._hands[robot].publish(twist))
+        return {}
+
+    def _call(self, action: Callable[[], _T]) -> _T:
+        """Call something in the thread of the scheduler."""
+        answer: Future[_T] = Future()
+        self._scheduler.soon(lambda: answer.set_result(action()))
+        return answer.result(_ANSWER)
 
     def _send(self, robot: str, request: TaskRequest) -> Report:
         """The answer of a robot to a request."""
@@ -211,16 +244,19 @@ def _request(act: str, command: Mapping[str, Any]) -> TaskRequest:
         values = read_json(text)
     except ValueError:
         raise FameError(f"expected values as JSON, got {text!r}") from None
-    element, to, who = str(command.get("element", "")), str(command.get("to", "")), str(command.get("who") or "a page")
+    element, to, lease = (str(command.get(name, "")) for name in ("element", "to", "lease"))
+    who = str(command.get("who") or "a page")
     if act == "set":
         if not command.get("name"):
             raise FameError("expected the name of a variable")
         return TaskRequest(id=uuid4().hex, act=act, element="", values={str(command["name"]): values}, who=who)
+    if act == "note":
+        to = str(command.get("text", ""))
     if not isinstance(values, dict):
         raise FameError('expected values as a JSON object, as {"approved": true}')
     if act == "move" and not to:
         raise FameError("expected the element that the token moves to")
-    return TaskRequest(id=uuid4().hex, act=act, element=element, values=values, to=to, who=who)
+    return TaskRequest(id=uuid4().hex, act=act, element=element, values=values, to=to, who=who, lease=lease)
 
 
 def _close(clients: list[TaskClient]) -> None:

@@ -40,6 +40,7 @@ export class Acts {
       parts.push(button(asks ? "Complete …" : "Complete", () => this.complete(r, wait, asks), "strong"), asks ? null : button("With results …", () => this.complete(r, wait, true)));
     }
     if ((incident || task) && this.can("skip")) parts.push(button("Skip", () => this.send(r, "skip", { element: element.id })));
+    if (incident && this.can("take_over")) parts.push(button("Take over", () => this.app.steer.takeOver(r)));
     if (this.can("move")) parts.push(button("Move …", () => this.move(r, wait)));
     return parts.length ? h("div", { cls: "row acts" }, parts) : null;
   }

@@ -6,6 +6,7 @@ import { Control } from "./control.js";
 import { Diagram } from "./diagram.js";
 import { Inspector } from "./inspector.js";
 import { Player } from "./player.js";
+import { Steer } from "./steer.js";
 import { Store, TAKE } from "./store.js";
 import { Tabs } from "./tabs.js";
 import { Team } from "./team.js";
@@ -29,6 +30,7 @@ class App {
     this.player = new Player(this);
     this.control = new Control(byId("controls"), this);
     this.acts = new Acts(this);
+    this.steer = new Steer(byId("steer"), this);
     this.tabs = new Tabs(byId("tabs"), this);
     this.team = new Team(byId("team"), byId("needs"), this);
     this.diagram = new Diagram(byId("diagram"), this);
@@ -343,6 +345,7 @@ class App {
     this.frames = (this.frames ?? 0) + 1;
     if (this.mission.kind === "model") this.selected.element = this.mission.elements[this.selected.element] ? this.selected.element : -1;
     this.team.update(this.state, time);
+    this.steer.update(this.state);
     if (this.state !== null) {
       if (this.tabs.shows("map")) this.drawWorld(time);
       if (this.tabs.shows("diagram")) this.diagram.update(this.state, this.player.playing);

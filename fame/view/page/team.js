@@ -6,7 +6,8 @@ import { FAIL, REPORT } from "./store.js";
 
 const PAUSE = 150; // ms between two pictures of the table
 const SIGNS = { incident: "alert", lost: "off", failed: "alert", waiting: "person", suspended: "pause", running: "play", idle: "minus", completed: "check", cancelled: "close" };
-const HEADS = ["Robot", "State", "Doing", "Since", "Battery", "Open task", "Last message lost"];
+const HEADS = ["Robot", "State", "Doing", "Since", "Battery", "Open task", "Last message lost", ""];
+const HELD = new Set(["incident", "waiting", "suspended", "running"]);
 const WANTED = new Set(["incident", "lost", "failed", "waiting"]);
 
 /** A duration in whole seconds, minutes or hours, as people read it. */
@@ -33,7 +34,7 @@ export class Team {
 
   update(state, time) {
     const now = performance.now(), { app } = this;
-    const key = [time, app.store.version, app.controlKey(), document.documentElement.dataset.theme, app.mission.robots.length, app.tabs.key].join();
+    const key = [time, app.store.version, app.controlKey(), document.documentElement.dataset.theme, app.mission.robots.length, app.tabs.key, app.steer.held?.lease].join();
     if (key === this.key || state === null) return;
     if (now - this.last < (this.pause ?? PAUSE)) {
       app.soon(PAUSE);
@@ -74,7 +75,8 @@ export class Team {
       cell("since", known ? ago(time - row.since) : ""),
       cell("battery", this.battery(row.battery)),
       cell("open", open ? nameOf(this.app, open.e) : ""),
-      cell("missed", row.missed ? [nameOf(this.app, row.missed.e), h("small", null, `${ago(time - row.missed.time)} ago`)] : ""));
+      cell("missed", row.missed ? [nameOf(this.app, row.missed.e), h("small", null, `${ago(time - row.missed.time)} ago`)] : ""),
+      cell("hand", this.app.acts.can("take_over") && HELD.has(row.state) && this.app.steer.held?.r !== row.r ? h("button", { cls: "text", title: `Suspend the mission of ${row.name}, and steer it`, onclick: () => this.app.steer.takeOver(row.r) }, "Take over") : ""));
   }
 
   swatch(r) {
