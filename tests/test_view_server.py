@@ -14,7 +14,7 @@ import pytest
 from fame.bpmn.model import Human
 from fame.errors import ConfigError, FameError
 from fame.view import Server
-from fame.view.people import Person
+from fame.view.people import TAKE_OVER, Person
 
 
 class OneRobot:
@@ -207,6 +207,17 @@ def test_a_person_completes_the_tasks_of_their_role_and_does_nothing_else(
     assert (status, json.loads(content).get("error", "")) == (409 if refused else 200, refused)
     note = {"do": "note", "robot": "REX", "text": f"{command['do']} refused: {refused}, asked for"}
     assert source.commands == [{**(note if refused else command), "who": f"ann ({role})"}]  # a refusal is recorded
+
+
+def test_people_of_a_role_that_may_take_robots_over_do_nothing_else_besides() -> None:
+    source, bob = OneRobot(), Person("bob", "technician", TAKE_OVER)
+    take, move = ({"do": act, "robot": "REX", "lease": "1"} for act in ("take_over", "move"))
+    with Server(source, people=[bob]) as server:
+        for command in (take, move):
+            _, _, content = ask(server, "/control", "POST", token=bob.token, body=json.dumps(command))
+    assert json.loads(content)["error"] == "bob (technician) may only complete tasks and take robots over"
+    assert [command["do"] for command in source.commands] == ["take_over", "note"]
+    assert source.commands[0] == {**take, "who": "bob (technician)"}
 
 
 def test_the_page_of_a_person_says_who_it_is_for_and_the_other_one_names_nobody() -> None:

@@ -60,7 +60,7 @@ def add(commands: Commands) -> None:
         "--robot", action="append", default=[], metavar="NAME", help="team: show this robot only; repeatable"
     )
     parser.add_argument(
-        "--control", action="store_true", help="team: allow the page to complete tasks, retry, skip, set and move"
+        "--control", action="store_true", help="team: let the page complete tasks, repair missions and take robots over"
     )
     add_key(parser, "sign the requests of --control")
     add_properties(parser)
@@ -79,6 +79,10 @@ def add_page(parser: Parser) -> None:
     parser.add_argument(
         "--as", action="append", default=[], type=_person, metavar="USER:ROLE",
         help="print one more address, where USER can only complete tasks for USER, ROLE or anybody; repeatable",
+    )  # fmt: skip
+    parser.add_argument(
+        "--take-over", action="append", default=[], metavar="ROLE",
+        help="people of this ROLE (--as) may also take robots over, from their own address; repeatable",
     )  # fmt: skip
 
 
@@ -172,9 +176,12 @@ def viewed(arguments: Namespace, scenario: Scenario) -> Iterator[LiveRun | None]
 def _serving(source: PageSource, arguments: Namespace) -> Iterator[None]:
     """Serve the page of a source. Print its address, and open it in the browser unless told not to."""
     from fame.view import Server
-    from fame.view.people import Person
+    from fame.view.people import TAKE_OVER, Person
 
-    people = [Person(user, role) for user, role in vars(arguments)["as"]]
+    may = dict.fromkeys(arguments.take_over, TAKE_OVER)
+    if missing := may.keys() - {role for _, role in vars(arguments)["as"]}:
+        raise ConfigError(f"--take-over {min(missing)}: no --as gives anybody this role")
+    people = [Person(user, role, may.get(role, ())) for user, role in vars(arguments)["as"]]
     with Server(source, host=arguments.host, port=arguments.port, people=people) as server:
         print(server.address, flush=True)
         for person, address in server.addresses.items():

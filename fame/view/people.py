@@ -1,4 +1,4 @@
-"""People with an address of their own: each may complete the tasks that are theirs, and nothing else."""
+"""People with an address of their own: each may complete the tasks that are theirs; some may take robots over, too."""
 
 from __future__ import annotations
 
@@ -10,13 +10,17 @@ from typing import Any
 from fame.bpmn.model import Human
 from fame.errors import FameError
 
+TAKE_OVER = ("take_over", "steer", "suspend", "continue", "restart", "skip", "fail")
+"""What somebody may do who takes robots over."""
+
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """Somebody with a role, and the secret of their address."""
+    """Somebody with a role, what they may do besides completing tasks, and the secret of their address."""
 
     user: str
     role: str
+    acts: tuple[str, ...] = ()
     token: str = field(default_factory=lambda: secrets.token_urlsafe(18), repr=False)
 
     def __str__(self) -> str:
@@ -32,8 +36,10 @@ class Person:
 
     def check(self, command: Mapping[str, Any], tasks: Iterable[Human]) -> None:
         """Raise FameError for a command that they may not give. `tasks`: all that have the id of its element."""
+        if command.get("do") in self.acts:
+            return
         if command.get("do") != "complete":
-            raise FameError(f"{self} may only complete tasks")
+            raise FameError(f"{self} may only complete tasks{' and take robots over' if self.acts else ''}")
         for task in tasks:
             if not self.may_complete(task):
                 theirs = ", ".join((*task.users, *task.groups))

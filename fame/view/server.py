@@ -76,8 +76,8 @@ class PageSource(Protocol):
 class Server(Closing):
     """The page of a `source` at a free port of `host`, or `port`, served by a thread until it is closed.
 
-    `people` have addresses of their own: there they can only complete tasks that are theirs. Raises ConfigError for a
-    port that is not free.
+    `people` have addresses of their own: there they can only do what is theirs (`Person.check`). Raises ConfigError
+    for a port that is not free.
     """
 
     source: PageSource
@@ -268,7 +268,7 @@ def _routes(source: PageSource) -> Starlette:
     async def mission(request: Request) -> Response:
         found, person = dict(await asyncio.to_thread(source.mission)), request.scope["person"]
         if person is not None:
-            theirs = [act for act in found.get("control", ()) if act == "complete"]
+            theirs = [act for act in found.get("control", ()) if act in ("complete", *person.acts)]
             found |= {"person": person.to_json(), "control": theirs}
         return Response(json_bytes(found), 200, _HEADERS, "application/json")
 
