@@ -114,7 +114,8 @@ def test_the_workflow_of_a_new_project_runs_commands_that_exist() -> None:
 def test_an_example_is_copied_with_all_that_it_needs(example: Path, folder: Path, monkeypatch) -> None:
     assert main(["new", "--from", "example", example.stem]) == 0
     copied = folder / example.stem
-    own = {f"examples/{example.name}", f"models/{example.stem}.bpmn"} & files(ROOT / "examples" / ".." / ".")
+    named = f"examples/{example.name}", f"models/{example.stem}.bpmn"
+    own = {name for name in named if (ROOT / name).is_file()}
     assert own <= files(copied)
     monkeypatch.chdir(copied)
     assert main(["check"]) == 0
