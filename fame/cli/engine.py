@@ -108,6 +108,10 @@ def _add_storage(parser: ArgumentParser) -> None:
         help="write recordings to this folder; the last 10 files of about 50 MB are kept (fame log merge)",
     )  # fmt: skip
     parser.add_argument(
+        "--diagnostics", action="store_true",
+        help="publish the state of the mission on /diagnostics (diagnostic_msgs), once a second",
+    )  # fmt: skip
+    parser.add_argument(
         "--fame-dt", action="store_true", help="publish every step on /fame_dt, for the viewer of the original FaMe"
     )
 
@@ -216,6 +220,7 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
             state=state,
             seed=arguments.seed,
             hold_errors=arguments.on_error == "hold",
+            diagnostics=arguments.diagnostics,
         )
         engine = EngineNode(arguments.name, scheduler=scheduler, middleware=middleware, options=options)
         if time is not None:

@@ -21,6 +21,7 @@ from fame.deploy.envelope import (
     STRING,
     Envelope,
     Problem,
+    Report,
     engines,
     read_envelope,
 )
@@ -169,6 +170,7 @@ class EngineNode:
             node=self.node,
             scheduler=self.scheduler,
             warnings=self.warn,
+            on_report=self._diagnostics(),
         )
         self._process.on_dropped = lambda warning: self.status.publish(
             "refused", reason=str(warning), cause=warning.kind
@@ -181,6 +183,14 @@ class EngineNode:
         self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
         self._resume()
         self.status.begin()
+
+    def _diagnostics(self) -> Callable[[Report], object]:
+        """What publishes reports on ``/diagnostics``, if somebody wants it."""
+        if not self._options.diagnostics:
+            return lambda report: None
+        from fame.deploy.diagnostics import DiagnosticsPublisher
+
+        return DiagnosticsPublisher(self.node, self._wall_time)
 
     @property
     def state(self) -> str:

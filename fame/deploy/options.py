@@ -37,6 +37,7 @@ class EngineOptions(RobotOptions):
     state      keeps the mission on disk: what was running when the engine before ended goes on
     seed       of the random numbers, by default and after a resumption a new one, which recordings contain
     log        takes what live views get, with and without subscribers
+    diagnostics     publish reports on ``/diagnostics``, too
     """
 
     library: Library | None = None
@@ -49,6 +50,7 @@ class EngineOptions(RobotOptions):
     state: StateDirectory | None = None
     seed: int | None = None
     log: FeedLog | None = None
+    diagnostics: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

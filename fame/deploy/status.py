@@ -111,7 +111,7 @@ class StatusPublisher:
     to its own status: of two engines with one name the younger leaves, unless it runs something. Where keys are used
     (`trusted`) reports are signed by `identity`, and only an engine that proves its name ends another.
     `on_refusal` gets reason, deployment (empty if it is not an answer) and cause of each refusal; `note` gets other
-    texts.
+    texts, `on_report` each report without an answer.
     Refusals without a waiting sender are reported once a second for each cause.
     """
 
@@ -130,7 +130,9 @@ class StatusPublisher:
         identity: Identity | None = None,
         trusted: Sequence[Any] = (),
         wall_time: Callable[[], float] = time.time,
+        on_report: Callable[[Report], object] = lambda report: None,
     ) -> None:
+        self._on_report = on_report
         self._identity, self._trusted, self._wall_time, self._note = identity, trusted, wall_time, note
         self._key = identity.key if identity is not None else ""
         self._met_others: set[str] = set()
@@ -195,6 +197,8 @@ class StatusPublisher:
             voucher=self._identity.voucher if self._identity is not None else "",
             **self._progress(),
         )
+        if not answer:
+            self._on_report(report)
         key = self._identity.private if self._identity is not None else None
         self._out.publish(messages.create(STRING, report.to_json(key)))
 

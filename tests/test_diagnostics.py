@@ -1,0 +1,97 @@
+"""What an engine publishes on /diagnostics: a status of its mission with a level, and what it says when."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from deployment_field import definitions, process
+from domains import PROCESSES
+from middleware_contract import needs
+
+from fame import deploy
+from fame.clock import SECOND, Scheduler
+from fame.deploy import EngineNode
+from fame.deploy.diagnostics import ERROR, OK, TYPE, WARN
+from fame.deploy.options import EngineOptions
+from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
+
+ROOT = Path(__file__).parent.parent
+WAITS = definitions(process("p", '<startEvent id="s"/><userTask id="ask" name="Ask Ann"/>', ("s", "ask")))
+FAILS = definitions(
+    process("p", '<startEvent id="s"/><scriptTask id="bad"><script>1 / 0</script></scriptTask>', ("s", "bad"))
+)
+
+
+class Robot:
+    """An engine that publishes diagnostics, and what somebody hears of them."""
+
+    def __init__(self, *, hold_errors: bool = False) -> None:
+        self.scheduler = Scheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        options = EngineOptions(diagnostics=True, wall_time=lambda: 1000.5, hold_errors=hold_errors)
+        self.engine = EngineNode("REX", scheduler=self.scheduler, middleware=self.middleware, options=options)
+        self.person = self.middleware.node("person")
+        self.heard: list = []
+        self.person.subscription("/diagnostics", TYPE, self.heard.append)
+
+    def run(self, model: str = "") -> tuple[int, str, dict[str, str]]:
+        """Level, message and values of the last status after three seconds, of a model if there is one."""
+        if model:
+            publisher = self.person.publisher("/REX/bpmn_process", deploy.STRING)
+            publisher.publish(messages.create(deploy.STRING, model))
+        self.scheduler.run(self.scheduler.now + 3 * SECOND)
+        (status,) = self.heard[-1].status
+        assert (status.name, status.hardware_id) == ("REX: mission", "REX")
+        return status.level, status.message, {pair.key: pair.value for pair in status.values}
+
+
+def test_once_a_second_it_says_what_a_mission_waits_for() -> None:
+    robot = Robot()
+    assert robot.run()[:2] == (OK, "waiting")
+    assert len(robot.heard) == 3
+    level, message, values = robot.run(WAITS)
+    assert (level, message) == (OK, "running")
+    assert (values["state"], values["instances"]) == ("running", "1")
+    assert values['waits at "Ask Ann" (ask)'].endswith(", for 3 s")
+    assert (robot.heard[-1].header.stamp.sec, robot.heard[-1].header.stamp.nanosec) == (1000, 500_000_000)
+
+
+@pytest.mark.parametrize(("hold_errors", "state"), [(False, "failed"), (True, "incident")])
+def test_an_error_is_one(hold_errors: bool, state: str) -> None:
+    level, message, values = Robot(hold_errors=hold_errors).run(FAILS)
+    assert (level, values["state"]) == (ERROR, state)
+    assert "division by zero" in message
+
+
+def test_a_mission_that_somebody_suspends_is_a_warning_with_the_name() -> None:
+    robot = Robot()
+    robot.run(WAITS)
+    assert robot.engine.running is not None
+    robot.engine.running.suspension.suspend("ann")
+    assert robot.run()[:2] == (WARN, "suspended by ann")
+
+
+@pytest.mark.ros
+@pytest.mark.processes
+@needs("rclpy")
+@needs("cyclonedds")
+@pytest.mark.skipif(shutil.which("ros2") is None, reason="ROS 2 is not sourced")
+def test_ros2_sees_the_topic_with_its_type() -> None:
+    environment = os.environ | {"ROS_DOMAIN_ID": str(PROCESSES), "PYTHONPATH": os.pathsep.join((str(ROOT), *sys.path))}
+    words = [sys.executable, "-m", "fame", "engine", "REX", "--diagnostics"]
+    with subprocess.Popen(words, env=environment, stderr=subprocess.PIPE, text=True) as engine:
+        assert engine.stderr is not None
+        try:
+            assert "waits for its process" in engine.stderr.readline()
+            listed = ["ros2", "topic", "list", "-t", "--no-daemon", "--spin-time", "2"]  # echo needs the package itself
+            done = subprocess.run(listed, env=environment, capture_output=True, text=True, timeout=60, check=False)
+        finally:
+            engine.send_signal(signal.SIGTERM)
+    assert "/diagnostics [diagnostic_msgs/msg/DiagnosticArray]" in done.stdout, done
