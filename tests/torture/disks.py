@@ -68,13 +68,14 @@ class Disk:
         self._owners.clear()
 
     def flip(self) -> bool:
-        """Flip a bit in one of the files, half the time so that a digit stays one. Returns whether there was a file."""
+        """Flip bits in one of the files, half the time so that digits stay digits. Returns whether there was a file."""
         files = [node for path, node in self._files.items() if node.data and path.name != "lock"]
         if not files:
             return False
         data = self._random.choice(files).data
         digits = [place for place, byte in enumerate(data) if byte in b"01234567"] * (self._random.random() < 0.5)
-        data[self._random.choice(digits or range(len(data)))] ^= 1 << self._random.randrange(3 if digits else 8)
+        for _ in range(self._random.randint(1, 4)):
+            data[self._random.choice(digits or range(len(data)))] ^= 1 << self._random.randrange(3 if digits else 8)
         return True
 
     def erase(self) -> None:
