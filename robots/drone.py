@@ -243,8 +243,13 @@ class Drone:
         return self._flight.pose
 
     @property
+    def altitude(self) -> float:
+        """How high it is above the ground, m."""
+        return self._flight.altitude
+
+    @property
     def appearance(self) -> Appearance:
-        altitude = self._flight.altitude
+        altitude = self.altitude
         return Appearance(self.pose, altitude, footprint=self._camera.radius(altitude), charge=self._battery.charge)
 
     @property

@@ -166,6 +166,7 @@ class Vehicle:
     SAFE_STATE: ClassVar[tuple[TopicCommand, ...]] = (STOP,)
     SAFE_SUSPENDED: ClassVar[tuple[TopicCommand, ...]] = SAFE_STATE
     FAULTS: ClassVar[tuple[str, ...]] = ("range", "wheels")
+    altitude: ClassVar[float] = 0.0
 
     def __init__(self, config: RobotConfig, world: RobotWorld) -> None:
         p: VehicleParameters = config.parameters

@@ -67,6 +67,7 @@ class RunJudge(Observer):
         self._reads: dict[str, list[Source]] = {}
         self._changed: set[str] = set()
         self._recordings: list[Put] = []
+        self._seen: dict[str, tuple[float, float, float]] = {}
 
     def begin(self, middleware: LocalMiddleware, world: World | None) -> None:
         """Compile the properties, and sample what they read. Raises ConfigError for an unknown name in one."""
@@ -146,9 +147,14 @@ class RunJudge(Observer):
 
     def look(self) -> None:
         """Sample the positions of robots."""
+        now = self._middleware.scheduler.now
+        self.judge.advance(now)
         for robot in self._bodies if self._world is not None else ():
-            (x, y, _), altitude = self._world.robots[robot].appearance[:2]  # type: ignore[union-attr]
-            self.judge.sample(self._world.scheduler.now, Source("pose", robot), pose(x, y, altitude))  # type: ignore[union-attr]
+            body: Any = self._world.robots[robot]  # type: ignore[union-attr]
+            (x, y, _), altitude = (body.pose, body.altitude) if hasattr(body, "altitude") else body.appearance[:2]
+            if self._seen.get(robot) != (x, y, altitude):
+                self._seen[robot] = x, y, altitude
+                self.judge.sample(now, Source("pose", robot), pose(x, y, altitude))
 
     def judgements(self) -> list[Judgement]:
         """The judgements now, as if this instant were over."""
