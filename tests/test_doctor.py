@@ -100,6 +100,18 @@ def test_a_broken_file_of_types_is_wrong(tmp_path: Path) -> None:
     assert done.returncode == 1
 
 
+@pytest.mark.dds
+def test_a_wrong_request_is_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--router", "10.0.0.7"]) == 2
+    assert "need --middleware zenoh" in capsys.readouterr().err
+
+
+def test_with_wrong_keys_robots_are_not_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--trust", str(tmp_path / "team.pub"), "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)["findings"]
+    assert [each["verdict"] for each in found if each["check"] in ("keys", "robots")] == ["wrong", "not known"]
+
+
 # ---- the team --------------------------------------------------------------------------------------------------------
 
 

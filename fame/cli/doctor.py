@@ -28,7 +28,7 @@ from fame.cli.arguments import (
 )
 from fame.cli.network import add_network, connected, wait_until
 from fame.cli.output import print_json
-from fame.errors import NOT_KNOWN, FameError
+from fame.errors import NOT_KNOWN, FameError, UnavailableError
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -105,14 +105,18 @@ def examine(arguments: Namespace) -> Iterator[Finding]:
     yield from packages(arguments.middleware)
     yield clock()
     yield from network(arguments)
-    yield from keys(arguments)
+    of_keys = list(keys(arguments))
+    yield from of_keys
     yield from types(arguments)
     if arguments.state is not None:
         yield folder(arguments.state)
+    if any(finding.verdict == "wrong" for finding in of_keys):
+        yield Finding("robots", "not known", "not asked, as the keys are wrong")
+        return
     try:
         with connected(arguments) as (scheduler, middleware):
             yield from _Team(arguments, scheduler, middleware).findings()
-    except FameError as error:
+    except UnavailableError as error:
         yield Finding("robots", "not known", f"no connection: {error}")
 
 
