@@ -119,7 +119,9 @@ class Recording(Closing):
             schema.name: schema.data.decode() for schema in index.schemas.values() if schema.encoding == "ros2msg"
         }
         self.start = min((chunk.start for chunk in self._chunks), default=0)
-        self.end = max((chunk.end for chunk in self._chunks), default=0)
+        said = str(self.metadata.get("end", ""))  # of a run, which may end long after the last message
+        ended = int(said) if said.isascii() and said.isdecimal() and len(said) < 20 else 0
+        self.end = max([ended, *(chunk.end for chunk in self._chunks)])
         self._keep_chunks()
         last = self.state(self.end)
         self.robots = sorted(last.robots)
