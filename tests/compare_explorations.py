@@ -4,7 +4,8 @@ A model is explored, and run by real engines with several draws of what the expl
 failures. No run may come to what the exploration has not found (a deadlock, an uncaught error), nor enter what it calls
 unreachable. Each run that it reports, played by real engines, has to end in the reported state. The full search has to
 find the same as the reduced one. Properties made at random are proved or refuted by both alike, and no run violates one
-that is proved.
+that is proved. ``--draws 1000`` looks at the properties alone, with so many runs of each model: nothing that a run
+violates is proved, and the run of each refutation, played by real engines, violates the property.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -27,8 +28,9 @@ from collaborations import text_of, varied
 import fame
 from fame.check.explore import Exploration, Finding
 from fame.check.explore.findings import FAILING
+from fame.check.explore.trace import Step
 from fame.engine.canonical import stimuli
-from fame.properties import Judge, Vocabulary, compile, parse, vocabulary_of
+from fame.properties import Judge, Property, Vocabulary, compile, parse, vocabulary_of
 from fame.properties.sentence import NOWHERE
 from fame.robot.events import Event
 from fame.robot.node import RobotNode
@@ -191,6 +193,16 @@ def sentences(seed: int, names: Vocabulary) -> Iterator[str]:
         yield pattern.format(event(), event(), event())
 
 
+def played(text: str, made: Property, names: Vocabulary, run: Sequence[Step], folder: Path) -> str:
+    """Why the run of a refutation does not violate the property, "" if it does."""
+    judge = Judge([compile(made, names)])
+    with closing(play(MissionByHand(scenario_of(text), folder, lenient=True), run)) as mission:
+        for event in mission.trace.steps:
+            judge.event(event.time, event.robot, event.element, event.what, event.detail)
+        (found,) = judge.finish(10**15, complete=True)
+        return "" if found.verdict == "violated" else f"{made.name} is refuted, its run: {found} {mission.skipped}"
+
+
 def judged_differently(seed: int, draws: int = DRAWS) -> tuple[int, list[str]]:
     """How many properties of a model the exploration knows, and where the full search or a run says otherwise."""
     robots, options = varied(seed)
@@ -215,6 +227,9 @@ def judged_differently(seed: int, draws: int = DRAWS) -> tuple[int, list[str]]:
             found += [f"draw {draw}: {one} is {one.verdict}, and a run: {other}"
                       for one, other in zip(reduced.properties, judgements, strict=True)
                       if other.verdict == "violated" and one.verdict in ("proved", "not triggered")]  # fmt: skip
+    refuted = [(one, made) for one, made in zip(reduced.properties, given, strict=True) if one.verdict == "refuted"]
+    with tempfile.TemporaryDirectory() as folder:
+        found += filter(None, (played(text, made, names, one.run, Path(folder)) for one, made in refuted))
     known = sum(one.verdict in ("proved", "refuted") for one in reduced.properties)
     return known, [f"seed {seed}: {one}" for one in found]
 
@@ -244,8 +259,20 @@ def main() -> int:
     parser.add_argument("--models", type=int, default=500)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument(
+        "--draws", type=int, default=0, metavar="N", help="the properties alone, with N runs of a model"
+    )
     arguments = parser.parse_args()
     seeds, whole, bad = range(arguments.first, arguments.first + arguments.models), 0, 0
+    if arguments.draws:
+        with ProcessPoolExecutor(arguments.jobs) as pool:
+            for known, found in pool.map(judged_differently, seeds, repeat(arguments.draws)):
+                whole, bad = whole + known, bad + bool(found)
+                print(*found, sep="\n", end="\n" if found else "", flush=True)
+        print(
+            f"{arguments.models} models, {arguments.draws} runs each: {whole} properties are known, {bad} models differ"
+        )
+        return int(bad > 0)
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(arguments.jobs) as pool:
         for exhaustive, found in pool.map(compare, seeds, repeat(Path(folder))):
             whole, bad = whole + exhaustive, bad + bool(found)
