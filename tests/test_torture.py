@@ -10,7 +10,8 @@ import pytest
 from fame.log import Recording
 from tests.torture.__main__ import outcome
 from tests.torture.invariants import judge
-from tests.torture.plan import Plan, draw
+from tests.torture.missions import ROBOTS
+from tests.torture.plan import Plan, Step, draw
 from tests.torture.planted import planted
 from tests.torture.team import Team
 
@@ -42,6 +43,12 @@ def test_a_run_is_recorded_without_being_changed_and_byte_for_byte_the_same_agai
     assert first == second
     with Recording(sorted(folders[0].glob("A-*.mcap"))[0]) as recording:
         assert {event.robot for event in recording.events()} == {"A"}
+
+
+def test_what_runs_beside_the_robots_is_struck_while_it_runs() -> None:
+    steps = [Step(0.0, "watched"), Step(0.0, "drives"), *(Step(0.1, "start", robot) for robot in ROBOTS)]
+    steps += [Step(3.0, "kill monitor", "", 1.0), Step(3.0, "kill server", "", 1.0)]
+    assert {"kill monitor / running", "kill server / running"} <= set(outcome(Plan(1, tuple(steps), heal=5.0))[1])
 
 
 @pytest.mark.parametrize(
