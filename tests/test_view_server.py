@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import json
 import socket
+import ssl
 from collections.abc import Iterator, Mapping
-from http.client import HTTPConnection
+from datetime import datetime
+from http.client import HTTPConnection, HTTPSConnection
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
+from urllib.request import urlopen
 
 import pytest
 
@@ -179,6 +183,50 @@ def test_commands_are_bounded(server: Server, body: str, expected: int) -> None:
     assert status == expected
     assert json.loads(content)["error"]
     assert server.source.commands == []  # type: ignore[attr-defined]
+
+
+# ---- encrypted -------------------------------------------------------------------------------------------------------
+
+
+def certificate(folder: Path) -> tuple[Path, Path]:
+    """A certificate of 127.0.0.1 that nobody else has signed, and its private key."""
+    x509 = pytest.importorskip("cryptography.x509")
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    key, name = ec.generate_private_key(ec.SECP256R1()), x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "x")])
+    there = x509.SubjectAlternativeName([x509.IPAddress(ip_address("127.0.0.1"))])
+    made = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key())
+    made = made.serial_number(1).not_valid_before(datetime(2020, 1, 1)).not_valid_after(datetime(2090, 1, 1))
+    signed = made.add_extension(there, critical=False).sign(key, hashes.SHA256())
+    encoding, none = serialization.Encoding.PEM, serialization.NoEncryption()
+    (folder / "page.crt").write_bytes(signed.public_bytes(encoding))
+    (folder / "page.pem").write_bytes(key.private_bytes(encoding, serialization.PrivateFormat.PKCS8, none))
+    return folder / "page.crt", folder / "page.pem"
+
+
+def test_with_a_certificate_the_page_is_encrypted_and_answers_only_its_encrypted_self(tmp_path: Path) -> None:
+    files = certificate(tmp_path)
+    with Server(OneRobot(), tls=files) as server:
+        assert server.address.startswith("https://127.0.0.1:")
+        context = ssl.create_default_context(cafile=str(files[0]))
+        with urlopen(f"{server.address}page/fame.webmanifest", context=context) as answer:
+            assert json.loads(answer.read())["start_url"] == "../"
+        statuses = []
+        for scheme in ("https", "http"):
+            origin = {"Origin": f"{scheme}://127.0.0.1:{server.port}"}
+            connection = HTTPSConnection("127.0.0.1", server.port, timeout=10, context=context)
+            connection.request("POST", f"/{server.token}/control", json.dumps(COMPLETE), origin)
+            statuses.append(connection.getresponse().status)
+            connection.close()
+        assert statuses == [200, 403]
+
+
+def test_files_that_are_no_certificate_with_its_key_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "page.crt").write_text("nothing")
+    for key in ("page.crt", "missing.pem"):
+        with pytest.raises(ConfigError, match="--tls: expected a certificate and its private key"):
+            Server(OneRobot(), tls=(tmp_path / "page.crt", tmp_path / key))
 
 
 # ---- people with an address of their own -----------------------------------------------------------------------------

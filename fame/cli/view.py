@@ -70,10 +70,13 @@ def add(commands: Commands) -> None:
 
 
 def add_page(parser: Parser) -> None:
-    """``--port``, ``--host``, ``--no-open``."""
+    """``--port``, ``--host``, ``--tls``, ``--no-open``, and who may use the page."""
     parser.add_argument("--port", type=_port, default=0, metavar="N", help="port of the page (any free one)")
     parser.add_argument(
         "--host", default="127.0.0.1", metavar="ADDRESS", help="address of the page (127.0.0.1: from this machine only)"
+    )
+    parser.add_argument(
+        "--tls", nargs=2, type=Path, metavar=("CERT", "KEY"), help="encrypt the page (https) with these PEM files"
     )
     parser.add_argument("--no-open", action="store_true", help="do not open the browser")
     parser.add_argument(
@@ -181,8 +184,9 @@ def _serving(source: PageSource, arguments: Namespace) -> Iterator[None]:
     may = dict.fromkeys(arguments.take_over, TAKE_OVER)
     if missing := may.keys() - {role for _, role in vars(arguments)["as"]}:
         raise ConfigError(f"--take-over {min(missing)}: no --as gives anybody this role")
+    tls = (arguments.tls[0], arguments.tls[1]) if arguments.tls else None
     people = [Person(user, role, may.get(role, ())) for user, role in vars(arguments)["as"]]
-    with Server(source, host=arguments.host, port=arguments.port, people=people) as server:
+    with Server(source, host=arguments.host, port=arguments.port, people=people, tls=tls) as server:
         print(server.address, flush=True)
         for person, address in server.addresses.items():
             print(f"{person}: {address}", flush=True)
@@ -220,7 +224,7 @@ def _in_a_process(arguments: Namespace, time: int, agreed: Sequence[str]) -> str
     from subprocess import PIPE, Popen
 
     words = ["view", str(arguments.subject), "--branch", repr(time / SECOND), "--no-open", *agreed]
-    words += ["--host", arguments.host]
+    words += ["--host", arguments.host, *(("--tls", *map(str, arguments.tls)) if arguments.tls else ())]
     process = Popen([sys.executable, "-m", "fame", *words], stdout=PIPE, stderr=PIPE, text=True)
     assert process.stdout is not None
     assert process.stderr is not None

@@ -40,10 +40,16 @@ POLL = 0.04
 """Seconds between two looks at what is new, for each page."""
 LONGEST = 1_000_000
 """Bytes of a command, at most."""
-_KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_KINDS = {
+    ".webmanifest": "application/manifest+json",
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".svg": "image/svg+xml",
+}
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
@@ -76,6 +82,7 @@ class PageSource(Protocol):
 class Server(Closing):
     """The page of a `source` at a free port of `host`, or `port`, served by a thread until it is closed.
 
+    `tls`: files of a certificate and its private key, with which the page is encrypted.
     `people` have addresses of their own: there they can only do what is theirs (`Person.check`). Raises ConfigError
     for a port that is not free.
     """
@@ -87,10 +94,19 @@ class Server(Closing):
     socket: socket.socket
 
     def __init__(
-        self, source: PageSource, *, host: str = LOOPBACK, port: int = 0, people: Sequence[Person] = ()
+        self,
+        source: PageSource,
+        *,
+        host: str = LOOPBACK,
+        port: int = 0,
+        people: Sequence[Person] = (),
+        tls: tuple[Path, Path] | None = None,
     ) -> None:
         require("starlette")
         require("uvicorn")
+        self._tls = tls
+        if tls is not None:
+            _check_certificate(*tls)
         self.source, self.token, self.people = source, secrets.token_urlsafe(18), tuple(people)
         self.socket = _bound(host, port)
         self.host, self.port = host, self.socket.getsockname()[1]
@@ -109,7 +125,7 @@ class Server(Closing):
         return {person: self._address(person.token) for person in self.people}
 
     def _address(self, token: str) -> str:
-        return f"http://{_in_address(self.host)}:{self.port}/{token}/"
+        return f"http{'s' if self._tls else ''}://{_in_address(self.host)}:{self.port}/{token}/"
 
     def _made(self) -> uvicorn.Server:
         import uvicorn
@@ -117,6 +133,8 @@ class Server(Closing):
         config = uvicorn.Config(
             self.app(), log_level="error", lifespan="off", ws="websockets-sansio", timeout_graceful_shutdown=1
         )
+        if self._tls is not None:
+            config.ssl_certfile, config.ssl_keyfile = map(str, self._tls)
         return uvicorn.Server(config)
 
     def _serve(self) -> None:
@@ -131,7 +149,18 @@ class Server(Closing):
     def app(self) -> ASGIApp:
         """The application, behind its guard."""
         tokens = {self.token: None, **{person.token: person for person in self.people}}
-        return _Guard(_routes(self.source), tokens, self.host, self.port)
+        return _Guard(_routes(self.source), tokens, self.host, self.port, "https" if self._tls else "http")
+
+
+def _check_certificate(certificate: Path, key: Path) -> None:
+    """Raise ConfigError for files that are no certificate with its private key."""
+    import ssl
+
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password=lambda: "")
+    except OSError as error:  # SSLError is one, too
+        text = f"expected a certificate and its private key without a password (PEM), {certificate} and {key}"
+        raise ConfigError(f"--tls: {text}: {error.strerror or error}") from None
 
 
 def _bound(host: str, port: int) -> socket.socket:
@@ -160,8 +189,8 @@ def _in_address(host: str) -> str:
 class _Guard:
     """Accepts requests that have the token, name this host, and come from this page or from no page."""
 
-    def __init__(self, app: ASGIApp, tokens: Mapping[str, Person | None], host: str, port: int) -> None:
-        self._app, self._tokens, self._port = app, tokens, port
+    def __init__(self, app: ASGIApp, tokens: Mapping[str, Person | None], host: str, port: int, scheme: str) -> None:
+        self._app, self._tokens, self._port, self._scheme = app, tokens, port, scheme
         self._names = {host.lower(), *(("localhost", LOOPBACK, "::1") if _is_loopback(host) else ())}
         self._any_name = host in ("0.0.0.0", "::")
 
@@ -191,9 +220,10 @@ class _Guard:
         needs_origin = scope["type"] == "websocket" or scope.get("method") not in ("GET", "HEAD")
         if origin is None and needs_origin and b"sec-fetch-site" in headers:
             return 403
-        if origin is not None and (urlsplit(origin).scheme != "http" or not self._is_here(urlsplit(origin).netloc)):
+        parts = urlsplit(origin or "")
+        if origin is not None and (parts.scheme != self._scheme or not self._is_here(parts.netloc)):
             return 403
-        if origin is not None and urlsplit(origin).netloc.lower() != headers[b"host"].lower():
+        if origin is not None and parts.netloc.lower() != headers[b"host"].lower():
             return 403
         given = _token_of(scope).encode()
         return 0 if sum(secrets.compare_digest(given, token.encode()) for token in self._tokens) else 404
@@ -202,7 +232,7 @@ class _Guard:
         """Whether an address names this server: a page of another name that resolves to this host does not."""
         try:
             parts = urlsplit(f"//{netloc}")
-            name, port = (parts.hostname or "").lower(), parts.port or 80
+            name, port = (parts.hostname or "").lower(), parts.port or (443 if self._scheme == "https" else 80)
         except ValueError:
             return False
         return port == self._port and (name in self._names or (self._any_name and _is_number(name)))

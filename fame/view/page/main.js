@@ -152,7 +152,7 @@ class App {
   /** What comes while the page is open. */
   listen() {
     const address = new URL("live", base);
-    address.protocol = "ws:";
+    address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(address);
     socket.onmessage = ({ data }) => this.news(JSON.parse(data));
     socket.onclose = () => {
