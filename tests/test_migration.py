@@ -37,7 +37,7 @@ import fame
 from fame.deploy.migration import plan_of, read_plan
 from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
-from fame.robot.take_over import go_on_after, take_over, timers_of, what_becomes
+from fame.robot.state_transfer import go_on_after, timers_of, transfer_state, what_becomes
 
 
 class Migrated:
@@ -51,7 +51,7 @@ class Migrated:
         self.node = self.simulation.node
         old.node.hold()
         timers = timers_of(old.node)
-        self.tokens = take_over(self.node, old.node, plan_of(plan or {}))
+        self.tokens = transfer_state(self.node, old.node, plan_of(plan or {}))
         go_on_after(self.node, timers)
         self.simulation.run(old.simulation.now)
 

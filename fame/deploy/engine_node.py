@@ -27,7 +27,7 @@ from fame.deploy.envelope import (
 )
 from fame.deploy.loading import LEAVING, LoadedCandidate, LoadingTask, Work, load
 from fame.deploy.machine import ProtocolMachine, unexpected
-from fame.deploy.migration import Foreseen, foresee, take_over
+from fame.deploy.migration import Foreseen, foresee, migrate_robot
 from fame.deploy.options import EngineOptions
 from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.requests import TaskRequest, TaskServer
@@ -419,7 +419,7 @@ class EngineNode:
         forced = ", whatever the exploration finds (--force)" if envelope.plan.get("forced") else ""
         text = f"migrated from model {before[:12]} to {envelope.hash[:12]} by {self._verifier.sender(envelope)}{forced}"
         try:
-            return take_over(candidate.process, self.running, envelope.plan, text)
+            return migrate_robot(candidate.process, self.running, envelope.plan, text)
         except Exception as error:  # as somebody has moved a token since it was found to fit: others have started
             self._note(f"starts from the beginning: {error}")
             return candidate.process.start

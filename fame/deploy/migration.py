@@ -90,7 +90,7 @@ class Foreseen:
     hash    of the model that it runs
     tokens  each token, and what becomes of it
     gone    elements without a token now that have no counterpart: a token that comes there would be blocked
-    state   the state in the new program, as `fame.robot.take_over.what_becomes` gives it; empty if a token is blocked
+    state   the state in the new program, as `fame.robot.state_transfer.what_becomes` gives it; empty if one is blocked
             or if it is too large to be sent
     """
 
@@ -126,7 +126,7 @@ class Foreseen:
 
 def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) -> Foreseen:
     """What would become of what runs (`old`, of the model with this hash) in a loaded process."""
-    from fame.robot.take_over import gone_elements, what_becomes
+    from fame.robot.state_transfer import gone_elements, what_becomes
 
     parsed = plan_of(plan)
     tokens, state = what_becomes(new, old, parsed)
@@ -137,15 +137,15 @@ def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) 
     return Foreseen(hash, tokens, gone, (state or {}) if sent else {})
 
 
-def take_over(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], text: str) -> Callable[[], object]:
+def migrate_robot(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], text: str) -> Callable[[], object]:
     """Give a loaded process the state of what runs, which is held. Returns what lets it go on, and reports the `text`.
 
     Raises MissionError if the state does not fit.
     """
-    from fame.robot.take_over import go_on_after, take_over, timers_of
+    from fame.robot.state_transfer import go_on_after, timers_of, transfer_state
 
     timers = timers_of(old)
-    tokens = take_over(new, old, plan_of(plan))
+    tokens = transfer_state(new, old, plan_of(plan))
     changed = ", ".join(map(str, tokens)) or "no token"
 
     def go_on() -> None:

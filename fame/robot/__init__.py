@@ -20,7 +20,7 @@ plain_values    variables as plain data, for these changes
 durable         durable execution: records, effects, resumption
 journal         the file of these records
 state_tables    the state of an engine as data; stored_values: values of its variables
-take_over       transfer the state of an old process to a new one
+state_transfer  transfer the state of an old process to a new one
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ def _short(value: Any) -> Any:
     return value if len(text) <= _LONG and not is_deep(text, _DEEP) else {"$object": None}
 
 
-def take_over(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[MigratedToken]:
+def transfer_state(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[MigratedToken]:
     """Give a loaded process the state of the old one, which is held. Nothing moves until `go_on_after`.
 
     Raises MissionError if a token cannot go over; then nothing has changed.
