@@ -1,27 +1,29 @@
-"""What properties cost: a step of a monitor, and a run of the farm with twenty of them.
+"""What properties cost: a step of a monitor, a run of the farm with twenty of them, and states of explorations.
 
     python benchmarks/properties.py [--runs 3]
 
-Times are CPU seconds of this process, the least of several runs, so that other load counts little. Numbers of function
-calls do not depend on it at all.
+Times are CPU seconds of this process, the least of several runs, so that other load counts little.
 """
 
 from __future__ import annotations
 
 import argparse
-import cProfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from statistics import median
 
-from fame.properties import Judge, Monitor, compile, parse
+from fame.properties import Judge, Monitor, compile, parse, vocabulary_of
 from fame.properties.monitor import OPENS, OTHER
 from fame.scenario import Scenario
+from fame.scenario.exploration import cast_of, explore
 from fame.scenario.judging import team_vocabulary
 
 ROOT = Path(__file__).parent.parent
 STEPS = 100_000
+MISSIONS = ("ground_vehicles", "agriculture", "agriculture_resilient", "convoy", "delivery", "shuttle", "reassembly",
+            "sabotage")  # fmt: skip
 SENTENCES = (
     'after Drone throws /weed_found, some Tractor starts "Go To" within 12 s',
     'after Drone throws /weed_found, some Tractor completes "Cut Grass" within 120 s',
@@ -44,13 +46,6 @@ def least(runs: int, action: Callable[[], object]) -> float:
         action()
         times.append(time.process_time() - begun)
     return min(times)
-
-
-def calls(action: Callable[[], object]) -> int:
-    """How many functions an action calls."""
-    profile = cProfile.Profile()
-    profile.runcall(action)
-    return sum(one.callcount for one in profile.getstats())
 
 
 def step_cost(monitor: Monitor, runs: int) -> None:
@@ -77,6 +72,29 @@ def step_cost(monitor: Monitor, runs: int) -> None:
     )
 
 
+def states(name: str) -> float:
+    """Print how many states a mission has without and with three properties of a pool; gives their ratio."""
+    model = ROOT / "examples" / f"{name}.yaml"
+    definitions, library, cast = cast_of(model, {}, ())
+    names = vocabulary_of(definitions, library, cast)
+    robot, first, second = next(
+        (robot, *own[:2]) for robot in cast
+        if len(own := [one for one in names.robots[robot].own if one.startswith("Activity")]) > 1
+    )  # fmt: skip
+    who = cast[robot].name if cast[robot].name in names.pools else robot
+    given = [
+        parse(text.format(who=who, first=first, second=second), name=text)
+        for text in (
+            "{who} starts {second} each time only after {who} completes {first}",
+            "never {who} starts {second} before {who} completes {first}",
+            "{who} completes {first} at most 3 times",
+        )
+    ]
+    few, many = (explore(model, delivery="run", properties=one).states for one in ([], given))
+    print(f"{name}: {few:,} states, with 3 properties {many:,}")
+    return many / few
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -93,8 +111,7 @@ def main() -> None:
              for _ in range(runs)]  # fmt: skip
     without, judged_run = (min(times) for times in zip(*pairs, strict=True))
     print(f"agriculture: {without:.2f} s, with 20 properties {judged_run:.2f} s: {judged_run / without - 1:+.1%}")
-    few, many = (calls(lambda one=one: one.run(observer=ignore)) for one in (plain, twenty))
-    print(f"agriculture: {few:,} function calls, with 20 properties {many:,}: {many / few - 1:+.1%}")
+    print(f"states: {median(map(states, MISSIONS)):.2f} times as many (median)")
 
 
 if __name__ == "__main__":
