@@ -250,6 +250,30 @@ def test_a_mission_that_may_deadlock_is_not_deployed(broken: Path, capsys: pytes
     assert "not deployed: lost signal: A waits at" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("sentence", "code", "text"),
+    [
+        ("never B starts", 1, "not deployed: property order is refuted"),
+        ("after A starts, B starts within 5 s", 0, "it is not known whether order may be violated"),
+        ("never A completes before A starts", 0, "all states explored"),
+    ],
+)
+def test_a_mission_that_violates_a_property_beside_it_is_not_deployed(
+    sentence: str,
+    code: int,
+    text: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model, field = written(tmp_path / "m.bpmn", {"A": ["work", "throw go"], "B": ["start go", "work"]}), Field("A", "B")
+    (tmp_path / "m.properties.yaml").write_text(f"properties:\n  order: {sentence}\n")
+    monkeypatch.setattr(deployment, "connected", lambda _: nullcontext((field.scheduler, field.middleware)))
+    assert main(["deploy", "--explore", model, "--wait", "1"]) == code
+    assert text in capsys.readouterr().err
+    assert any(one.deployment for one in field.said) is not bool(code)
+
+
 @pytest.mark.parametrize(("robots", "code"), [(["F_4", "F_7"], 0), (["F_4"], 1)])
 def test_a_deployment_explores_the_robots_that_it_finds(
     robots: list[str], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -68,7 +68,7 @@ def add_deploy(commands: Commands) -> None:
     parser.add_argument(
         "--explore", action="store_true",
         help="first explore its reachable states (fame check --explore) with the robots that were found; send nothing "
-        "after an error",
+        "after an error, or if a property beside the model is refuted",
     )  # fmt: skip
     parser.add_argument(
         "--allow-partial", action="store_true",
@@ -136,7 +136,8 @@ def run_deploy(arguments: Namespace) -> int:
 
 
 def _refuse_unexplored(definitions: Definitions, library: Library, found: Mapping[str, Pool], *, partial: bool) -> None:
-    """Raise DeploymentError for a mission that may deadlock or never complete, or may after a `partial` search.
+    """Raise DeploymentError for a mission that may deadlock, never complete or violate a property, or may after a
+    `partial` search.
 
     The robots are those that were `found`; a pool without one has as many as `fame check --explore` takes.
     """
@@ -144,12 +145,13 @@ def _refuse_unexplored(definitions: Definitions, library: Library, found: Mappin
 
     result = explore_found(definitions, library, found)
     note(result.summary())
-    faults = [one for one in result.findings if one.level == "error"]
+    faults = [one.text for one in result.findings if one.level == "error"]
+    faults += [str(one) for one in result.properties if one.verdict == "refuted"]
     if faults:
         more = f"; and {len(faults) - 1} more: fame check --explore" if len(faults) > 1 else ""
-        raise DeploymentError(f"not deployed: {faults[0].text}{more}")
+        raise DeploymentError(f"not deployed: {faults[0]}{more}")
     if result.status == "partial":
-        if not partial:
+        if not partial and not result.exhaustive:  # what needs clocks and values no search tells: runs judge it
             error = DeploymentError(f"not deployed: {result.partly()}; --allow-partial deploys it nevertheless")
             error.exit_code = NOT_KNOWN
             raise error

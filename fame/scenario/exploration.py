@@ -85,10 +85,17 @@ def explore(
     if _is_scenario(model):
         scenario = Scenario.load(model, robots=robots, library=library)
         request, said = replace(request, sources=_sources(scenario)), scenario.properties
-    elif definitions.file:
-        said = (*beside(Path(definitions.file)), *drawn_properties(definitions, found, cast))
+    else:
+        said = _said(definitions, found, cast)
     request = replace(request, properties=tuple(said if properties is None else properties))
     return explore_team(definitions, found, cast, request)
+
+
+def _said(definitions: Definitions, library: Library, cast: Mapping[str, Pool]) -> tuple[Property, ...]:
+    """The properties beside a model, and the deadlines drawn in it. Raises ConfigError."""
+    if not definitions.file:
+        return ()
+    return (*beside(Path(definitions.file)), *drawn_properties(definitions, library, cast))
 
 
 def _sources(scenario: Scenario) -> frozenset[str]:
@@ -113,12 +120,14 @@ def _is_scenario(model: str | Path | Definitions) -> TypeGuard[str | Path]:
 def explore_found(definitions: Definitions, library: Library, found: Mapping[str, Pool]) -> Exploration:
     """Explore a collaboration with the robots that were found for it (robot -> pool).
 
-    A pool without a robot has as many as `explore` takes. Raises ModelError and ConfigError.
+    A pool without a robot has as many as `explore` takes; properties are those that `explore` takes for a model.
+    Raises ModelError and ConfigError.
     """
     there = {pool.name for pool in found.values()}
     missing = [pool for pool in pools_of(definitions) if pool.name not in there]
     others = assign_pools(missing, _names(missing, {}), file=definitions.file)
-    return explore_team(definitions, library, {**found, **others}, Request())
+    cast = {**found, **others}
+    return explore_team(definitions, library, cast, Request(properties=_said(definitions, library, cast)))
 
 
 def explore_migrated(
