@@ -374,6 +374,30 @@ def test_a_run_that_is_unlike_the_others_is_refused_unless_kept(
     assert "warning: run 2: its left-out loss" in capsys.readouterr().err
 
 
+def test_a_detector_that_knows_its_own_runs_only_is_refused_unless_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Noise, of which there is less than the detector has numbers to fit: no run is unlike the others."""
+    from fame.cli import main
+
+    random = np.random.default_rng(5)
+    lines = ["stamp,run,a,b,c"]
+    lines += [
+        ",".join(map(repr, [n / 100 + number * 10, number, *random.normal(0, 1, 3).tolist()]))
+        for number in range(6)
+        for n in range(60)
+    ]
+    (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
+    words = ["monitor", "train", "--data", str(tmp_path / "runs.csv"), "-o", str(tmp_path / "model.skops")]
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert "of 6 runs the left-out loss is" in error
+    assert "the detector has learned its own runs by heart: record more or longer runs" in error
+    assert "leave them out" not in error
+    assert main([*words, "--keep"]) == 0
+    assert "the detector has learned its own runs by heart" in capsys.readouterr().err
+
+
 def trained(tmp_path: Path, runs: list[tuple[float, float]]) -> str:
     """What ``fame monitor train`` says of runs, each of a noise and a length (s)."""
     import contextlib

@@ -269,11 +269,10 @@ def run_train(arguments: Namespace) -> int:
     """Train, store the model with its card, and print the result."""
     from dataclasses import replace
 
-    from fame.errors import ConfigError
     from fame.imports import require
     from fame.monitor.data_files import hash_files
     from fame.monitor.model_card import write_card
-    from fame.monitor.pipeline.train import outliers, train, warnings_of
+    from fame.monitor.pipeline.train import train, warnings_of
     from fame.monitor.pipeline.trained_model import TrainedModel
 
     if arguments.onnx is not None:
@@ -291,9 +290,8 @@ def run_train(arguments: Namespace) -> int:
             model = train(training, report=progress)
         if compared and not arguments.json:
             print(_comparison(compared))
-        if (strange := outliers(model)) and not arguments.keep:
-            text = f"{'; '.join(strange)}; look at these runs and leave them out, or train with --keep"
-            raise ConfigError(text, file=file, element="Training.Files")
+        if not arguments.keep:
+            _refuse_doubtful(model, file)
         model.save(path)
         write_card(model, path)
     if arguments.onnx is not None:
@@ -350,6 +348,19 @@ def _compare(training: Training, report: Callable[[str], object]) -> list[Compar
     return compare(
         read_runs(training.files, training.columns, training.special, undisturbed=True), training, report=report
     )
+
+
+def _refuse_doubtful(model: TrainedModel, file: str) -> None:
+    """Raise ConfigError for a detector that knows its own runs only, or runs that are unlike the others."""
+    from fame.errors import ConfigError
+    from fame.monitor.pipeline.train import memorised, outliers
+
+    if text := memorised(model):
+        mend = "record more or longer runs, take another Detector (--compare) or a shorter Window"
+        raise ConfigError(f"{text}: {mend}, or train with --keep", file=file, element="Training")
+    if strange := outliers(model):
+        text = f"{'; '.join(strange)}; look at these runs and leave them out, or train with --keep"
+        raise ConfigError(text, file=file, element="Training.Files")
 
 
 def _comparison(compared: Sequence[Compared]) -> str:

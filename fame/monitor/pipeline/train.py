@@ -239,10 +239,26 @@ def warnings_of(model: TrainedModel) -> list[str]:
     late, expected, exceed = _split(model.calibration)
     if exceed:
         notes.append(f"{exceed} of the last {late} runs exceed thresholds by the runs before; expected: {expected:.2g}")
-    notes += outliers(model)
+    notes += [text] if (text := memorised(model)) else outliers(model)
     if longest > UNLIKE * shortest:
         notes.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
     return notes
+
+
+def memorised(model: TrainedModel) -> str:
+    """Say so if most runs, left out, have losses far above those of the training: the detector knows its own runs."""
+    if model.calibration is None:
+        return ""
+    times = (model.calibration.scores / _least(np.array(model.metrics["training_max"]))).max(axis=1)
+    above = times[times > OUTLIER]
+    if 2 * len(above) <= len(times):
+        return ""
+    found = f"in {len(above)} of {len(times)} runs the left-out loss is {np.median(above):.0f} times that in training"
+    return f"{found}: the detector has learned its own runs by heart"
+
+
+def _least(loss: Any) -> Any:
+    return np.maximum(loss, 1e-4)  # losses are of scaled channels: less than this is nothing
 
 
 def outliers(model: TrainedModel) -> list[str]:
@@ -254,7 +270,7 @@ def outliers(model: TrainedModel) -> list[str]:
         usual = np.minimum(
             np.median(np.delete(scores, number, axis=0), axis=0), np.array(model.metrics["training_max"])
         )
-        times = row / np.maximum(usual, 1e-4)  # losses are of scaled channels: less than this is nothing
+        times = row / _least(usual)
         worst = int(times.argmax())
         if times[worst] > OUTLIER:
             lines.append(
