@@ -21,9 +21,9 @@ from attacks import deployment, engines, faults, network, people
 from attacks.field import Fell, Field, NotRun
 
 ATTACKS: tuple[Callable[[Field], None], ...] = (
-    faults.half_killed,  # the longest first
+    faults.half_killed,
     faults.fifty_over_zenoh,
-    faults.stopped_sender,
+    faults.stopped_sender,  # the longest first
     faults.stopped_first,
     faults.stopped_last,
     faults.bad_network,
@@ -56,6 +56,8 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
     people.stopped_engine,
     people.model_bomb,
 )
+ALONE = (faults.half_killed, faults.fifty_over_zenoh)
+"""Made one at a time, before the others: their many engines need all processors of a small machine."""
 PATIENCE, LONG_PATIENCE = 900, 7200
 """How long an attack may take (s), and with ``--long``."""
 DOMAINS = 232
@@ -78,8 +80,11 @@ def main() -> int:
     if arguments.here is not None:
         return here(chosen[0], arguments.here, long=arguments.long)
     begun, make = time.monotonic(), partial(apart, long=arguments.long)
+    chosen.sort(key=lambda attack: attack not in ALONE)
+    large = sum(attack in ALONE for attack in chosen)
+    verdicts = [make(attack, number) for number, attack in enumerate(chosen[:large])]
     with ThreadPoolExecutor(arguments.jobs) as pool:
-        verdicts = list(pool.map(make, chosen, range(len(chosen))))
+        verdicts += pool.map(make, chosen[large:], range(large, len(chosen)))
     fell = [attack for attack, verdict in zip(chosen, verdicts, strict=True) if verdict == "fell"]
     if arguments.again:  # on a busy machine robots may need longer to meet than an attack waits
         fell = [attack for number, attack in enumerate(fell) if make(attack, len(chosen) + number) == "fell"]

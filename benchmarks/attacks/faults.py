@@ -36,7 +36,7 @@ REDEPLOYMENTS, GROWTH = 500, 5
 def _stopped(field: Field, victim: str) -> None:
     team = Team(field, "AB")
     for number, moment in enumerate(MOMENTS):
-        sender = team.deploy(tasks=TASKS)
+        sender = team.deploy("--wait", "60", tasks=TASKS)  # a busy machine makes a robot silent for longer than 10 s
         if moment:
             held(team.at(moment, sender), f"no {moment!r}: {sender.outcome if not sender.alive else 'silence'}")
         else:
