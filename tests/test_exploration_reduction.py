@@ -110,7 +110,7 @@ def test_what_decides_nothing_changes_no_verdict(part: int, monkeypatch: pytest.
     """Dead variables, items of counted lists, and statements that decide nothing may as well be kept."""
     models = [(seed, team(told_apart(with_lists(seed)), several=("R0",) if seed % 4 == 0 else ()))
               for seed in range(part, _SEEDS, _PARTS)]  # fmt: skip
-    small = {seed: explore(model, delivery="run", limit=_LIMIT, samples=False) for seed, model in models}
+    small = {seed: explore(model, delivery="run", limit=_LIMIT // 2, samples=False) for seed, model in models}
     models = [(seed, model) for seed, model in models if small[seed].exhaustive]  # the others are larger still
     monkeypatch.setattr(Liveness, "dead", lambda self, waiting: (frozenset(), frozenset()))
     monkeypatch.setattr(abstracting, "sliced", lambda script, needed: script)
@@ -118,7 +118,7 @@ def test_what_decides_nothing_changes_no_verdict(part: int, monkeypatch: pytest.
     monkeypatch.setattr(abstracting, "without_operations", lambda script, unknown: script)
     compared = 0
     for seed, model in models:
-        large = explore(model, delivery="run", limit=_LIMIT, samples=False)
+        large = explore(model, delivery="run", limit=_LIMIT // 2, samples=False)
         if large.exhaustive:
             assert verdicts(small[seed], "error") == verdicts(large, "error"), f"seed {seed}"
             assert small[seed].states <= large.states
