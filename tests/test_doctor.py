@@ -16,6 +16,7 @@ from domains import PROCESSES
 
 from fame.cli import doctor, main
 from fame.cli.doctor import Finding
+from fame.deploy import Report
 from fame.imports import fame_version
 from fame.log.clocks import ClockAnswer
 
@@ -51,15 +52,15 @@ def test_an_interface_that_is_down_or_without_multicast_is_wrong(
     (tmp_path / "wlan0").mkdir()
     (tmp_path / "rmem_max").write_text("212992\n")
     for state, flags, middleware, expected in (
-        ("up", "0x1003", "dds", ["ok", "warning", "warning"]),  # a small buffer, and no keys
-        ("down", "0x1003", "dds", ["ok", "wrong", "warning", "warning"]),
-        ("up", "0x3", "dds", ["ok", "wrong", "warning", "warning"]),
-        ("unknown", "0x9", "dds", ["ok", "warning", "warning"]),  # loopback
-        ("up", "0x3", "zenoh", ["ok", "warning"]),
+        ("up", "0x1003", "dds", ["ok", "warning"]),  # a small buffer
+        ("down", "0x1003", "dds", ["ok", "wrong", "warning"]),
+        ("up", "0x3", "dds", ["ok", "wrong", "warning"]),
+        ("unknown", "0x9", "dds", ["ok", "warning"]),  # loopback
+        ("up", "0x3", "zenoh", ["ok"]),
     ):
         (tmp_path / "wlan0" / "operstate").write_text(f"{state}\n")
         (tmp_path / "wlan0" / "flags").write_text(f"{flags}\n")
-        asked = Namespace(network="wlan0", middleware=middleware, trust=[])
+        asked = Namespace(network="wlan0", middleware=middleware)
         assert verdicts(doctor.network(asked)) == expected, (state, flags, middleware)
 
 
@@ -74,7 +75,8 @@ def test_a_middleware_that_is_not_installed_or_not_that_of_ros_is_told(monkeypat
 def test_keys_types_and_folders_are_tried(tmp_path: Path) -> None:
     for name in ("team", "other"):
         assert main(["keys", "new", str(tmp_path / name)]) == 0
-    asked = Namespace(trust=[tmp_path / "team.pub"], key=tmp_path / "team.key")
+    assert verdicts(doctor.keys(Namespace(network="wlan0", trust=[], key=None))) == ["warning"]
+    asked = Namespace(network="wlan0", trust=[tmp_path / "team.pub"], key=tmp_path / "team.key")
     assert verdicts(doctor.keys(asked)) == ["ok", "ok"]
     asked.key = tmp_path / "other.key"
     assert verdicts(doctor.keys(asked)) == ["ok", "wrong"]
@@ -129,6 +131,21 @@ def test_with_wrong_keys_robots_are_not_asked(tmp_path: Path, capsys: pytest.Cap
 def test_a_clock_is_fine_only_where_that_is_known(trip: float, ahead: float, verdict: str) -> None:
     answer = ClockAnswer(round(trip * SECOND), round(ahead * SECOND), {"fame": fame_version()})
     assert verdicts(doctor.answered("REX", answer)) == [verdict]
+
+
+@pytest.mark.parametrize(
+    ("fields", "verdict", "text"),
+    [
+        ({"state": "running"}, "ok", "running"),
+        ({"state": "failed", "error": "division by zero"}, "wrong", "failed: division by zero"),
+        ({"state": "incident", "incidents": [{"element": "Go", "text": "no way"}]}, "wrong", "Go: no way"),
+        ({"state": "suspended", "suspended": {"by": "ann"}}, "warning", "suspended by ann"),
+        ({"state": "running", "absent": {"DINGO": 4.0}}, "warning", "misses DINGO of its team"),
+    ],
+)
+def test_a_robot_is_fine_only_if_its_mission_is(fields: dict, verdict: str, text: str) -> None:
+    found = doctor.reported(Report(robot="REX", **fields))
+    assert (found.verdict, found.text) == (verdict, text)
 
 
 def test_another_version_is_told() -> None:

@@ -338,6 +338,26 @@ REPAIRED = process("""
   <userTask id="Rest"><incoming>f2</incoming></userTask>""")
 
 
+def asked_of(field: Field, commands: list[dict[str, Any]]) -> list[Any]:
+    """The answers to what a page asks for in a thread of its own: objects, or the texts of errors."""
+    answers: list[Any] = []
+
+    def ask() -> None:
+        for command in commands:
+            try:
+                answers.append(field.view.control(command))
+            except FameError as error:
+                answers.append(str(error))
+        field.scheduler.stop()
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    field.run(20)
+    thread.join(10)
+    field.run(1)
+    return answers
+
+
 def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> None:
     field = Field(WallScheduler(), control=True)
     engine = EngineNode(
@@ -354,18 +374,8 @@ def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> No
         {"do": "set", "name": "load", "value": "2.5"},
         {"do": "move", "element": "Sign", "to": "Rest"},
     ]
-    said: list[Any] = []
-
-    def ask() -> None:
-        said.extend(field.view.control({"robot": "REX", **command})["said"] for command in commands)
-        field.scheduler.stop()
-
-    thread = threading.Thread(target=ask)
-    thread.start()
-    field.run(20)
-    thread.join(10)
-    field.run(1)
-    assert said == ["REX: retried", "REX: set", "REX: moved"]
+    answers = asked_of(field, [{"robot": "REX", **command} for command in commands])
+    assert answers == [{"said": "REX: retried"}, {"said": "REX: set"}, {"said": "REX: moved"}]
     assert field.waiting() == {("REX", "Rest")}
     values = {name: value[0] for found in field.view._packer.state.variables.values() for name, value in found.items()}
     assert values == {"speed": 4, "left": 2.5, "load": 2.5}
@@ -384,7 +394,6 @@ def test_with_control_a_robot_is_taken_over_steered_and_given_back() -> None:
     field.run(1)
     field.deploy("REX")
     field.run(2)
-    said: list[Any] = []
     asked = {"robot": "REX", "lease": "1", "who": "ann"}
     commands = [
         {"do": "take_over", **asked},
@@ -396,21 +405,8 @@ def test_with_control_a_robot_is_taken_over_steered_and_given_back() -> None:
         {"do": "steer", **asked, "speed": 1, "turn": 0},
     ]  # fmt: skip
 
-    def ask() -> None:
-        for command in commands:
-            try:
-                said.append(field.view.control(command))
-            except FameError as error:
-                said.append(str(error))
-        field.scheduler.stop()
-
-    thread = threading.Thread(target=ask)
-    thread.start()
-    field.run(20)
-    thread.join(10)
-    field.run(1)
     not_held = "this page does not steer REX: take over first"
-    assert said == [
+    assert asked_of(field, commands) == [
         {"said": "REX: taken over", "steers": True}, {}, not_held,
         "REX refused: REX: ann (unverified) steers it; fame suspend stops it", {"said": "REX: noted"},
         {"said": "REX: continued"}, not_held,

@@ -27,7 +27,7 @@ from fame.cli.arguments import (
     trusted_keys,
 )
 from fame.cli.network import add_network, connected, wait_until
-from fame.cli.output import print_json
+from fame.cli.output import note, print_json
 from fame.errors import NOT_KNOWN, FameError, UnavailableError
 
 if TYPE_CHECKING:
@@ -89,9 +89,8 @@ def run(arguments: Namespace) -> int:
     for finding in examine(arguments):
         findings.append(finding)
         if not arguments.json:
-            print(f"{finding.verdict:<9}  {finding.check}: {finding.text}")
-            if finding.mend:
-                print(f"{'':<9}  -> {finding.mend}")
+            mend = f"\n{'':<9}  -> {finding.mend}" if finding.mend else ""
+            print(f"{finding.verdict:<9}  {finding.check}: {finding.text}{mend}", flush=True)
     verdicts = {finding.verdict for finding in findings}
     code = 1 if "wrong" in verdicts else NOT_KNOWN if "not known" in verdicts else 0
     if arguments.json:
@@ -173,20 +172,20 @@ def network(arguments: Namespace) -> Iterator[Finding]:
     if dds and _RECEIVED.exists() and (size := int(_RECEIVED.read_text())) < _BUFFER:
         text = f"the kernel keeps {size} bytes of what arrives: large messages lose parts, and are sent again"
         yield Finding("network", "warning", text, f"sysctl -w net.core.rmem_max={_BUFFER}")
-    if not arguments.trust:
-        text = f"without keys, everybody on {name} can send robots a process"
-        yield Finding("keys", "warning", text, "fame keys new team; give engines --trust team.pub")
 
 
 def keys(arguments: Namespace) -> Iterator[Finding]:
     """Whether keys can be read and fit each other."""
+    if arguments.network is not None and not arguments.trust:
+        text = f"without keys, everybody on {arguments.network} can send robots a process"
+        yield Finding("keys", "warning", text, "fame keys new team; give engines --trust team.pub")
     try:
         trusted = trusted_keys(arguments)
         if trusted:
             yield Finding("keys", "ok", f"{len(trusted)} to trust, of {', '.join(map(str, arguments.trust))}")
         if arguments.key is not None:
             known = private_key(arguments).public_key() in trusted if trusted else True
-            text = f"{arguments.key} can be read" if known else f"{arguments.key} is none of those of --trust"
+            text = f"{arguments.key} can be read" if known else f"{arguments.key} belongs to no key of --trust"
             mend = "" if known else f"give engines --trust {arguments.key.with_suffix('.pub')}"
             yield Finding("keys", "ok" if known else "wrong", text, mend)
     except FameError as error:
@@ -235,6 +234,7 @@ class _Team:
         from fame.deploy import engines
 
         wanted = set(self._arguments.robots)
+        note(f"looking for robots, for {self._arguments.wait:g} s{' at most' if wanted else ''}")
         wait_until(self._scheduler, lambda: wanted and wanted <= set(engines(self._middleware)), self._arguments.wait)
         robots = sorted(engines(self._middleware))
         self._ask(robots)
@@ -283,16 +283,25 @@ class _Team:
             signed = " that a trusted key vouches for" if self._arguments.trust else ""
             yield Finding(robot, "wrong", f"has an engine, but no report{signed}", f"look at the engine of {robot}")
         else:
-            yield Finding(robot, "ok", report.state)
-            if report.warnings:
-                more = f" (and {len(report.warnings) - 1} more)" if len(report.warnings) > 1 else ""
-                yield Finding(robot, "warning", f"{report.warnings[-1]}{more}", "fame status --json has them all")
-            for missed, seconds in sorted(report.absent.items()):
-                yield Finding(robot, "warning", f"misses {missed} of its team for {seconds:.0f} s")
+            yield reported(report)
         if answer is None:
-            yield Finding(robot, "not known", "did not answer how late it is", "an older FAME, or a node that is busy")
+            text = "did not answer the question for its time"
+            yield Finding(robot, "not known", text, "it may be busy, or have an older FAME")
         else:
             yield from answered(robot, answer)
+
+
+def reported(report: Report) -> Finding:
+    """The state of a mission, as `fame engine --diagnostics` publishes it."""
+    from fame.deploy.diagnostics import OK, WARN, diagnostic_status
+
+    status = diagnostic_status(report)
+    if status["level"] == OK:
+        return Finding(report.robot, "ok", status["message"])
+    return Finding(
+        report.robot, "warning" if status["level"] == WARN else "wrong", status["message"],
+        f"fame status --why {report.robot}",
+    )  # fmt: skip
 
 
 def answered(robot: str, answer: ClockAnswer) -> Iterator[Finding]:

@@ -31,8 +31,8 @@ _BOOL = "std_msgs/msg/Bool"
 class Suspension:
     """A person's suspension of the mission of `node`.
 
-    by      who suspended it, empty while nobody has; `since` when (ns)
-    holder  who steers the robot, empty while nobody does
+    by      who suspended it, empty if it is not suspended; `since` when (ns)
+    holder  who steers the robot, or empty
     """
 
     by: str

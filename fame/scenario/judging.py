@@ -151,6 +151,7 @@ class RunJudge(Observer):
         self.judge.advance(now)
         for robot in self._bodies if self._world is not None else ():
             body: Any = self._world.robots[robot]  # type: ignore[union-attr]
+            # of robots of other packages only the appearance may say how high they are: it costs a drawing
             (x, y, _), altitude = (body.pose, body.altitude) if hasattr(body, "altitude") else body.appearance[:2]
             if self._seen.get(robot) != (x, y, altitude):
                 self._seen[robot] = x, y, altitude
