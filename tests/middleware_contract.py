@@ -51,7 +51,7 @@ class World(Protocol):
     def node(self, name: str, namespace: str = "", part: str = "") -> Node: ...
 
     def connect(self, *topics: str) -> None:
-        """Wait until all ends of the topics are connected."""
+        """Wait until all ends of the topics are connected, and each publisher knows every subscription."""
 
     def until(self, condition: Callable[[], object]) -> None:
         """Run until the condition holds; fail if it never does."""
@@ -114,6 +114,14 @@ class WallWorld:
     def connect(self, *topics: str) -> None:
         for middleware in self.middlewares:
             assert middleware.wait_matched(topics, TIMEOUT) == []
+        nodes = [node for middleware in self.middlewares for node in middleware.nodes]
+        deadline = time.monotonic() + TIMEOUT
+        for publisher in (end for node in nodes for end in node.publishers if end.topic in topics):
+            others = [end for node in nodes if node is not publisher.node for end in node.subscriptions]
+            expected = sum(end.topic == publisher.topic for end in others)
+            while publisher.subscriber_count() < expected:  # it may have found one of them, and not the others
+                assert time.monotonic() < deadline, f"{publisher.topic}: not all of {expected} subscriptions found"
+                time.sleep(_SLICE / SECOND)
 
     def until(self, condition: Callable[[], object]) -> None:
         deadline = self.scheduler.now + round(TIMEOUT * SECOND)
