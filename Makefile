@@ -23,7 +23,7 @@ DEMO := out/ground_vehicles
 ROS_PYTHON := .venv-ros/bin/python
 ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test_service_tasks.py test_servers_that_fail.py test_engine_processes.py \
 	test_ros.py test_ros_parameters.py test_ros_package.py test_ros_view.py test_gazebo.py test_node_parameters.py test_lockstep.py \
-	test_diagnostics.py)
+	test_diagnostics.py test_lifecycle.py)
 
 # What Camunda Modeler is made of, as a file for browsers, and parts of it for node.
 MODELER := camunda-bpmn-js@5.35.0

@@ -19,6 +19,7 @@ _EXTRAS = {
     "ray": ("--backend ray needs ray", "ray"),
     "matplotlib": ("pictures and plots need matplotlib", "sim"),
     "pandas": ("tables of events need pandas", "pandas"),
+    "prometheus_client": ("--metrics needs prometheus-client", "metrics"),
     "pytest": ("tests of missions need pytest", "test"),
     "pyarrow": ("Parquet files need pyarrow", "parquet"),
     "pymunk": ("the 2D world needs pymunk", "sim"),

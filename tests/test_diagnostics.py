@@ -1,4 +1,4 @@
-"""What an engine publishes on /diagnostics: a status of its mission with a level, and what it says when."""
+"""What an engine publishes on /diagnostics and serves to Prometheus: a status of its mission."""
 
 from __future__ import annotations
 
@@ -8,17 +8,21 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from urllib.request import urlopen
 
 import pytest
 from deployment_field import definitions, process
 from domains import PROCESSES
+from free_ports import free_port
 from middleware_contract import needs
 
 from fame import deploy
 from fame.clock import SECOND, Scheduler
 from fame.deploy import EngineNode
 from fame.deploy.diagnostics import ERROR, OK, TYPE, WARN
+from fame.deploy.metrics import serve_metrics
 from fame.deploy.options import EngineOptions
+from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 
@@ -32,10 +36,12 @@ FAILS = definitions(
 class Robot:
     """An engine that publishes diagnostics, and what somebody hears of them."""
 
-    def __init__(self, *, hold_errors: bool = False) -> None:
+    def __init__(self, *, hold_errors: bool = False, on_status: tuple = ()) -> None:
         self.scheduler = Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
-        options = EngineOptions(diagnostics=True, wall_time=lambda: 1000.5, hold_errors=hold_errors)
+        options = EngineOptions(
+            diagnostics=True, wall_time=lambda: 1000.5, hold_errors=hold_errors, on_status=on_status
+        )
         self.engine = EngineNode("REX", scheduler=self.scheduler, middleware=self.middleware, options=options)
         self.person = self.middleware.node("person")
         self.heard: list = []
@@ -76,6 +82,22 @@ def test_a_mission_that_somebody_suspends_is_a_warning_with_the_name() -> None:
     assert robot.engine.running is not None
     robot.engine.running.suspension.suspend("ann")
     assert robot.run()[:2] == (WARN, "suspended by ann")
+
+
+def test_prometheus_reads_what_a_mission_does() -> None:
+    pytest.importorskip("prometheus_client", reason="prometheus-client is not installed")
+    port = free_port()
+    with serve_metrics("127.0.0.1", port) as metrics:
+        robot = Robot(on_status=(metrics,))
+        robot.run(WAITS)
+        with urlopen(f"http://127.0.0.1:{port}/metrics", timeout=10) as response:
+            lines = response.read().decode().splitlines()
+        with pytest.raises(ConfigError, match=f"--metrics 127.0.0.1:{port} cannot be opened: Address already in use"):
+            serve_metrics("127.0.0.1", port).__enter__()
+    assert 'fame_mission_state{fame_mission_state="running",robot="REX"} 1.0' in lines
+    assert 'fame_mission_state{fame_mission_state="failed",robot="REX"} 0.0' in lines
+    assert 'fame_longest_wait_seconds{robot="REX"} 3.0' in lines
+    assert 'fame_instances_started_total{robot="REX"} 1.0' in lines
 
 
 @pytest.mark.ros

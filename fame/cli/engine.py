@@ -112,6 +112,15 @@ def _add_storage(parser: ArgumentParser) -> None:
         help="publish the state of the mission on /diagnostics (diagnostic_msgs), once a second",
     )  # fmt: skip
     parser.add_argument(
+        "--metrics", type=_address, metavar="[ADDRESS:]PORT",
+        help="serve the state of the mission to Prometheus, at http://ADDRESS:PORT/metrics (127.0.0.1: to this machine "
+        "only)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--lifecycle", action="store_true",
+        help="be a managed node of ROS 2 (lifecycle_msgs): what is deployed starts when all its robots are activated",
+    )  # fmt: skip
+    parser.add_argument(
         "--fame-dt", action="store_true", help="publish every step on /fame_dt, for the viewer of the original FaMe"
     )
 
@@ -121,6 +130,14 @@ def _name(text: str) -> str:
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", text):
         raise ArgumentTypeError(f"expected letters, digits and _, a letter first, got {text!r}")
     return text
+
+
+def _address(text: str) -> tuple[str, int]:
+    """An address and a port, of this machine only unless an address is given."""
+    address, _, port = text.rpartition(":")
+    if not (port.isascii() and port.isdecimal() and 0 < int(port) < 65536):
+        raise ArgumentTypeError(f"expected a port, or ADDRESS:PORT, got {text!r}")
+    return address.strip("[]") or "127.0.0.1", int(port)
 
 
 def run(arguments: Namespace) -> int:
@@ -141,7 +158,8 @@ def _prepare_several(arguments: Namespace) -> None:
     """Load what all engines need. Raises ConfigError for what only one engine can have."""
     from fame.deploy.loading import preload_all
 
-    for option, value in (("--identity", arguments.identity), ("--state", arguments.state)):
+    options = {"--identity": arguments.identity, "--state": arguments.state, "--metrics": arguments.metrics}
+    for option, value in options.items():
         if value is not None:
             raise ConfigError(f"{option} belongs to one robot: start each engine by its own command")
     twice = [name for name in dict.fromkeys(arguments.names) if arguments.names.count(name) > 1]
@@ -183,11 +201,14 @@ def _run_one(arguments: Namespace) -> int:
 def _serve(arguments: Namespace, starting: ExitStack) -> None:
     from fame.deploy import EngineNode, engines
     from fame.deploy.loading import preload
+    from fame.deploy.metrics import serve_metrics
     from fame.deploy.options import EngineOptions
     from fame.randomness import ModuleRandom
     from fame.scenario import serve
 
     trusted, identity = _keys(arguments)
+    if arguments.lifecycle and trusted and not arguments.unsigned_tasks:
+        raise ConfigError("--lifecycle with --trust needs --unsigned-tasks: requests to services are not signed")
     if arguments.files is not None and not arguments.files.is_dir():
         raise ConfigError("expected a folder", file=str(arguments.files))
     expect_guarded = guard(arguments, trusted, "--trust FILE.pub")
@@ -221,6 +242,8 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
             seed=arguments.seed,
             hold_errors=arguments.on_error == "hold",
             diagnostics=arguments.diagnostics,
+            on_status=metrics,
+            lifecycle=arguments.lifecycle,
         )
         engine = EngineNode(arguments.name, scheduler=scheduler, middleware=middleware, options=options)
         if time is not None:
@@ -233,6 +256,7 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
         return engine
 
     with opened:
+        metrics = [opened.enter_context(serve_metrics(*arguments.metrics))] if arguments.metrics else []
         if arguments.seed is not None:
             opened.enter_context(ModuleRandom(arguments.seed, arguments.name))
         serve(arguments.middleware, arguments.network, build, crowd=len(arguments.names) > 1)

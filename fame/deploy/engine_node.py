@@ -25,6 +25,7 @@ from fame.deploy.envelope import (
     engines,
     read_envelope,
 )
+from fame.deploy.lifecycle import WHO as LIFECYCLE, Lifecycle
 from fame.deploy.loading import LEAVING, LoadedCandidate, LoadingTask, Work, load
 from fame.deploy.machine import ProtocolMachine, unexpected
 from fame.deploy.migration import Foreseen, foresee, migrate_robot
@@ -170,7 +171,7 @@ class EngineNode:
             node=self.node,
             scheduler=self.scheduler,
             warnings=self.warn,
-            on_report=self._diagnostics(),
+            on_report=self._watch_reports(),
         )
         self._process.on_dropped = lambda warning: self.status.publish(
             "refused", reason=str(warning), cause=warning.kind
@@ -180,17 +181,29 @@ class EngineNode:
         }  # of senders that wait for an answer, and of bare models
         self._failures = RateLimiter(self.scheduler, partial(self._note, kind="answer"))
         self._clock_server = ClockServer(self.node, lambda: self._time.now, self._options.epoch)
+        self._lifecycle: Lifecycle | None = None
+        if self._options.lifecycle:
+            acts = {"configure": self._expect_process, "activate": self._activate, "deactivate": self._deactivate}
+            self._lifecycle = Lifecycle(
+                self.node, {**acts, "shutdown": self.stop}, now=lambda: self._time.now, note=self._note
+            )
         self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
         self._resume()
         self.status.begin()
 
-    def _diagnostics(self) -> Callable[[Report], object]:
-        """What publishes reports on ``/diagnostics``, if somebody wants it."""
-        if not self._options.diagnostics:
-            return lambda report: None
-        from fame.deploy.diagnostics import DiagnosticsPublisher
+    def _watch_reports(self) -> Callable[[Report], None]:
+        """What passes reports on, also to ``/diagnostics`` if somebody wants it."""
+        watchers = list(self._options.on_status)
+        if self._options.diagnostics:
+            from fame.deploy.diagnostics import DiagnosticsPublisher
 
-        return DiagnosticsPublisher(self.node, self._wall_time)
+            watchers.append(DiagnosticsPublisher(self.node, self._wall_time))
+
+        def pass_on(report: Report) -> None:
+            for watcher in watchers:
+                watcher(report)
+
+        return pass_on
 
     @property
     def state(self) -> str:
@@ -203,6 +216,8 @@ class EngineNode:
             return "loading" if protocol.loading is not None else at_rest
         if protocol.candidate.stage == "starting" and self._trouble:
             return "suspended"
+        if protocol.candidate.stage == "promising":  # it waits to be activated
+            return "ready"
         if protocol.candidate.stage != "ready":
             return "loading"
         return "holding" if protocol.candidate.asks else "ready"
@@ -283,6 +298,8 @@ class EngineNode:
             self._verifier.verify_deployment(envelope)
             if envelope.phase in ("load", "run") and self.running is not None and self.running.suspension.holder:
                 raise DeploymentError(f"{self.running.suspension.holder} steers the robot", cause="steered")
+            if envelope.phase == "run" and not self._is_active:
+                raise DeploymentError(f"it {self._asleep}, and a bare model would start at once", cause="lifecycle")
             self._protocol.handle(Received(envelope))
         except DeploymentError as error:
             self._refuse(deployment, str(error), error.cause)
@@ -296,7 +313,50 @@ class EngineNode:
         signer = self._verifier.verify_task(request)
         if request.act == "take_over" and self._protocol.state.candidate is not None:
             raise DeploymentError("a deployment is under way: nobody takes the robot over", cause="deployment")
+        if request.act in ("continue", "fail") and not self._is_active:
+            raise DeploymentError(f"it {self._asleep}: activate it", cause="lifecycle")
         return signer
+
+    # ---- its lifecycle ---------------------------------------------------------------------------------------------
+
+    @property
+    def _is_active(self) -> bool:
+        return self._lifecycle is None or self._lifecycle.is_active
+
+    @property
+    def _asleep(self) -> str:
+        return f"is {self._lifecycle.state} (--lifecycle)" if self._lifecycle is not None else ""
+
+    @property
+    def _waits_for_activation(self) -> bool:
+        candidate = self._protocol.state.candidate
+        return candidate is not None and candidate.stage == "promising"
+
+    def _expect_process(self) -> None:
+        """Raise DeploymentError unless a process runs or waits for activation."""
+        if self.running is None and not self._waits_for_activation:
+            raise DeploymentError("no process is loaded: deploy one first")
+
+    def _activate(self) -> None:
+        """Let what runs go on, and promise to start what is loaded. Raises FameError."""
+        self._expect_process()
+        if self.running is not None and self.running.suspension.by == LIFECYCLE:
+            self.running.suspension.go_on(LIFECYCLE)
+        if self._waits_for_activation:
+            self._perform(Promise())
+
+    def _deactivate(self) -> None:
+        """Suspend what runs. Raises DeploymentError while a deployment is decided."""
+        candidate = self._protocol.state.candidate
+        if candidate is not None and candidate.has_promised:
+            raise DeploymentError("a deployment is under way, which it has promised to start")
+        if self.running is not None:
+            self.running.suspension.suspend(LIFECYCLE)
+
+    def _suspend_inactive(self, process: RobotNode) -> None:
+        """What begins without an activation is suspended: what ran, or was promised, before this engine started."""
+        if not self._is_active:
+            process.suspension.suspend(LIFECYCLE)
 
     def _refuse(self, deployment: str, reason: str, cause: str) -> None:
         """Refuse a message. One about a deployment that is known here may be forged: it is no answer to the sender."""
@@ -311,10 +371,11 @@ class EngineNode:
             case Reply():
                 deployment, foreseen = self._foreseen
                 asked = action.answer in ("ready", "previewed") and action.deployment == deployment
+                waits = not action.answer and self._waits_for_activation
                 self.status.publish(
                     action.answer,
                     action.deployment,
-                    action.reason,
+                    action.reason or (f"{self._asleep}, and waits to be activated" if waits else ""),
                     action.problem,
                     migration=foreseen.to_json() if asked else None,
                     repeated=action.repeated,
@@ -348,7 +409,7 @@ class EngineNode:
 
     def _perform_on(self, candidate: LoadedCandidate, action: RobotAction) -> None:
         match action:
-            case Promise():
+            case Promise() if self._is_active:
                 self._protocol.handle(Promised(self._keeper.promise(candidate) if self._keeper is not None else ""))
             case AwaitSender(seconds):
                 candidate.await_sender(seconds, partial(self._protocol.handle, Silence()))
@@ -385,6 +446,7 @@ class EngineNode:
         if self._feed is not None:
             self._feed.begin(self.running, resumed=migrates)
         go_on()
+        self._suspend_inactive(self.running)
         self._protocol.handle(Started())
 
     def _migrates(self, candidate: LoadedCandidate) -> bool:
@@ -521,6 +583,7 @@ class EngineNode:
         self.running = process
         if self._feed is not None:
             self._feed.begin(process, resumed=True)
+        self._suspend_inactive(process)
 
     def _on_resumed(self) -> None:
         if self._lost_promise and self.running is not None:  # others may run what it cannot read any more

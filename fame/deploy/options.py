@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from fame.bpmn.library import Library
     from fame.bpmn.pools import Pool
     from fame.clock import Scheduler
+    from fame.deploy.envelope import Report
     from fame.deploy.migration import Foreseen
     from fame.deploy.signing import Identity
     from fame.robot import ServiceFunction
@@ -38,6 +39,8 @@ class EngineOptions(RobotOptions):
     seed       of the random numbers, by default and after a resumption a new one, which recordings contain
     log        takes what live views get, with and without subscribers
     diagnostics     publish reports on ``/diagnostics``, too
+    on_status  get its reports, too
+    lifecycle  be a managed node of ROS: missions run while it is active (`fame.deploy.lifecycle`)
     """
 
     library: Library | None = None
@@ -51,6 +54,8 @@ class EngineOptions(RobotOptions):
     seed: int | None = None
     log: FeedLog | None = None
     diagnostics: bool = False
+    on_status: Sequence[Callable[[Report], object]] = ()
+    lifecycle: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -275,6 +275,8 @@ def _answered(state: SenderState, event: RobotAnswered) -> tuple[SenderState, tu
         state = _progress(state, event, took)
         states = {each.state for each in state.robots}
         return _end(state, failed=states != {"started"}) if "ready" not in states else (state, ())
+    if state.phase == "load" and not event.answer and event.reason:  # why it does not answer yet
+        return _map(state, lambda each: replace(each, reason=event.reason) if each.robot == event.robot else each), ()
     return state, ()
 
 
@@ -322,7 +324,7 @@ def _end_stopped(state: SenderState, now: int) -> tuple[SenderState, tuple[Sende
 
 def _impatient(state: SenderState, each: RobotProgress, patience: float) -> RobotProgress:
     if each.state == "silent" and (state.phase != "discovery" or each.robot not in state.reported):
-        return replace(each, reason=f"did not answer within {patience:g} s")
+        return replace(each, reason=each.reason or f"did not answer within {patience:g} s")
     if state.phase == "start" and each.state == "ready":
         return replace(each, reason=each.reason or "was ready, and did not answer the start")
     return each

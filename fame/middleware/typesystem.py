@@ -66,6 +66,10 @@ _DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.
 
 _SERVICES = {
     "action_msgs/srv/CancelGoal": "GoalInfo goal_info\n---\nint8 return_code\nGoalInfo[] goals_canceling",
+    "lifecycle_msgs/srv/ChangeState": "Transition transition\n---\nbool success",
+    "lifecycle_msgs/srv/GetAvailableStates": "---\nState[] available_states",
+    "lifecycle_msgs/srv/GetAvailableTransitions": "---\nTransitionDescription[] available_transitions",
+    "lifecycle_msgs/srv/GetState": "---\nState current_state",
     "std_srvs/srv/Empty": "---",
     "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message",
     "std_srvs/srv/Trigger": "---\nbool success\nstring message",

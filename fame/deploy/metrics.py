@@ -1,0 +1,88 @@
+"""A robot's reports as metrics of Prometheus, at ``http://ADDRESS:PORT/metrics``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from fame.deploy.envelope import STATES, Report
+from fame.errors import ConfigError
+from fame.imports import require
+
+if TYPE_CHECKING:
+    from prometheus_client.metrics_core import Metric
+
+_SERIES: Mapping[str, tuple[str, Callable[[Report], float]]] = {
+    "instances": ("Process instances that run now.", lambda report: report.instances),
+    "waiting_tokens": ("Tokens that wait.", lambda report: len(report.waits) + report.more_waits),
+    "longest_wait_seconds": ("For how long the oldest of them waits, in the time of the mission.", lambda report: max(
+        (report.now - wait.get("since", report.now) for wait in report.waits), default=0.0)),
+    "incidents": ("Elements that have failed and wait for repair.", lambda report: len(report.incidents)),
+    "warnings": ("Warnings of lost messages and of endpoints that do not match.", lambda report: len(report.warnings)),
+    "instances_started_total": ("Process instances started since the deployment.", lambda report: report.started),
+    "instances_completed_total": ("Of these, those that have completed.", lambda report: report.completed),
+    "instances_failed_total": ("Of these, those that have failed.", lambda report: report.failed),
+    "elements_completed_total": ("Elements completed since the deployment.", lambda report: report.elements),
+}  # fmt: skip
+"""By name, without ``fame_``: what a series says, and its value; those that end in ``_total`` only grow."""
+
+
+class Metrics:
+    """What the last report says: call it with each. A collector of prometheus-client, which any thread may ask."""
+
+    def __init__(self) -> None:
+        self._report: Report | None = None
+
+    def __call__(self, report: Report) -> None:
+        self._report = report
+
+    def collect(self) -> Iterator[Metric]:
+        """Give all metrics; those of a robot that has not reported have no samples."""
+        from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, StateSetMetricFamily
+
+        report = self._report
+        if report is None:
+            return
+        labels = [report.robot]
+        state = StateSetMetricFamily("fame_mission_state", "State of the engine and its mission.", labels=["robot"])
+        state.add_metric(labels, {name: name == report.state for name in STATES})
+        yield state
+        for name, (text, value) in _SERIES.items():
+            family = CounterMetricFamily if name.endswith("_total") else GaugeMetricFamily
+            series = family(f"fame_{name}", text, labels=["robot"])
+            series.add_metric(labels, value(report))
+            yield series
+        untaken = CounterMetricFamily("fame_messages_untaken", "BPMN messages not taken.", labels=["robot", "topic"])
+        for topic, count in report.untaken.items():
+            untaken.add_metric([*labels, topic], count)
+        yield untaken
+        absent = GaugeMetricFamily(
+            "fame_peer_absent_seconds", "For how long it misses a robot.", labels=["robot", "peer"]
+        )
+        for peer, seconds in report.absent.items():
+            absent.add_metric([*labels, peer], seconds)
+        yield absent
+
+
+@contextmanager
+def serve_metrics(address: str, port: int) -> Iterator[Metrics]:
+    """Serve metrics from a thread of their own, until the block ends.
+
+    Raises UnavailableError without prometheus-client, and ConfigError for a port that cannot be opened.
+    """
+    require("prometheus_client")
+    from prometheus_client import CollectorRegistry, start_http_server
+
+    metrics, registry = Metrics(), CollectorRegistry()
+    registry.register(metrics)
+    try:
+        server, thread = start_http_server(port, address, registry)
+    except OSError as error:
+        raise ConfigError(f"--metrics {address}:{port} cannot be opened: {error.strerror}") from None
+    try:
+        yield metrics
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
