@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from random import Random
 
 import pytest
-from collaborations import Steps, philosophers, team, text_of, varied
+from collaborations import Step, Steps, philosophers, team, text_of, varied
 from compare_explorations import run
 
 import fame
@@ -97,3 +98,23 @@ def test_deadlocks_of_plain_runs_are_not_missed(part: int) -> None:
         stuck = [{place.element for place in one.places} for one in found if one.kind in FAILING]
         assert any(one <= drawn.waiting for one in stuck), f"seed {seed}: {sorted(drawn.waiting)}"
     assert shown
+
+
+def test_a_scenario_is_run_itself_as_its_world_decides_how_long_behaviours_take(tmp_path: Path) -> None:
+    """B waits 20 s for A, whose behaviour takes 30 s; no search knows that, and random runs hardly show it."""
+    waits: list[Step] = ["stop"]
+    for _ in range(20):
+        waits = [("race", ["catch go", "throw done"], ["timer PT1S", *waits])]
+    robots: dict[str, Steps] = {"A": ["run n = 30", "run await sleep(n)", "throw go", "catch done"], "B": waits}
+    (tmp_path / "late.bpmn").write_text(text_of(robots))
+    scenario = tmp_path / "late.yaml"
+    scenario.write_text("model: late.bpmn\nduration: 60\n")
+    assert not explore(tmp_path / "late.bpmn", limit=1, delivery="run").failed
+    found = explore(scenario, limit=1, delivery="run")
+    assert (found.status, found.sampled[-1]) == ("failed", "a run of the scenario (seed 0)")
+    (one,) = [one for one in found.findings if one.kind == "run"]
+    assert "A waits at" in one.text
+    assert "/done" in one.text
+    assert explore(scenario, limit=1, delivery="run", samples=False).status == "partial"
+    (tmp_path / "late.bpmn").write_text(text_of(robots, accept={"A": "run: somebody ends it"}))
+    assert [one.accepted for one in explore(scenario, limit=1).findings if one.kind == "run"] == ["somebody ends it"]

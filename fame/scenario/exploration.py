@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from fame.middleware.local import LocalMiddleware
 from fame.properties.diagram import drawn_properties
 from fame.properties.files import beside
 from fame.properties.sentence import Property
+from fame.scenario.explored_run import with_run
 from fame.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -27,6 +29,8 @@ MOST = 1000
 """Robots of a pool, above which nothing is explored."""
 FEWEST = 2
 """Robots of a multi-instance pool, where nothing else says how many."""
+LEAST = 1.0
+"""How long a run of the scenario may take at least, s."""
 
 
 def explore(
@@ -58,7 +62,8 @@ def explore(
     seconds   time for all of them; the result then depends on the machine
     properties  what is proved or refuted; by default those of the scenario, of ``NAME.properties.yaml`` beside the
               model, and the deadlines drawn in it
-    samples   if a limit ends a search, also explore the order of `fame run`, fewer robots, and random runs
+    samples   if a limit ends a search, also explore the order of `fame run`, fewer robots, and random runs, and run
+              the scenario itself, whose world decides how long behaviours take
     first     explore these parts first, and end at the first error
     progress  called now and then with the number of states of a delivery, and of those still to be explored
 
@@ -81,14 +86,16 @@ def explore(
         progress=progress,
     )
     definitions, found, cast = cast_of(model, robots, library)
-    said: Sequence[Property] = ()
-    if _is_scenario(model):
-        scenario = Scenario.load(model, robots=robots, library=library)
-        request, said = replace(request, sources=_sources(scenario)), scenario.properties
-    else:
-        said = _said(definitions, found, cast)
+    scenario = Scenario.load(model, robots=robots, library=library) if _is_scenario(model) else None
+    if scenario is not None:
+        request = replace(request, sources=_sources(scenario))
+    said = scenario.properties if scenario is not None else _said(definitions, found, cast)
     request = replace(request, properties=tuple(said if properties is None else properties))
-    return explore_team(definitions, found, cast, request)
+    begun = time.monotonic()
+    result = explore_team(definitions, found, cast, request)
+    if scenario is None or result.exhaustive or result.failed or not samples:
+        return result
+    return with_run(result, scenario, None if seconds is None else max(seconds - (time.monotonic() - begun), LEAST))
 
 
 def _said(definitions: Definitions, library: Library, cast: Mapping[str, Pool]) -> tuple[Property, ...]:

@@ -377,7 +377,7 @@ class Team:
             pools=tuple(pool.name for pool in self.cast.values()),
             starts=tuple(_starts(local) for local in self.locals),
             processes=tuple(pool.process.id for pool in self.cast.values()),
-            accepts=_accepted(self.definitions, self.pools, self.library),
+            accepts=accepted(self.definitions, self.pools, self.library),
             elements=tuple(
                 frozenset(local.program.elements) & self.places.keys() & local.liveness.elements
                 for local in self.locals
@@ -594,7 +594,7 @@ def _places(definitions: Definitions, pools: Sequence[Pool], library: Library) -
             yield element.id, Place(element.id, home.file, element.line, element.name)
 
 
-def _accepted(definitions: Definitions, pools: Sequence[Pool], library: Library) -> dict[str, dict[str, str]]:
+def accepted(definitions: Definitions, pools: Sequence[Pool], library: Library) -> dict[str, dict[str, str]]:
     """Element or process -> the kinds of findings that it accepts, and why. Raises ModelError for an unknown kind."""
     found: dict[str, dict[str, str]] = {}
     for home, process in _closure(definitions, pools, library):

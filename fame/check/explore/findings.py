@@ -5,7 +5,8 @@ robot waits for afterwards; and an ``error`` that nothing catches, unless whethe
 complete without it. What waits forever after such an error is part of its finding. Warnings are signals that are
 ``always-lost`` or that nothing throws (``outside``), ``dropped`` triggers, pools that may not have started at the end
 (``unstarted``), ``unreachable`` elements, other errors, conditions that fail (``condition``), ``growth`` without bound,
-and a single ``fault`` that leaves others waiting forever. What has no consequence is a note.
+and a single ``fault`` that leaves others waiting forever. A ``run`` of the scenario that fails or does not end is an
+error too. What has no consequence is a note.
 
 An element or process with property ``accept`` = ``<kind>: <reason>`` accepts a finding about it. If robots wait
 forever, something at which each of them waits, or its process, has to accept that.
@@ -25,7 +26,7 @@ from fame.check.explore.trace import Place, Run, Runs, Step, waiting
 
 Kind = Literal[
     "deadlock", "never", "lost", "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition",
-    "growth", "fault", "unneeded", "fewer",
+    "growth", "fault", "unneeded", "fewer", "run",
 ]  # fmt: skip
 FAILING: tuple[Kind, ...] = ("deadlock", "never", "lost")
 """The kinds that always make a check fail: robots wait forever."""
@@ -34,8 +35,8 @@ LEVELS = ("error", "warning", "note")
 Cause = frozenset[tuple[str, str]]
 """At which elements robots of which pool wait forever; "" for those that go on."""
 KINDS: tuple[Kind, ...] = (
-    *FAILING, "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition", "growth", "fault",
-    "fewer", "unneeded",
+    *FAILING, "run", "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition", "growth",
+    "fault", "fewer", "unneeded",
 )  # fmt: skip
 
 
