@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from test_view_control import running
-from view_page import beyond, eventually, opened, until
+from view_page import beyond, eventually, opened, until, violations
 
 from fame.scenario import Scenario
 from fame.view import LiveRun, RunControl
@@ -173,18 +173,41 @@ def test_one_button_pauses_the_run_and_one_choice_sets_its_speed(page: Page, hos
     assert page.evaluate("document.querySelector('.speed select').title") == "Speed of the replay"
 
 
-@pytest.mark.parametrize("width", [1440, 1024, 390, 360])
-def test_no_tab_reaches_beyond_the_window_and_targets_are_large_where_one_touches(page: Page, width: int) -> None:
-    page.set_viewport_size({"width": width, "height": 800})
+@pytest.mark.parametrize(("width", "theme"), [(1440, "light"), (1024, "dark"), (390, "light"), (360, "dark")])
+def test_each_part_is_accessible_within_the_window_and_large_where_one_touches(
+    chromium: Browser, hospital: LiveRun, width: int, theme: str
+) -> None:
+    with opened(chromium, hospital, tab="team", refused=True) as page:  # a lease runs out while axe-core looks
+        page.set_viewport_size({"width": width, "height": 800})
+        page.evaluate(f"fame.setTheme('{theme}')")
+        for part in parts(page):
+            page.wait_for_timeout(100)
+            assert beyond(page) == [], part
+            assert violations(page) == [], part
+            assert width > 1100 or page.evaluate(SMALL) == [], part
+
+
+def parts(page: Page) -> Iterator[str]:
+    """Each part of the page, one after the other, while it is shown."""
     for tab in ("team", "needs", "map", "diagram", "log"):
         page.evaluate(f"fame.tabs.choose('{tab}')")
-        page.wait_for_timeout(100)
-        assert beyond(page) == []
-        if width <= 1100:
-            assert page.evaluate(SMALL) == []
+        yield tab
+    for tab in ("topics", "log"):
+        page.evaluate(f"fame.inspector.choose('{tab}')")
+        yield tab
+    page.evaluate("fame.tabs.choose('needs')")
+    page.locator(".ask.user").get_by_role("button", name="Complete").click()
+    yield "form"
+    page.keyboard.press("Escape")
+    page.keyboard.press("?")
+    yield "help"
+    page.keyboard.press("Escape")
+    page.evaluate(f"fame.steer.takeOver({row('Cleaner')}.r)")
+    page.get_by_role("button", name="Let go").wait_for()
+    yield "steer"
 
 
-SMALL = """[...document.querySelectorAll('#tabs button, .acts button, .transport button, .robot .who, .asks .link')].filter((one) => {
-  const { width, height } = one.classList.contains('who') ? one.closest('.robot').getBoundingClientRect() : one.getBoundingClientRect();
+SMALL = """[...document.querySelectorAll('button, select, input, textarea')].map((one) => one.closest('.choice, .field.checkbox') ?? one.closest('.who')?.closest('.robot') ?? one).filter((one) => {
+  const { width, height } = one.getBoundingClientRect();
   return width && (width < 43.9 || height < 43.9);
-}).map((one) => one.textContent || one.title)"""
+}).map((one) => `${one.localName}.${one.className} ${one.textContent || one.title}`)"""

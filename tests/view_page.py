@@ -77,6 +77,14 @@ def beyond(page: Page) -> list[str]:
     return found
 
 
+def violations(page: Page) -> list[str]:
+    """What axe-core has against the page as it is now: rules of WCAG 2.2 and of good practice."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [f"{rule['id']}: {node['html']}" for rule in found for node in rule["nodes"]]
+
+
 _BLOCKED = "Executing inline event handler violates the following Content Security Policy"
 _ATTEMPT = """(condition) => {
   try { return [(0, eval)(condition), ""]; } catch (error) { return [false, String(error)]; }

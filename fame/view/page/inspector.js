@@ -36,7 +36,7 @@ export class Inspector {
     this.tabs = h("div", { cls: "tabs", role: "tablist" }, [["state", "State"], ["topics", "Messages"], ["log", "Log"]].map(([name, text]) =>
       h("button", { role: "tab", dataset: { tab: name }, "aria-selected": String(name === this.tab), onclick: () => this.choose(name) }, text)));
     this.body = h("div", { cls: "body", tabindex: 0 });
-    root.append(h("div", { cls: "bar" }, this.tabs, this.robots), this.body);
+    root.append(h("h2", { cls: "unseen" }, "Inspector"), h("div", { cls: "bar" }, this.tabs, this.robots), this.body);
     this.opened = new Set();
     this.pause = PAUSE;
     this.last = -Infinity; // when it was shown (ms)
@@ -138,7 +138,7 @@ export class Inspector {
     const rows = [...all].sort((a, b) => rank[a.severity] - rank[b.severity]).map((one) => h("li", { cls: `found ${one.severity}` },
       h("div", null, h("b", null, one.severity), " ", one.element >= 0 ? this.element(one.element) : null, h("span", { cls: "quiet" }, ` ${one.where}${one.line ? `:${one.line}` : ""}`)),
       h("div", null, one.text)));
-    return [card, h("h4", null, "Findings"), rows.length ? h("ul", { cls: "findings" }, rows) : h("p", { cls: "quiet" }, "fame check has no finding. Save the file in your modeler: this page follows.")];
+    return [card, h("h3", null, "Findings"), rows.length ? h("ul", { cls: "findings" }, rows) : h("p", { cls: "quiet" }, "fame check has no finding. Save the file in your modeler: this page follows.")];
   }
 
   chosen(r) {

@@ -55,7 +55,7 @@ export class Team {
     for (const { state: of } of this.rows) count.set(of, (count.get(of) ?? 0) + 1);
     this.summary.textContent = STATES.filter((of) => count.has(of)).map((of) => `${count.get(of)} ${STATE_WORDS[of]}`).join(" · ");
     if (this.app.tabs.shows("team")) {
-      renew(this.table, h("div", { role: "row", cls: "heads" }, HEADS.map((text) => h("div", { role: "columnheader" }, text))), this.rows.map((row) => this.row(row, time)));
+      renew(this.table, h("div", { role: "row", cls: "heads" }, HEADS.map((text) => h("div", { role: "columnheader" }, text || h("span", { cls: "unseen" }, "Actions")))), this.rows.map((row) => this.row(row, time)));
     }
     if (this.app.tabs.shows("needs")) {
       this.count.textContent = this.asks.length ? `${this.asks.length} open, the oldest first` : "";
