@@ -14,6 +14,7 @@ from bpmn_text import process, properties
 
 from fame.cli import main
 from fame.errors import ConfigError
+from fame.log import Recording
 from fame.scenario.campaign import Campaign, Folder, cause_of, run_campaign
 from fame.scenario.campaign_report import (
     causes,
@@ -439,3 +440,10 @@ def test_a_campaign_says_how_often_properties_are_violated_and_how_close_others_
     assert main(["campaign", str(scenario), "--width", "0.1", "--property", "quik", "-o", str(tmp_path / "no")]) == 2
     assert "unknown property 'quik'; did you mean 'quick'?" in capsys.readouterr().err
     assert not (tmp_path / "no").exists()
+
+
+def test_runs_can_be_recorded(scenario: Path, tmp_path: Path) -> None:
+    rows_of(Campaign(scenario=str(scenario), runs=2, workers=1, record=str(tmp_path / "out")), tmp_path / "out")
+    with Recording(tmp_path / "out" / "run-2.mcap") as recording:
+        assert recording.metadata["seed"] == "2"
+        assert {event.element for event in recording.events()} >= {"s", "t"}

@@ -36,6 +36,9 @@ def add(commands: Commands) -> None:
     parser.add_argument("--runs", type=_count, default=100, metavar="N", help="number of runs (100)")
     parser.add_argument("--vary", type=Path, metavar="CAMPAIGN.yaml", help="values that vary, besides the seed")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for rows and reports (out/campaign)")
+    parser.add_argument(
+        "--record", action="store_true", help="record each run in the folder, for heat maps: fame view DIR"
+    )
     parser.add_argument("--resume", type=Path, metavar="DIR", help="continue the campaign of a folder")
     parser.add_argument("--seed", type=natural, default=1, metavar="N", help="seed of the first run (1)")
     parser.add_argument("--duration", type=positive, metavar="S", help="simulated seconds after which a run ends")
@@ -59,6 +62,9 @@ def add(commands: Commands) -> None:
     parser.add_argument("--parquet", action="store_true", help="write runs.parquet instead of runs.csv")
     add_library(parser)
     add_json(parser)
+
+
+_FOLDER = Path("out/campaign")
 
 
 def _count(text: str) -> int:
@@ -142,10 +148,11 @@ def _campaign(arguments: Namespace) -> tuple[Campaign, Folder]:
         workers=arguments.jobs or -1,
         backend=arguments.backend,
         address=arguments.address,
+        record=str((arguments.output or _FOLDER).resolve()) if arguments.record else "",
     )
     campaign.check()
     campaign.check_property(arguments.property)
     campaign.jobs()
-    folder = Folder(arguments.output or Path("out/campaign"))
+    folder = Folder(arguments.output or _FOLDER)
     folder.begin(campaign)
     return campaign, folder

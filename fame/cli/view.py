@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from fame.log import Recording
     from fame.middleware.interface import Middleware
     from fame.scenario import Scenario
-    from fame.view import LiveRun, ModelWatch, PageSource, Replay
+    from fame.view import HeatMap, LiveRun, ModelWatch, PageSource, Replay
 
 SECOND = 1_000_000_000
 
@@ -33,6 +33,7 @@ _EXAMPLES = (
     "fame view run.mcap",
     "fame view run.mcap --port 8080 --no-open",
     "fame view run.mcap --branch 12.5",
+    "fame view out/runs",
     "fame view models/agriculture.bpmn",
     "fame view --robot REX --control",
 )
@@ -45,8 +46,8 @@ def add(commands: Commands) -> None:
         help="show a mission in the browser: a recording, a model while you draw it, a running team",
     )  # fmt: skip
     parser.add_argument(
-        "subject", type=Path, nargs="?", metavar="RUN.mcap|MODEL.bpmn|SCENARIO.yaml",
-        help="what to show; without it, the team on the network",
+        "subject", type=Path, nargs="?", metavar="RUN.mcap|FOLDER|MODEL.bpmn|SCENARIO.yaml",
+        help="what to show (of a folder: heat maps of all its recordings); without it, the team on the network",
     )  # fmt: skip
     parser.add_argument(
         "--branch", type=positive, metavar="S",
@@ -118,10 +119,12 @@ def run(arguments: Namespace) -> int:
     return 0
 
 
-def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay:
-    """The viewer of a file. Raises ConfigError for a file that cannot be shown."""
-    from fame.view import ModelWatch, Replay
+def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay | HeatMap:
+    """The viewer of a file or folder. Raises ConfigError for one that cannot be shown."""
+    from fame.view import HeatMap, ModelWatch, Replay
 
+    if path.is_dir():
+        return HeatMap(path, show=partial(_page_of_run, arguments))
     kind = path.suffix.lower()
     if kind in (".bpmn", ".xml", ".yaml", ".yml"):
         return ModelWatch(path, arguments.library)
@@ -213,17 +216,21 @@ def _branch_of_page(arguments: Namespace, command: Mapping[str, Any]) -> Mapping
 
     time, agreed = int(command["time"]), [f"--{word}" for word in ("yes", "changed") if command.get(word) is True]
     if "--yes" in agreed:
-        return {"address": _in_a_process(arguments, time, agreed), "said": "The run is at the cursor, in another page."}
+        branch = ("--branch", repr(time / SECOND), *agreed)
+        return {
+            "address": _page_of_run(arguments, arguments.subject, *branch),
+            "said": "The run is at the cursor, in another page.",
+        }
     with Recording(arguments.subject) as recording:
         files = _compared(recording, _recorded_command(recording))
         return {"command": recording.metadata["command"], "files": files, "changed": bool(_changed(files))}
 
 
-def _in_a_process(arguments: Namespace, time: int, agreed: Sequence[str]) -> str:
-    """Start a branch of the recording at a time (ns) in a process of its own; gives the address of its page."""
+def _page_of_run(arguments: Namespace, path: Path, *options: str) -> str:
+    """Start the page of a recording, or of a branch of it, in a process of its own; gives its address."""
     from subprocess import PIPE, Popen
 
-    words = ["view", str(arguments.subject), "--branch", repr(time / SECOND), "--no-open", *agreed]
+    words = ["view", str(path), "--no-open", *options]
     words += ["--host", arguments.host, *(("--tls", *map(str, arguments.tls)) if arguments.tls else ())]
     process = Popen([sys.executable, "-m", "fame", *words], stdout=PIPE, stderr=PIPE, text=True)
     assert process.stdout is not None
@@ -231,7 +238,7 @@ def _in_a_process(arguments: Namespace, time: int, agreed: Sequence[str]) -> str
     address = process.stdout.readline().strip()
     if not address.startswith("http"):
         lines = [line for line in process.communicate()[1].splitlines() if line]
-        raise FameError(lines[-1].removeprefix("fame: error: ") if lines else "the branch has ended")
+        raise FameError(lines[-1].removeprefix("fame: error: ") if lines else "the page has ended")
     atexit.register(process.terminate)
     return address
 

@@ -12,9 +12,10 @@ import math
 import shlex
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from fame.errors import ConfigError, FameError, display_name
 from fame.imports import require
@@ -23,6 +24,10 @@ from fame.scenario.property_statistics import columns
 from fame.scenario.settings import ALL
 from fame.scenario.variation import FAULTS, Variation, points
 from fame.text import suggestion
+
+if TYPE_CHECKING:
+    from fame.robot.events import Observer
+    from fame.scenario.scenario import Scenario
 
 ROWS, ABOUT = "runs.jsonl", "campaign.json"
 _Row = dict[str, Any]
@@ -34,7 +39,10 @@ _BATCH = 8
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One run. `changes` by path of the scenario; `measures` are expressions over the variables of each robot."""
+    """One run. `changes` by path of the scenario; `measures` are expressions over the variables of each robot.
+
+    `record` is the folder for its recording (``run-NUMBER.mcap``), if one is wanted.
+    """
 
     number: int
     scenario: str
@@ -45,6 +53,7 @@ class Job:
     library: tuple[str, ...] = ()
     types: tuple[str, ...] = ()
     project: str = ""
+    record: str = ""
 
     def command(self) -> str:
         """The command that repeats this run."""
@@ -71,21 +80,23 @@ def run_job(job: Job) -> _Row:
     for folder in job.types:
         register_files(folder)
     row: _Row = {"run": job.number, "seed": job.seed, "command": job.command(), "changes": dict(job.changes)}
-    try:
-        changes = {path: value for path, value in job.changes.items() if path != FAULTS}
-        scenario = Scenario.load(
-            job.scenario,
-            seed=job.seed,
-            duration=job.duration,
-            library=job.library,
-            faults=[parse_fault(text) for text in _fault_texts(job.changes.get(FAULTS))],
-            changes=changes,
-        )
-        run = Run(scenario, False, None, None)
-    except FameError as error:
-        return {**row, "status": "impossible", "cause": str(error)}
-    driven = _Distances(run.world) if run.world is not None else None
-    result = run.result()
+    with ExitStack() as opened:
+        try:
+            changes = {path: value for path, value in job.changes.items() if path != FAULTS}
+            scenario = Scenario.load(
+                job.scenario,
+                seed=job.seed,
+                duration=job.duration,
+                library=job.library,
+                faults=[parse_fault(text) for text in _fault_texts(job.changes.get(FAULTS))],
+                changes=changes,
+            )
+            log = opened.enter_context(_recording(job, scenario)) if job.record else None
+            run = Run(scenario, False, log, None)
+        except FameError as error:
+            return {**row, "status": "impossible", "cause": str(error)}
+        driven = _Distances(run.world) if run.world is not None else None
+        result = run.result()
     variables = {
         node.name: _Variables(node.instances[-1].variables) if node.instances else _Variables({}) for node in run.nodes
     }
@@ -102,6 +113,14 @@ def run_job(job: Job) -> _Row:
         **{f"measure.{name}": _measured(text, variables) for name, text in job.measures.items()},
         **columns(result.judgements),
     }
+
+
+def _recording(job: Job, scenario: Scenario) -> AbstractContextManager[Observer]:
+    from fame.log import About, logging_to
+
+    return logging_to(
+        Path(job.record, f"run-{job.number}.mcap"), scenario.closures(), About(metadata={"seed": str(job.seed)})
+    )
 
 
 class _Distances:
@@ -188,6 +207,7 @@ class Campaign:
     """Many runs of a scenario. `workers` processes at a time (-1: all cores), on a `backend` of joblib.
 
     `library` and `types` are folders, beside those of the scenario; `project` is the file that named them, if one did.
+    `record` is the folder for a recording of each run.
     """
 
     scenario: str
@@ -201,6 +221,7 @@ class Campaign:
     workers: int = -1
     backend: Literal["loky", "dask", "ray"] = "loky"
     address: str = ""
+    record: str = ""
 
     def jobs(self) -> list[Job]:
         """All runs, in order. Raises ConfigError for a scenario or variation that is wrong."""
@@ -219,6 +240,7 @@ class Campaign:
                 self.library,
                 self.types,
                 self.project,
+                self.record,
             )
             for number, values in enumerate(points(self.variation, self.runs, self.seed, world), 1)
         ]

@@ -11,6 +11,7 @@ plain ES modules and CSS, without a build step.
     live       the source of a run in this process; control: commands of its page
     team       the source of a team on the network
     watch      the source of a model while it is drawn
+    heat       the source of all recordings of a folder, as colours on the models
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from fame.imports import attach
 
 if TYPE_CHECKING:
     from fame.view.control import RunControl as RunControl
+    from fame.view.heat import HeatMap as HeatMap
     from fame.view.live import LiveRun as LiveRun, SameRun as SameRun
     from fame.view.replay import Replay as Replay
     from fame.view.server import PageSource as PageSource, Server as Server
@@ -31,6 +33,7 @@ __getattr__, __dir__, __all__ = attach(
     __name__,
     {
         "control": ["RunControl"],
+        "heat": ["HeatMap"],
         "live": ["LiveRun", "SameRun"],
         "replay": ["Replay"],
         "server": ["Server", "PageSource"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from math import inf
 from operator import attrgetter
@@ -22,7 +22,7 @@ from fame.log import Recording
 from fame.log.channels import CLOCKS, EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
 from fame.log.recording import RecordedMessage
 from fame.log.team_state import shift_times
-from fame.view.blocks import Packer
+from fame.view.blocks import Block, Packer
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import Chip, mission_json, place_of
 
@@ -91,6 +91,18 @@ class Replay(Closing):
     def wait(self) -> None:
         """Wait until everything is read."""
         self._thread.join()
+
+    @property
+    def blocks(self) -> Sequence[Block]:
+        """What has been read."""
+        return self._packer.blocks
+
+    @property
+    def missions(self) -> list[int]:
+        """The files of the catalogue that robots ran, by number: not those that were only called."""
+        numbers = {definitions.file: number for number, definitions in enumerate(self.catalogue.files)}
+        named = [run.models[0] for each in self._recording.runs.values() for run in each if run.models]
+        return sorted({numbers[name] for name in named if name in numbers}) or [*numbers.values()][:1]
 
     def _models(self) -> list[Definitions]:
         files = []

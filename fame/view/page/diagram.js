@@ -256,6 +256,10 @@ export class Diagram {
       }
     }
     this.mark(plane, tokens, counts);
+    if (this.app.mission.heat) {
+      this.app.heat.paint(plane);
+      return;
+    }
     this.badges(plane, tokens, counts);
     this.flights(plane, state, flows, wanted);
   }

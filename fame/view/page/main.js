@@ -4,6 +4,7 @@ import { byId, clock, h, icon, show } from "./dom.js";
 import { Acts } from "./acts.js";
 import { Control } from "./control.js";
 import { Diagram } from "./diagram.js";
+import { Heat } from "./heat.js";
 import { Inspector } from "./inspector.js";
 import { Player } from "./player.js";
 import { Steer } from "./steer.js";
@@ -30,6 +31,7 @@ class App {
     this.player = new Player(this);
     this.control = new Control(byId("controls"), this);
     this.acts = new Acts(this);
+    this.heat = new Heat(this);
     this.steer = new Steer(byId("steer"), this);
     this.tabs = new Tabs(byId("tabs"), this);
     this.team = new Team(byId("team"), byId("needs"), this);
@@ -96,6 +98,7 @@ class App {
       else this.diagram.nothing(mission.empty?.[0] ?? "Nothing to show", mission.empty?.[1] ?? "");
     }
     document.body.dataset.kind = mission.kind;
+    if (mission.kind === "model") this.tabs.choose("diagram", false);
     document.body.style.setProperty("--lanes", String(Math.max(2, mission.robots.length)));
     this.changedPlayer();
     this.redraw();

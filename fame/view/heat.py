@@ -1,0 +1,267 @@
+"""The page of a folder of recordings: what the elements of each model did in all of them, as colours on its diagrams.
+
+A model is a file with one content (its hash): runs of two versions are never counted together. Of the elements of a
+called process all executions in that file count, whoever called it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import ceil
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from fame.bpmn.model import FlowNode, Human
+from fame.clock import SECOND
+from fame.closing import Closing
+from fame.deploy import model_hash
+from fame.errors import ConfigError, FameError
+from fame.view.blocks import COLUMNS, Block
+from fame.view.catalogue import NOWHERE, Catalogue
+from fame.view.mission import mission_json
+from fame.view.replay import Replay
+from fame.view.state import ENTER, FAIL, LEAVE, TAKE
+
+
+@dataclass(slots=True)
+class ElementHeat:
+    """What an element did in a run: executions begun (or flows taken), failures, the seconds of each completed one, and
+    the seconds in which it, or something inside it, waited for a message, a person, a time, a condition or a join."""
+
+    times: int = 0
+    failures: int = 0
+    seconds: list[float] = field(default_factory=list)
+    waiting: float = 0.0
+
+    def add(self, other: ElementHeat) -> None:
+        """Count another run, too."""
+        self.times, self.failures = self.times + other.times, self.failures + other.failures
+        self.seconds += other.seconds
+        self.waiting += other.waiting
+
+    def to_json(self) -> dict[str, float | None]:
+        """The numbers of a page: seconds as nearest ranks, None without a completed execution."""
+        return {
+            "times": self.times,
+            "failures": self.failures,
+            "p50": percentile(self.seconds, 0.5),
+            "p95": percentile(self.seconds, 0.95),
+            "waiting": round(self.waiting, 3),
+        }
+
+
+def percentile(values: Sequence[float], part: float) -> float | None:
+    """The nearest rank: the least value that at least this part (0 to 1) of the values do not exceed."""
+    return round(sorted(values)[max(0, ceil(part * len(values)) - 1)], 3) if values else None
+
+
+def heat_of(blocks: Sequence[Block], catalogue: Catalogue) -> dict[int, ElementHeat]:
+    """What each element of a catalogue did in a run, by its number."""
+    found: defaultdict[int, ElementHeat] = defaultdict(ElementHeat)
+    begun: defaultdict[tuple[int, int, int, int], list[int]] = defaultdict(list)
+    waiting = _Waiting(found, catalogue)
+    for block in blocks:
+        for t, r, i, s, e, w in zip(*(block.columns[name] for name in COLUMNS), strict=True):
+            if w in (ENTER, TAKE):
+                found[e].times += 1
+            if w == ENTER:
+                begun[r, i, s, e].append(t)
+            elif w == FAIL:
+                found[e].failures += 1
+            if ENTER < w <= FAIL and begun[r, i, s, e]:
+                since = begun[r, i, s, e].pop(0)
+                if w == LEAVE:
+                    found[e].seconds.append((t - since) / SECOND)
+        waiting.read(block)
+    waiting.end(blocks[-1].end if blocks else 0)
+    found.pop(NOWHERE, None)
+    return dict(found)
+
+
+class _Waiting:
+    """Adds how long elements wait to their `ElementHeat`: an activity waits while at least one token inside it does."""
+
+    def __init__(self, found: Mapping[int, ElementHeat], catalogue: Catalogue) -> None:
+        self._found, self._elements = found, catalogue.elements
+        self._around: dict[tuple[int, int], tuple[int, int]] = {}  # robot, scope -> scope around it, its opener
+        self._tokens: dict[tuple[int, str], list[tuple[int, int, int]]] = {}  # robot, key -> robot, scope, element
+        self._open: dict[tuple[int, int, int], list[int]] = {}  # place -> number of tokens, since when
+
+    def read(self, block: Block) -> None:
+        for robot, scope, _, parent, opener, _ in (*block.key["scopes"], *block.lists["scopes"]):
+            self._around[robot, scope] = parent, opener
+        for time, robot, tokens, gone in block.lists["waits"]:
+            for key in gone:
+                self._close(robot, key, time)
+            for token in tokens:
+                if token["kind"] != "script" and (robot, token["key"]) not in self._tokens:
+                    places = self._tokens[robot, token["key"]] = list(self._places(robot, token))
+                    for place in places:
+                        self._open.setdefault(place, [0, time])[0] += 1
+
+    def end(self, time: int) -> None:
+        for robot, key in tuple(self._tokens):
+            self._close(robot, key, time)
+
+    def _places(self, robot: int, token: Mapping[str, Any]) -> Iterator[tuple[int, int, int]]:
+        scope, element = token["scope"], token["e"]
+        while element != NOWHERE:
+            yield robot, scope, element
+            parent, opener = self._around.get((robot, scope), (NOWHERE, NOWHERE))
+            body = self._elements[element].body
+            if body not in (opener, NOWHERE) and isinstance(self._elements[body].element, FlowNode):
+                element = body  # an event sub-process has its token in its own scope
+            else:
+                scope, element = parent, opener
+
+    def _close(self, robot: int, key: str, time: int) -> None:
+        for place in self._tokens.pop((robot, key), ()):
+            self._open[place][0] -= 1
+            if not self._open[place][0]:
+                self._found[place[2]].waiting += (time - self._open.pop(place)[1]) / SECOND
+
+
+class _Place(NamedTuple):
+    """An element of a file of the catalogue."""
+
+    file: int
+    id: str
+
+
+class HeatMap(Closing):
+    """The source of the page of all recordings (.mcap) below a folder, which a thread reads.
+
+    `show` opens the page of one of them and gives its address. Raises ConfigError for a folder without recordings.
+    """
+
+    catalogue: Catalogue
+
+    def __init__(self, folder: Path, show: Callable[[Path], str] | None = None) -> None:
+        self._folder, self._show = folder, show
+        self.paths: Sequence[Path] = sorted(folder.rglob("*.mcap"))
+        if not self.paths:
+            text = (
+                "has no recordings (.mcap): expected those of fame run --log, fame log record or fame campaign --record"
+            )
+            raise ConfigError(text, file=str(folder))
+        self.catalogue = Catalogue([])
+        self.notices: list[str] = []
+        self._numbers: dict[str, int] = {}  # hash -> number of the file
+        self._missions: defaultdict[str, list[int]] = defaultdict(list)  # hash -> runs
+        self._found: defaultdict[_Place, dict[int, ElementHeat]] = defaultdict(dict)
+        self._pages: dict[int, str] = {}  # run -> address of its page
+        self._read = 0
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._read_all, name="fame view: heat", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop reading."""
+        self._closed.set()
+        self._thread.join()
+
+    def wait(self) -> None:
+        """Wait until everything is read."""
+        self._thread.join()
+
+    def _read_all(self) -> None:
+        for run, path in enumerate(self.paths):
+            if self._closed.is_set():
+                return
+            try:
+                with Replay(path) as replay:
+                    replay.wait()
+                    self._add(run, replay)
+            except FameError as error:
+                self.notices.append(str(error))
+            self._read += 1
+
+    def _add(self, run: int, replay: Replay) -> None:
+        if not replay.blocks:
+            self.notices.append(f"{self._name(run)}: nothing happened in it")
+            return
+        found, files = heat_of(replay.blocks, replay.catalogue), replay.catalogue.files
+        hashes = [model_hash(each.source) for each in files]
+        with self._lock:
+            self.notices += [f"{self._name(run)}: {text}" for text in replay.notices]
+            fresh = {hash: each for hash, each in zip(hashes, files, strict=True) if hash not in self._numbers}
+            self._numbers |= {hash: number for number, hash in enumerate(fresh, len(self._numbers))}
+            self.catalogue.extend(list(fresh.values()))
+            for file in replay.missions:
+                self._missions[hashes[file]].append(run)
+            for number, one in found.items():
+                file, element, _ = replay.catalogue.elements[number]
+                self._found[_Place(self._numbers[hashes[file]], element.id)][run] = one
+
+    def _name(self, run: int) -> str:
+        return str(self.paths[run].relative_to(self._folder))
+
+    # ---- for the page ------------------------------------------------------------------------------------------------
+
+    def mission(self) -> Mapping[str, Any]:
+        with self._lock:
+            left = len(self.paths) - self._read
+            return mission_json(
+                "model",
+                self._folder.resolve().name,
+                self.catalogue,
+                (),
+                chips=[(f"{self._read} runs", "", f"recordings below {self._folder}")],
+                notices=[*([f"{left} recordings are still to be read"] if left else []), *self.notices],
+                control=["runs", *(["show"] if self._show is not None else [])],
+                heat=self._heat(),
+                version=self._read,
+                empty=["No model is read yet", "The page shows the recordings as they are read."],
+            )
+
+    def _heat(self) -> dict[str, Any]:
+        elements: dict[str, dict[str, float | None]] = {}
+        for place, by_run in self._found.items():
+            whole = ElementHeat()
+            for one in by_run.values():
+                whole.add(one)
+            elements[str(self.catalogue.number(*place))] = whole.to_json()
+        models = [
+            {"hash": hash, "name": Path(file.file).name, "runs": len(runs), "plane": self._plane(self._numbers[hash])}
+            for hash, runs in self._missions.items()
+            for file in (self.catalogue.files[self._numbers[hash]],)
+        ]
+        return {"elements": elements, "models": sorted(models, key=lambda one: (one["name"], -one["runs"]))}
+
+    def _plane(self, file: int) -> int:
+        planes = self.catalogue.planes_json()
+        return next((number for number, plane in enumerate(planes) if plane["of"] == file), NOWHERE)
+
+    def plane(self, number: int) -> Mapping[str, Any]:
+        with self._lock:
+            return self.catalogue.plane_json(number)
+
+    def block(self, number: int) -> Mapping[str, Any]:
+        raise LookupError(number)
+
+    def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
+        read = self._read
+        return read, [] if known == read else [{"type": "reload"}]
+
+    def tasks(self, element: str) -> list[Human]:
+        return []
+
+    def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
+        """``runs``: those of an element, by its number; ``show``: the address of the page of a run."""
+        match command:
+            case {"do": "runs", "element": int(number)} if 0 <= number < len(self.catalogue.elements):
+                file, element, _ = self.catalogue.elements[number]
+                with self._lock:
+                    found = self._found.get(_Place(file, element.id), {})
+                    return {
+                        "runs": [{"run": run, "name": self._name(run), **one.to_json()} for run, one in found.items()]
+                    }
+            case {"do": "show", "run": int(run)} if self._show is not None and 0 <= run < len(self.paths):
+                if run not in self._pages:
+                    self._pages[run] = self._show(self.paths[run])
+                return {"address": self._pages[run]}
+        raise FameError("expected a run or an element of this page")
