@@ -16,6 +16,7 @@ from fame.monitor.data_files import LabelledRun, read_labelled_runs
 from fame.monitor.drift import Drift, DriftMonitor
 from fame.monitor.judge import areas, judge_trained
 from fame.monitor.model_card import card_of, to_markdown
+from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit
 from fame.monitor.pipeline.trained_model import TrainedModel
@@ -53,6 +54,9 @@ def test_runs_have_verdicts_events_with_channels_and_latency(folder: Path, capsy
     first = stuck["events"][0]
     assert next(iter(first["shares"])) == own_data.NAMES[5001 % 12 % 8]
     assert own_data.ONSET < first["start"] < own_data.ONSET + 1
+    text, *_ = first["explanations"]
+    assert text.startswith(next(iter(first["shares"])))
+    assert "in training" in text
     assert stuck["latency"] == pytest.approx(first["start"] - own_data.ONSET, abs=0.02)
     figures = found["figures"]
     assert (figures["false alarms"], figures["found"]) == (0, 2)
@@ -72,6 +76,19 @@ def test_the_report_is_one_static_page_with_plots_of_the_runs(folder: Path, tmp_
     assert "no promise" in text
     for head in ("Figures", "Runs", "Events", "Losses over time", "Model card"):
         assert f"<h2>{head}</h2>" in text
+
+
+def test_an_alarm_is_explained_by_what_the_training_runs_did_at_that_time() -> None:
+    stamps = np.arange(60) / 10
+    runs = [Samples(np.column_stack([np.sin(stamps), stamps + n]), stamps, ("a", "b")) for n in range(3)]
+    band = Band.of(runs, repeating=True)
+    other = Samples(np.column_stack([np.sin(stamps), stamps + 1]), stamps, ("a", "b"))
+    other.values[30:, 1] = 9.0
+    texts = [each.text for each in band.explain(other, (1, 0), (0.9, 0.1))]
+    assert texts == ["b: 9 at 3 s; in training 3 to 5", "a: unusual course within the values of the training (0 to 0)"]
+    assert np.isnan(band.at(np.array([5.9, 6.3]))[0]).any(axis=1).tolist() == [False, True]
+    (whole,) = Band.of(runs, repeating=False).explain(other, (1,), (1.0,))
+    assert whole.text == "b: 9 at 3 s; in training 0 to 7.9"
 
 
 def test_without_labels_alarms_are_counted_per_hour(

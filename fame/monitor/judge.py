@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model
     from fame.monitor.anomaly.recording import Recording
     from fame.monitor.data_files import LabelledRun
+    from fame.monitor.pipeline.band import Band, Explanation
+    from fame.monitor.pipeline.processor import Samples
     from fame.monitor.pipeline.trained_model import TrainedModel
 
 RESAMPLINGS = 500
@@ -37,13 +39,15 @@ WHOLE = 0.99
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An alarm: from `start` to `end`, s from the start of the run; the share of each channel in what exceeded."""
+    """An alarm: from `start` to `end`, s from the start of the run; the share of each channel in what exceeded, and
+    what each of these did where the training runs did something else."""
 
     start: float
     end: float
     peak: float
     shares: dict[str, float]
     kind: str = "anomaly"
+    explanations: tuple[Explanation, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +57,7 @@ class JudgedRun:
     stamps, ratios  of the losses: (n,) s from the start, (n, channels) divided by the thresholds
     label           -1 anomalous, 1 benign, None without labels; `onset` and `latency` in s
     share           of the run that has been judged
+    samples         what was judged, with stamps in s from the start, by a model whose training runs had a `band`
     """
 
     number: int
@@ -66,6 +71,8 @@ class JudgedRun:
     onset: float | None = None
     notes: tuple[str, ...] = ()
     share: float = 1.0
+    samples: Samples | None = None
+    band: Band | None = None
 
     @property
     def verdict(self) -> str:
@@ -161,7 +168,7 @@ class JudgedRuns:
                     "latency": run.latency, "notes": list(run.notes),
                     "events": [
                         {"kind": each.kind, "start": each.start, "end": each.end, "peak": each.peak,
-                         "shares": each.shares}
+                         "shares": each.shares, "explanations": [found.text for found in each.explanations]}
                         for each in run.events
                     ],
                 }
@@ -283,6 +290,9 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: boo
     begin = float(samples.stamps[0]) if len(samples) else 0.0
     stamps, ratios = loss.stamps - begin, loss.values / thresholds
     events = spans(stamps, active.values if active is not None else np.zeros(0, dtype=bool), ratios, model.columns)
+    shown = samples.replace(samples.channels(), samples.stamps - begin, model.columns)
+    if model.band is not None:
+        events = tuple(_explained(event, shown, model) for event in events)
     if not len(loss):
         notes.append(f"no whole window of {model.window} samples at {model.rate:.4g} Hz: not judged")
     if run.gaps:
@@ -290,9 +300,20 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: boo
     seconds = _seconds(samples.stamps) if run.seconds < 0 else run.seconds
     share = _share(stamps, model.window / model.rate, seconds, stride / model.rate)
     judged = JudgedRun(
-        number, run.file, seconds, events, stamps, ratios, model.columns, notes=tuple(notes), share=share
-    )
+        number, run.file, seconds, events, stamps, ratios, model.columns, notes=tuple(notes), share=share,
+        samples=shown, band=model.band,
+    )  # fmt: skip
     return _labelled(judged, run.labels, samples.stamps - begin) if labelled else judged
+
+
+def _explained(event: Event, samples: Samples, model: TrainedModel) -> Event:
+    """Compare the channels of an alarm with the band of the training, from the begin of its first window to its end."""
+    assert model.band is not None
+    window = model.window / model.rate
+    rows = (samples.stamps > event.start - window) & (samples.stamps <= event.end)
+    part = samples.replace(samples.values[rows], samples.stamps[rows])
+    channels = [model.columns.index(name) for name in event.shares]
+    return replace(event, explanations=model.band.explain(part, channels, tuple(event.shares.values())))
 
 
 def _share(stamps: Floats, window: float, seconds: float, stride: float) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats
-from fame.monitor.judge import RESAMPLINGS, JudgedRun, JudgedRuns, shown
+from fame.monitor.judge import RESAMPLINGS, Event, JudgedRun, JudgedRuns, shown
 from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, QUIET, line_style
 
 if TYPE_CHECKING:
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 PLOTTED = 12
 """Runs with a plot of their own, at most: those with an alarm first, then those that came nearest to one."""
+BANDS = 3
+"""Channels of a run that are drawn in the band of the training runs, at most."""
 _POINTS = 1500
 _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;color:#222;max-width:960px;margin:2em auto;padding:0 1em}
@@ -110,13 +112,19 @@ def _events(runs: Sequence[JudgedRun]) -> str:
         [
             _cell(run.number, "n"), _cell(event.kind), _cell(f"{event.start:.3f} s", "n"),
             _cell(f"{event.end:.3f} s", "n"), _cell(f"{event.peak:.3g}", "n"),
-            _cell(", ".join(f"{name} {100 * share:.0f} %" for name, share in event.shares.items())),
+            _cell("; ".join(_channel_texts(event))),
         ]
         for run in runs for event in run.events
     ]  # fmt: skip
     if not rows:
         return ""
     return "<h2>Events</h2>" + _table(("run", "kind", "start", "end", "peak", "channels"), rows)
+
+
+def _channel_texts(event: Event) -> list[str]:
+    """Give each channel of an alarm with its share, and what it did instead of what was expected."""
+    explained = {found.channel: found.text.removeprefix(found.channel) for found in event.explanations}
+    return [f"{name} {100 * share:.0f} %{explained.get(name, '')}" for name, share in event.shares.items()]
 
 
 def _card(card: dict[str, Any]) -> str:
@@ -130,15 +138,19 @@ def _card(card: dict[str, Any]) -> str:
 # ---- plots -----------------------------------------------------------------------------------------------------------
 
 
-def _svg(width: float, height: float, draw: Callable[..., object], *shown: Any) -> str:
-    """Give a plot of what is shown as SVG for the page. Raises UnavailableError without matplotlib."""
+def _svg(width: float, height: float, draw: Callable[..., object], *shown: Any, rows: int = 1) -> str:
+    """Give a plot of what is shown as SVG for the page; of several `rows`, `draw` gets an array of axes over one time.
+
+    Raises UnavailableError without matplotlib.
+    """
     require("matplotlib")
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.add_subplot()
-    axes.spines[["top", "right"]].set_visible(False)
+    axes = figure.subplots(rows, sharex=True)
+    for each in figure.axes:
+        each.spines[["top", "right"]].set_visible(False)
     draw(axes, *shown)
     stream = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": "fame", "svg.fonttype": "none"}):  # the same data give the same page
@@ -235,11 +247,54 @@ def _draw_precision(axes: Axes, labels: Any, scores: Any) -> None:
 
 def _run_plots(runs: Sequence[JudgedRun]) -> str:
     shown = sorted((run for run in runs if run.ratios.size), key=lambda run: (not run.anomalous, -run.score))[:PLOTTED]
-    plots = [_svg(9, 2.6, _draw_run, run) for run in shown]
+    plots = [_run_plot(run) for run in shown]
     if not plots:
         return ""
-    rest = f'<p class="quiet">{len(shown)} of {len(runs)} runs: those with an alarm first, then the next ones.</p>'
-    return "<h2>Losses over time</h2>" + rest + "".join(plots)
+    rest = f"{len(shown)} of {len(runs)} runs: those with an alarm first, then the next ones."
+    if any(run.band is not None for run in shown):
+        rest += " Below: the channels of the alarms, or the one nearest to one, in the band of the training runs."
+    return f'<h2>Losses over time</h2><p class="quiet">{rest}</p>{"".join(plots)}'
+
+
+def _run_plot(run: JudgedRun) -> str:
+    """Plot the losses of a run; below, in the band of the training, the channels that its alarms name, or the one with
+    the largest loss."""
+    if run.band is None:
+        return _svg(9, 2.6, _draw_run, run)
+    named = dict.fromkeys(run.channels.index(name) for event in run.events for name in event.shares)
+    channels = list(named)[:BANDS] or [int(run.ratios.max(axis=0).argmax())]
+    return _svg(9, 2.4 + 1.5 * len(channels), _draw_with_bands, run, channels, rows=1 + len(channels))
+
+
+def _draw_with_bands(axes: Sequence[Axes], run: JudgedRun, channels: Sequence[int]) -> None:
+    _draw_run(axes[0], run)
+    axes[0].set_xlabel("")
+    for below, channel in zip(axes[1:], channels, strict=True):
+        _draw_in_band(below, run, channel)
+    axes[-1].set_xlabel("time in s")
+
+
+def _draw_in_band(axes: Axes, run: JudgedRun, channel: int) -> None:
+    samples, band = run.samples, run.band
+    assert samples is not None
+    assert band is not None
+    rows = np.unique(np.linspace(0, len(samples) - 1, _POINTS).astype(int))
+    stamps = samples.stamps[rows]
+    low, middle, high = (part[:, channel] for part in band.at(stamps))
+    axes.fill_between(stamps, low, high, color=BENIGN_COLOUR, alpha=0.2, linewidth=0, label="training runs")
+    axes.plot(stamps, middle, color=BENIGN_COLOUR, linewidth=0.8, label="their median")
+    axes.plot(stamps, samples.values[rows, channel], color="black", linewidth=0.8, label="this run")
+    _mark_events(axes, run)
+    axes.set_ylabel(run.channels[channel].rpartition(".")[2])
+    axes.legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
+
+
+def _mark_events(axes: Axes, run: JudgedRun) -> None:
+    """Shade the alarms, and draw a line at the onset."""
+    for event in run.events:
+        axes.axvspan(event.start, max(event.end, event.start + 0.002 * run.seconds), color=ANOMALOUS_COLOUR, alpha=0.15)
+    if run.onset is not None:
+        axes.axvline(run.onset, color=MISSED_COLOUR, linewidth=1.5, label="onset (label)")
 
 
 def _draw_run(axes: Axes, run: JudgedRun) -> None:
@@ -252,10 +307,7 @@ def _draw_run(axes: Axes, run: JudgedRun) -> None:
         label = run.channels[channel].rpartition(".")[2]
         axes.plot(stamps, np.maximum(ratios[:, channel], 1e-3), style, color=colour, linewidth=1, label=label)
     axes.axhline(1, color="black", linewidth=0.8, linestyle="--")
-    for event in run.events:
-        axes.axvspan(event.start, max(event.end, event.start + 0.002 * run.seconds), color=ANOMALOUS_COLOUR, alpha=0.15)
-    if run.onset is not None:
-        axes.axvline(run.onset, color=MISSED_COLOUR, linewidth=1.5, label="onset (label)")
+    _mark_events(axes, run)
     axes.set(
         xlabel="time in s", ylabel="loss / threshold", yscale="log", title=f"Run {run.number}, {Path(run.file).name}"
     )

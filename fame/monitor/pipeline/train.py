@@ -25,6 +25,7 @@ from fame.monitor.arrays import Floats
 from fame.monitor.calibration import FAR, FEWEST, Calibration, calibrate, false_alarm_rate, read_false_alarms
 from fame.monitor.data_files import RUN, STAMP, Special, hash_files, rate_of, read_runs
 from fame.monitor.pipeline import processors
+from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, detector_names, fit_detector
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.filters import LowPass, Windower
@@ -133,21 +134,26 @@ def fit(
     }  # fmt: skip
     return replace(
         model, thresholds=calibration.thresholds, metrics=figures, data=data, versions=versions(),
-        calibration=calibration, conditions=conditions,
+        calibration=calibration, conditions=conditions, band=Band.of(runs, repeating=repeats(runs)),
     )  # fmt: skip
 
 
 def suited_detector(runs: Sequence[Samples]) -> str:
-    """Give the detector for runs of which nothing else is known: ``phase`` for at least `FEWEST` of like lengths whose
-    channels, in the median, follow the time since the start, else ``mahalanobis``."""
+    """Give the detector for runs of which nothing else is known: ``phase`` for at least `FEWEST` that repeat, else
+    ``mahalanobis``."""
+    return Phases.kind if len(runs) >= FEWEST and repeats(runs) else "mahalanobis"
+
+
+def repeats(runs: Sequence[Samples]) -> bool:
+    """Whether runs are of like lengths, and their channels, in the median, follow the time since the start."""
     shortest, longest = min(map(len, runs)), max(map(len, runs))
-    if len(runs) < FEWEST or longest > UNLIKE * shortest or not shortest:
-        return "mahalanobis"
+    if longest > UNLIKE * shortest or not shortest:
+        return False
     every = np.stack([run.channels()[:shortest] for run in runs])
     moving = every.var(axis=(0, 1)) > 0
     residual = (every - np.median(every, axis=0)).var(axis=(0, 1))
     explained = 1 - residual[moving] / every.var(axis=(0, 1))[moving]
-    return Phases.kind if moving.any() and np.median(explained) > REPEATING else "mahalanobis"
+    return bool(moving.any() and np.median(explained) > REPEATING)
 
 
 def prepared(runs: Sequence[Samples], config: Training) -> list[Samples]:

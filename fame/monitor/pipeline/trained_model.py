@@ -23,6 +23,7 @@ from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
+from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import ACTIVATIONS, STORED, ChannelAutoencoders, FittedDetector, detector_name
 from fame.monitor.storage import StoredModel, read_model
 
@@ -42,6 +43,7 @@ class TrainedModel(StoredModel):
     metrics      figures of training and validation, by name, each (channels,)
     calibration  what the thresholds promise; None for a model of an earlier version
     conditions   of the training, as plain data: files, runs, settings
+    band         of the training runs, in the unit of the data; None of an earlier version, or of an ONNX file
     """
 
     kind: ClassVar[str] = "windows"
@@ -61,6 +63,7 @@ class TrainedModel(StoredModel):
     metrics: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     calibration: Calibration | None = None
     conditions: Mapping[str, Any] = field(default_factory=dict)
+    band: Band | None = None
 
     @property
     def network(self) -> ChannelAutoencoders:
@@ -140,7 +143,7 @@ def _check_network(network: ChannelAutoencoders, window: int, channels: int) -> 
 _OPSET, _IR = 18, 9
 _OPERATORS = {"relu": "Relu", "tanh": "Tanh", "logistic": "Sigmoid"}
 _METADATA_KEY = "fame"
-_NOT_METADATA = ("format", "mean", "scale", "detector", "calibration")
+_NOT_METADATA = ("format", "mean", "scale", "detector", "calibration", "band")
 
 
 def write_onnx(model: Mapping[str, Any], path: str | Path, *, single: bool = False) -> None:
