@@ -193,6 +193,7 @@ class Camera:
 
 
 ODOMETRY = "nav_msgs/msg/Odometry"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
 Deviations = tuple[float, float, float, float]
 """Standard deviations of x, y, z and yaw, or of their rates."""
 Position = tuple[float, float, float]
@@ -224,7 +225,10 @@ class OdometerParameters:
 
 
 class Odometer:
-    """Publishes `odom` in the frame `map`. If the robot `flies`, height, climb and sideways speed are noisy too."""
+    """Publishes `odom` in the frame `map`, and its pose on `/tf`.
+
+    If the robot `flies`, height, climb and sideways speed are noisy too.
+    """
 
     def __init__(
         self, node: Node, parameters: OdometerParameters, random: np.random.Generator, *, flies: bool = False
@@ -238,6 +242,7 @@ class Odometer:
         self._fresh = tuple(fresh * deviation for deviation in sigma)
         self._error = [deviation * draw for deviation, draw in zip(sigma, self._noise.row(), strict=False)]
         self._publisher = node.publisher("odom", ODOMETRY, MEASUREMENT)
+        self._transforms = node.publisher("/tf", TRANSFORMS)
         self._frame = f"{node.namespace}/base_link"
         self._make, self._header = _odometry_maker(sigma, self._speed_sigma), header_maker("map")
 
@@ -250,7 +255,18 @@ class Odometer:
         measured = [true + sigma * draw for true, sigma, draw in zip(motion, self._speed_sigma, draws[4:], strict=True)]
         dx, dy, dz, turn = self._error
         place = pose.x + dx, pose.y + dy, altitude + dz
-        self._publisher.publish(self._make(self._header(now), self._frame, place, pose.heading + turn, measured))
+        message = self._make(self._header(now), self._frame, place, pose.heading + turn, measured)
+        self._publisher.publish(message)
+        self._transforms.publish(_transforms(message))
+
+
+def _transforms(odometry: AnyMessage) -> AnyMessage:
+    """The tf2_msgs/msg/TFMessage of an odometry: the robot in the frame `map`."""
+    stamped, transform = constructor("geometry_msgs/msg/TransformStamped"), constructor("geometry_msgs/msg/Transform")
+    pose, vector = odometry.pose.pose, constructor("geometry_msgs/msg/Vector3")
+    place = vector(pose.position.x, pose.position.y, pose.position.z)
+    one = stamped(odometry.header, odometry.child_frame_id, transform(place, pose.orientation))
+    return constructor(TRANSFORMS)([one])
 
 
 @cache

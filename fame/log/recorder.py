@@ -22,6 +22,7 @@ from fame.middleware.interface import ENGINE
 from fame.robot.changes import ChangeTracker
 from fame.robot.events import Event, Observer
 from fame.robot.robot_state import RobotState
+from fame.scripting.transforms import TOPICS as TRANSFORMS
 
 if TYPE_CHECKING:
     from fame.robot import RobotNode
@@ -76,6 +77,8 @@ class TopicRecorder:
     def _is_signal(self, topic: str) -> bool:
         """Whether a topic is no sensor or motor: in a robot's namespace, none but engines have an endpoint on it."""
         info = self._middleware.topics[topic].info()
+        if topic in TRANSFORMS:
+            return False
         if topic.split("/")[1] not in self._robots:
             return True
         return all(name.endswith(f"/{ENGINE}") for name in (*info.publishers, *info.subscribers))

@@ -18,6 +18,7 @@ from fame.bpmn.model import Expression
 from fame.scripting.interface import interface
 from fame.scripting.languages import parse_expression
 from fame.scripting.python import called_name, parse_python
+from fame.scripting.transforms import TF, TOPICS
 
 # ---- variables -------------------------------------------------------------------------------------------------------
 
@@ -151,10 +152,8 @@ def script_topics(expression: Expression) -> tuple[ScriptTopic, ...]:
     calls = [node for node in ast.walk(parse_python(expression)) if isinstance(node, ast.Call)]
     calls.sort(key=lambda call: (call.lineno, call.col_offset))
     found: dict[tuple[str, Direction, str | None], ScriptTopic] = {}
-    for call in calls:
-        topic = _topic(call)
-        if topic is not None:
-            found.setdefault((topic.name, topic.direction, topic.type), topic)
+    for topic in (topic for call in calls for topic in _topics(call)):
+        found.setdefault((topic.name, topic.direction, topic.type), topic)
     return tuple(found.values())
 
 
@@ -165,15 +164,18 @@ def _endpoints(expression: Expression) -> Iterator[ScriptTopic]:
         yield ScriptTopic(name, _MAKES[kind], type, expression.line + expression.text.count("\n", 0, found.start()))
 
 
-def _topic(call: ast.Call) -> ScriptTopic | None:
+def _topics(call: ast.Call) -> Iterator[ScriptTopic]:
     called = called_name(call)
+    if called == "robot.transform":
+        yield from (ScriptTopic(name, "subscribe", TF, call.lineno) for name in TOPICS)
     direction = _CALLS.get(called)
     name = _argument(call, 0, "name" if called == "signal" else "topic")
     if direction is None or name is None:
-        return None
+        return
     if called == "signal":
-        return ScriptTopic(name if name.startswith(("/", "~/")) else f"/{name}", direction, None, call.lineno)
-    return ScriptTopic(name, direction, _argument(call, 1, "type"), call.lineno)
+        yield ScriptTopic(name if name.startswith(("/", "~/")) else f"/{name}", direction, None, call.lineno)
+    else:
+        yield ScriptTopic(name, direction, _argument(call, 1, "type"), call.lineno)
 
 
 def _argument(call: ast.Call, place: int, name: str) -> str | None:

@@ -85,6 +85,16 @@ class Robot:
         check_topic("robot.latest", topic)
         return self._inbox.latest(topic, type)
 
+    def transform(self, target: str, source: str, at: AnyMessage | None = None) -> AnyMessage | None:
+        """The pose of frame `source` in frame `target`, None if ``/tf`` and ``/tf_static`` have not told it.
+
+        It is a geometry_msgs/msg/TransformStamped: the latest, or that `at` a stamp of the last 10 s.
+        """
+        for frame in (target, source):
+            if not isinstance(frame, str) or not frame:
+                raise TypeError(f"robot.transform: {frame!r} is not the name of a frame")
+        return self._inbox.transform(target, source, at)
+
     def call(self, service: str, type: str, /, **fields: Any) -> Call:
         """``response = await robot.call("tello_action", "tello_msgs/srv/TelloAction", cmd="takeoff")``."""
         check_topic("robot.call", service)

@@ -11,6 +11,7 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 from fame.clock import SECOND
@@ -18,6 +19,7 @@ from fame.engine.host import BpmnError
 from fame.errors import MessageError
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import AnyMessage, Client, Node, Subscription, resolve
+from fame.scripting.transforms import TF, TOPICS, TransformBuffer
 
 SERVICE_TIMEOUT = 5 * SECOND
 """Time that a script waits for an unavailable service or action (ns)."""
@@ -185,7 +187,7 @@ def check_topic(what: str, topic: Any) -> None:
         raise TypeError(f"{what}: {topic!r} is not the name of a topic")
 
 
-Subscribe = Callable[[str, str, Callable[[AnyMessage], object]], Subscription]
+Subscribe = Callable[..., Subscription]
 Wake = Callable[[AnyMessage], object]
 
 
@@ -198,12 +200,13 @@ class TopicTypes(Protocol):
 class TopicListener:
     """One subscribed topic. `waiting`: callbacks for the next message, in the order of their requests."""
 
-    __slots__ = ("_changed", "latest", "queues", "subscription", "topic", "type", "waiting")
+    __slots__ = ("_changed", "_keep", "latest", "queues", "subscription", "topic", "type", "waiting")
 
     topic: str
     type: str
 
-    def __init__(self, topic: str, type: str, changed: Callable[[], object]) -> None:
+    def __init__(self, topic: str, type: str, changed: Callable[[], object], keep: Wake | None = None) -> None:
+        self._keep = keep
         self.topic: str = topic
         self.type: str = type
         self._changed = changed
@@ -215,6 +218,8 @@ class TopicListener:
     def put(self, message: AnyMessage) -> None:
         """Handle a message that has arrived."""
         self.latest = message
+        if self._keep is not None:
+            self._keep(message)
         waiting, self.waiting = self.waiting, {}
         for wake in waiting:
             wake(message)
@@ -230,12 +235,14 @@ class TopicListener:
 class Inbox:
     """All topics of one robot's scripts.
 
-    `subscribe` creates a subscription to a full topic name; `changed` is called after every message.
+    `subscribe` creates a subscription to a full topic name, as `Node.subscription`; `changed` is called after every
+    message.
     """
 
     def __init__(self, node: Node, types: TopicTypes, subscribe: Subscribe, changed: Callable[[], object]) -> None:
         self._node, self._types, self._subscribe, self._changed = node, types, subscribe, changed
         self._listeners: dict[str, TopicListener] = {}
+        self._transforms = TransformBuffer(node.namespace)
         self._clients: dict[tuple[str, str], Client] = {}
         self._actions: dict[tuple[str, str], ActionClient] = {}
 
@@ -254,8 +261,10 @@ class Inbox:
         if type is None:
             raise MessageError(f"topic {name}: unknown type; name it in the script, as in "
                                f"receive({topic!r}, \"std_msgs/msg/String\")")  # fmt: skip
-        listener = TopicListener(name, type, self._changed)
-        listener.subscription = self._subscribe(name, type, listener.put)
+        frames = _full(type) == TF and name in TOPICS
+        keep = partial(self._transforms.put, static=name == "/tf_static") if frames else None
+        listener = TopicListener(name, type, self._changed, keep)
+        listener.subscription = self._subscribe(name, type, listener.put, *([TOPICS[name]] if frames else []))
         self._listeners[name] = listener
         return listener
 
@@ -267,6 +276,12 @@ class Inbox:
     def latest(self, topic: str, type: str | None = None) -> AnyMessage | None:
         """The latest message since the subscription, None if there was none. Raises what `listen` raises."""
         return self.listen(topic, type).latest
+
+    def transform(self, target: str, source: str, at: Any) -> AnyMessage | None:
+        """As `TransformBuffer.lookup`; the first call subscribes."""
+        for topic in TOPICS:
+            self.listen(topic, TF)
+        return self._transforms.lookup(target, source, at)
 
     def queue(self, topic: str, type: str | None, depth: int) -> MessageQueue:
         """A queue of future messages, filled as long as it is referenced. Raises what `listen` raises."""
