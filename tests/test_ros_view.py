@@ -25,6 +25,7 @@ from view_page import eventually
 
 from fame.errors import ConfigError
 from fame.log import Recording
+from fame.log.conversion import convert
 
 pytestmark = [needs("rclpy"), pytest.mark.ros, pytest.mark.processes]
 
@@ -297,6 +298,7 @@ def recorded(file: Path) -> set[tuple[str, str]]:
 def test_a_team_on_ros_is_recorded_until_ctrl_c(team: Commands, tmp_path: Path) -> None:
     from geometry_msgs.msg import Vector3
     from rclpy.serialization import deserialize_message
+    from rosbags.highlevel import AnyReader
 
     file = tmp_path / "run.mcap"
     recorder = team.start("log", "record", "-o", str(file))
@@ -324,3 +326,7 @@ def test_a_team_on_ros_is_recorded_until_ctrl_c(team: Commands, tmp_path: Path) 
         assert message.node == "/REX/fame_engine"
         found = deserialize_message(message.data, Vector3)
         assert (found.x, found.y, found.z) == (1.5, -2.0, 0.0)
+    convert(file, tmp_path / "bag")
+    with AnyReader([tmp_path / "bag"]) as bag:
+        (found,) = [bag.deserialize(data, one.msgtype) for one, _, data in bag.messages() if one.topic == "/found"]
+    assert (found.x, found.y, found.z) == (1.5, -2.0, 0.0)

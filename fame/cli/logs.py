@@ -49,10 +49,15 @@ def add(commands: Commands) -> None:
     converting = command(
         parts, "convert", convert,
         examples=("fame log convert run.mcap -o run.xes", "fame log convert run.mcap -o run.ocel.json"),
-        help="convert a recording to .jsonl, .csv, .xes (process mining, IEEE 1849) or .ocel.json (OCEL 2.0)",
+        help="convert a recording to .jsonl, .csv, .xes (process mining, IEEE 1849) or .ocel.json (OCEL 2.0), "
+        "or the messages of topics to a bag of ROS 2",
     )  # fmt: skip
     converting.add_argument("recording", type=Path, metavar="RUN.mcap")
-    _add_output(converting, "FILE", "the log, in place of an old one; the end of its name selects the form")
+    _add_output(
+        converting,
+        "FILE",
+        "the log, in place of an old one; the end of its name selects the form. Without one: a new folder, for a bag",
+    )
     converting.add_argument(
         "--level", choices=("mission", "all"),
         help="OCEL: activities and labelled elements of the mission and its signals (mission, the default), or "

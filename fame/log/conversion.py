@@ -1,4 +1,4 @@
-"""Converts recordings to other logs: JSON Lines, CSV, XES and OCEL 2.0; merges recordings by time."""
+"""Converts recordings to other logs: JSON Lines, CSV, XES, OCEL 2.0, bags of ROS 2; merges recordings by time."""
 
 from __future__ import annotations
 
@@ -50,18 +50,24 @@ def convert(
     *,
     level: OcelLevel | None = None,
 ) -> list[str]:
-    """Convert a recording to the format given by the suffix of the target. Returns the warnings of the recording.
+    """Convert a recording to the format given by the suffix of the target, without one to a bag of ROS 2.
 
+    Returns the warnings of the recording.
     `level`: for OCEL, what it has (`fame.log.ocel`; mission). Raises ConfigError for a name with another end, a `level`
     for another form, a file that is no recording, and one that cannot be written.
     """
     target = Path(target)
-    if not target.name.lower().endswith(tuple(FORMS)):
-        known = ", ".join(FORMS)
-        raise ConfigError(f"expected a file name that ends in one of {known}, got {target.name!r}", file=str(target))
+    if target.suffix and not target.name.lower().endswith(tuple(FORMS)):
+        known = (
+            f"expected a file name that ends in one of {', '.join(FORMS)}, or the name of a folder for a bag of ROS 2"
+        )
+        raise ConfigError(f"{known}, got {target.name!r}", file=str(target))
     if level is not None and not target.name.lower().endswith(OCEL):
         raise ConfigError(f"--level is for {OCEL} only; other forms have everything", file=str(target))
     with Recording(source) as recording:
+        if not target.suffix:
+            _write_bag(recording, target)
+            return list(recording.warnings)
         models = models_of(recording)
         if target.name.lower().endswith(OCEL):
             with new_file(target) as begin:
@@ -79,6 +85,21 @@ def convert(
                     reported = done
                     on_progress(done)
         return list(recording.warnings)
+
+
+def _write_bag(recording: Recording, target: Path) -> None:
+    """Write the messages of the robots' topics, without FAME's own channels, as ``ros2 bag`` does."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    if target.exists():
+        raise ConfigError("expected a new folder: it exists already", file=str(target))
+    types = {name: topic.type for name, topic in recording.topics.items() if topic.encoding == "cdr"}
+    with Writer(target, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        ends = {
+            name: bag.add_connection(name, type, typestore=recording.typestore(type)) for name, type in types.items()
+        }
+        for message in recording.messages(types):
+            bag.write(ends[message.topic], message.time, message.data)
 
 
 def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProgress = lambda done: None) -> list[str]:

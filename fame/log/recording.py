@@ -218,10 +218,17 @@ class Recording(Closing):
                 return found
         from fame.middleware import codec, messages
 
-        if topic.type not in self._types:
-            self._types.add(topic.type)
-            _register(topic.type, self._definitions[topic.type])
+        self.typestore(topic.type)
         return messages.to_mapping(codec.deserialize(message.data, topic.type))
+
+    def typestore(self, type: str) -> Any:
+        """The type store of rosbags with a type of its messages, as the recording defines it. Raises MessageError."""
+        from fame.middleware import codec
+
+        if type not in self._types:
+            self._types.add(type)
+            _register(type, self._definitions[type])
+        return codec.typestore(type)
 
     def events(
         self, start: int | None = None, end: int | None = None, robots: Collection[str] | None = None

@@ -20,6 +20,7 @@ from fame.log.recorder import LogTopics
 from fame.log.recording import ModelRun
 from fame.log.recording_file import Sink
 from fame.middleware.interface import ENGINE, LATCHED, MAX_MESSAGE_SIZE, AnyMessage, Middleware, QoS, TopicInfo
+from fame.middleware.qos import requested_of
 from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE, nanoseconds
 from fame.scripting.transforms import TOPICS as TRANSFORMS
 from fame.text import read_json
@@ -63,6 +64,7 @@ class TeamRecorder(Closing):
         self._report_model, self._judging = on_model, judging
         self._middleware, self._scheduler, self._open_file = middleware, scheduler, open_file
         self._every, self._metadata, self._note = topics == "all", dict(metadata or {}), note
+        self._named = robots
         self._models = models
         self._file: Sink | None = None
         self._attached: dict[tuple[str, str], str] = {}  # name and XML of a model -> its name in the recording
@@ -182,7 +184,8 @@ class TeamRecorder(Closing):
             if info.name not in self._topics and self._is_wanted(info):
                 self._topics[info.name] = None
                 try:
-                    self._node.subscription(info.name, info.types[0], partial(self._on_message, info))
+                    profile = requested_of(info.offered)
+                    self._node.subscription(info.name, info.types[0], partial(self._on_message, info), profile)
                 except MessageError as error:
                     self._note(f"{info.name} is not recorded: {error}")
 
@@ -196,7 +199,8 @@ class TeamRecorder(Closing):
         engines = sum(name.endswith(f"/{ENGINE}") for name in ends)
         strangers = [name for name in ends if not name.endswith((f"/{ENGINE}", "/fame_recorder"))]
         if self._every:
-            return engines > 0 or first in self.team.robots
+            homes = {first, *(name.split("/")[1] for name in info.publishers)}
+            return engines > 0 or not self._named or not homes.isdisjoint(self.team.robots)
         return engines > 0 and not (first in self.team.robots and strangers)
 
     def _on_message(self, info: TopicInfo, message: AnyMessage) -> None:

@@ -8,7 +8,7 @@ published itself. Callbacks run as entries of the scheduler (`fame.clock.Kind.ME
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 AnyMessage = Any
@@ -50,12 +50,16 @@ UNKNOWN_NODE = "/_NODE_NAME_UNKNOWN_"
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """A topic as the graph shows it: its types, and the full names of its nodes (one per endpoint)."""
+    """A topic as the graph shows it: its types, and the full names of its nodes (one per endpoint).
+
+    `offered` has the QoS of each publisher.
+    """
 
     name: str
     types: tuple[str, ...]
     publishers: tuple[str, ...]
     subscribers: tuple[str, ...]
+    offered: tuple[QoS, ...] = field(default=(), compare=False)
 
 
 MAX_MESSAGE_SIZE = 100_000_000

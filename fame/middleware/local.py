@@ -150,7 +150,9 @@ class LocalTopic:
     def info(self) -> TopicInfo:
         """The topic as the graph shows it."""
         publishers = tuple(end.node.full_name for end in self.publishers)
-        return TopicInfo(self.name, (self.type,), publishers, tuple(end.node.full_name for end in self.subscriptions))
+        subscribers = tuple(end.node.full_name for end in self.subscriptions)
+        offered = tuple(end.qos for end in self.publishers)
+        return TopicInfo(self.name, (self.type,), publishers, subscribers, offered)
 
 
 class LocalNode:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -49,6 +49,13 @@ def compatible(offered: QoS, requested: QoS) -> str | None:
         if demand is not None and (promise is None or promise > demand):
             return f"{name}: offered {_seconds(promise)}, requested {_seconds(demand)}"
     return None
+
+
+def requested_of(offered: Sequence[QoS]) -> QoS:
+    """The QoS of a subscription that matches all publishers and gets all that each of them can give."""
+    reliable = all(one.reliability == "reliable" for one in offered)
+    latched = bool(offered) and all(one.durability == "transient_local" for one in offered)
+    return QoS("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile")
 
 
 class Discovered(Protocol):

@@ -129,4 +129,5 @@ def _info(name: str, endpoints: list[DiscoveredEndpoint], owners: dict[bytes, st
         tuple(sorted({endpoint.type for endpoint in endpoints})),
         tuple(owners.get(endpoint.gid, UNKNOWN_NODE) for endpoint in endpoints if endpoint.writes),
         tuple(owners.get(endpoint.gid, UNKNOWN_NODE) for endpoint in endpoints if not endpoint.writes),
+        tuple(endpoint.qos for endpoint in endpoints if endpoint.writes),
     )

@@ -148,7 +148,8 @@ class RosMiddleware(WireMiddleware):
     def _info(self, topic: str, types: list[str]) -> TopicInfo:
         writers = self.observer.get_publishers_info_by_topic(topic)
         readers = self.observer.get_subscriptions_info_by_topic(topic)
-        return TopicInfo(topic, tuple(sorted(types)), tuple(map(owner, writers)), tuple(map(owner, readers)))
+        offered = tuple(RosEndpoint(writer).qos for writer in writers)
+        return TopicInfo(topic, tuple(sorted(types)), tuple(map(owner, writers)), tuple(map(owner, readers)), offered)
 
     def _look(self) -> None:
         """Report topics that have several types, whenever the number of their endpoints has changed."""

@@ -357,4 +357,5 @@ def _info(name: str, entities: list[Entity]) -> TopicInfo:
         return (entity.node or UNKNOWN_NODE for entity in entities if entity.kind == kind)
 
     types = tuple(sorted({entity.type for entity in entities}))
-    return TopicInfo(name, types, tuple(nodes(tokens.PUBLISHER)), tuple(nodes(tokens.SUBSCRIPTION)))
+    offered = tuple(entity.qos for entity in entities if entity.kind == tokens.PUBLISHER)
+    return TopicInfo(name, types, tuple(nodes(tokens.PUBLISHER)), tuple(nodes(tokens.SUBSCRIPTION)), offered)
