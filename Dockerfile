@@ -1,0 +1,21 @@
+# An engine, a world or any other command of FAME: docker run fame engine REX. Built for amd64; on arm64 it communicates
+# over Zenoh (--middleware zenoh), since Cyclone DDS has no wheel there (docs/deployment.md#containers).
+FROM debian:bookworm-slim AS build
+# hadolint ignore=DL3008
+RUN apt-get update && apt-get install --yes --no-install-recommends python3-venv && rm -rf /var/lib/apt/lists/*
+WORKDIR /source
+COPY . .
+RUN python3 -m venv /opt/fame && /opt/fame/bin/pip install --no-cache-dir '.[sim,dds,zenoh,view,metrics]'
+
+FROM debian:bookworm-slim
+# hadolint ignore=DL3008
+RUN apt-get update && apt-get install --yes --no-install-recommends python3 && rm -rf /var/lib/apt/lists/* \
+    && useradd --uid 1000 --create-home fame && install --directory --owner=fame /var/lib/fame
+COPY --from=build /opt/fame /opt/fame
+COPY models /mission/models
+COPY examples /mission/examples
+ENV PATH=/opt/fame/bin:$PATH PYTHONUNBUFFERED=1
+USER 1000
+WORKDIR /mission
+ENTRYPOINT ["fame"]
+CMD ["--help"]
