@@ -339,6 +339,7 @@ def test_a_narrow_terminal_gets_the_columns_that_matter() -> None:
         ("view run.mcap --properties x.yaml", "fame log judge"),
         ("view run.mcap --as ann:nurse", "--as is for a running team"),
         ("view --as ann:nurse", "--as needs --control"),
+        ("view --allow deploy", "--allow deploy needs --control"),
         ("run examples/shuttle.yaml --as ann:nurse", "--as needs --view"),
         ("run examples/shuttle.yaml --paused", "--paused needs --view"),
     ],

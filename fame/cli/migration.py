@@ -78,7 +78,7 @@ class Migration:
 
     def _approve(self, pools: Mapping[str, Pool], foreseen: Mapping[str, Foreseen]) -> str:
         """Explore the state that the robots would have. Called in a thread, while they are held."""
-        from fame.scenario.exploration import explore_migrated
+        from fame.scenario.exploration import explore_migrated, objection
 
         try:
             result = explore_migrated(self._definitions, self._library, pools, foreseen, seconds=BUDGET)
@@ -87,15 +87,13 @@ class Migration:
             return "" if self._force else f"the migrated state cannot be explored: {error} (--force overrides)"
         note(f"the migrated state: {result.summary()}")
         self._found = [one for one in result.findings if one.level == "error"]
-        if not self._found and result.status == "partial" and not (self._force or self._allow_partial):
-            self._partial = True
-            return f"{result.partly()} (--allow-partial or --force overrides)"
-        if not self._found:
+        reason = objection(result, partial=self._force or self._allow_partial)
+        if reason and self._force:
+            note(f"overridden by --force: {reason}")
+        if not reason or self._force:
             return ""
-        if self._force:
-            note(f"overridden by --force: {self._found[0].text}")
-            return ""
-        return f"{self._found[0].text} (--force overrides)"
+        self._partial = not self._found
+        return f"{reason} ({'--force overrides' if self._found else '--allow-partial or --force overrides'})"
 
     def status(self, deployment: Deployment) -> str:
         """``completed``; ``failed``; ``partial`` if it failed since the migrated state could not be explored whole."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, Parser, add_key, add_library, command, positive, private_key, register_types
 from fame.cli.judging import add_properties, live_judge
-from fame.cli.network import add_network
+from fame.cli.network import add_network, person
 from fame.cli.output import note
 from fame.errors import ConfigError, FameError
 
@@ -63,7 +63,16 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--control", action="store_true", help="team: let the page complete tasks, repair missions and take robots over"
     )
-    add_key(parser, "sign the requests of --control")
+    parser.add_argument(
+        "--allow", action="append", default=[], choices=("deploy",),
+        help="with --control: let the page deploy models, and migrate what runs: whoever has its address can run code "
+        "on them",
+    )  # fmt: skip
+    parser.add_argument(
+        "--change", type=Path, metavar="MODEL.bpmn",
+        help="with --allow deploy: show at each save what this model would change, beside those dropped on the page",
+    )  # fmt: skip
+    add_key(parser, "sign the requests of --control, and what --allow deploy sends")
     add_properties(parser)
     add_page(parser)
     add_network(parser)
@@ -146,12 +155,22 @@ def _team(arguments: Namespace) -> int:
         raise ConfigError("--branch needs a recording: fame view run.mcap --branch S")
     if vars(arguments)["as"] and not arguments.control:
         raise ConfigError("--as needs --control: without it nobody completes tasks")
+    if arguments.allow and not arguments.control:
+        raise ConfigError("--allow deploy needs --control: without it the page only shows the team")
+    if arguments.change is not None and not arguments.allow:
+        raise ConfigError("--change needs --control --allow deploy")
+    if arguments.change is not None and not arguments.change.is_file():
+        raise ConfigError("cannot be read: no such file", file=str(arguments.change))
     key, judging = private_key(arguments), live_judge(arguments, note)
     with ExitStack() as served:
 
         def build(scheduler: WallScheduler, middleware: Middleware) -> TeamView:
             robots = frozenset(arguments.robot)
-            view = TeamView(middleware, scheduler, robots=robots, control=arguments.control, key=key, judging=judging)
+            view = TeamView(
+                middleware, scheduler, robots=robots, control=arguments.control, key=key, judging=judging, who=person()
+            )
+            if arguments.allow:
+                view.allow_change(arguments.change, arguments.library)
             served.enter_context(_serving(view, arguments))
             return view
 

@@ -445,6 +445,9 @@ class EngineNode:
         self.running, self.candidate = candidate.process, None
         if self._feed is not None:
             self._feed.begin(self.running, resumed=migrates)
+        envelope = candidate.envelope
+        if envelope.who and not migrates:  # a migration says so itself
+            self._on_warning(f"deployed model {envelope.hash[:12]} by {self._verifier.sender(envelope)}")
         go_on()
         self._suspend_inactive(self.running)
         self._protocol.handle(Started())

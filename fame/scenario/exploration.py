@@ -137,6 +137,15 @@ def explore_found(definitions: Definitions, library: Library, found: Mapping[str
     return explore_team(definitions, library, cast, Request(properties=_said(definitions, library, cast)))
 
 
+def objection(explored: Exploration, *, partial: bool = False) -> str:
+    """Why a team should not go over to a state that was explored: the first error, or that the search is not whole.
+
+    Empty if there is no reason; `partial`: that it is not whole is none.
+    """
+    errors = [one.text for one in explored.findings if one.level == "error"]
+    return errors[0] if errors else explored.partly() if explored.status == "partial" and not partial else ""
+
+
 def explore_migrated(
     definitions: Definitions,
     library: Library,

@@ -11,6 +11,7 @@ plain ES modules and CSS, without a build step.
     live       the source of a run in this process; control: commands of its page
     team       the source of a team on the network
     watch      the source of a model while it is drawn
+    change     the source of a model that a running team could change to
     heat       the source of all recordings of a folder, as colours on the models
 """
 

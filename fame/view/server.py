@@ -205,11 +205,8 @@ class _Guard:
             inner["raw_path"] = inner["path"].encode()
             inner["root_path"] = ""
             await self._app(inner, receive, send)
-        elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})
         else:
-            await send({"type": "http.response.start", "status": status, "headers": _raw(_HEADERS)})
-            await send({"type": "http.response.body", "body": _REFUSALS[status].encode()})
+            await _refuse(scope, send, status)
 
     def _refusal(self, scope: Scope) -> int:
         """The status that a request is refused with, or 0."""
@@ -236,6 +233,27 @@ class _Guard:
         except ValueError:
             return False
         return port == self._port and (name in self._names or (self._any_name and _is_number(name)))
+
+
+class _OwnPage:
+    """Serves the page that may do everything, and nobody else."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["person"] is None:
+            await self._app(scope, receive, send)
+        else:
+            await _refuse(scope, send, 403)
+
+
+async def _refuse(scope: Scope, send: Send, status: int) -> None:
+    if scope["type"] == "websocket":
+        await send({"type": "websocket.close", "code": 1008})
+    else:
+        await send({"type": "http.response.start", "status": status, "headers": _raw(_HEADERS)})
+        await send({"type": "http.response.body", "body": _REFUSALS[status].encode()})
 
 
 def _token_of(scope: Scope) -> str:
@@ -274,7 +292,7 @@ def _raw(headers: Mapping[str, str]) -> list[tuple[bytes, bytes]]:
 def _routes(source: PageSource) -> Starlette:
     from starlette.applications import Starlette
     from starlette.responses import Response
-    from starlette.routing import Route, WebSocketRoute
+    from starlette.routing import Mount, Route, WebSocketRoute
 
     page = files("fame.view") / "page"
 
@@ -341,8 +359,10 @@ def _routes(source: PageSource) -> Starlette:
         with suppress(Exception):
             await _send_news(socket, source)
 
+    change: PageSource | None = getattr(source, "change", None)
     return Starlette(
         routes=[
+            *([Mount("/change", _OwnPage(_routes(change)))] if change is not None else []),
             Route("/", static),
             Route("/page/{name}", static),
             Route("/mission.json", mission),

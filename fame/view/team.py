@@ -7,24 +7,30 @@ whether it obeys.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, InvalidStateError, TimeoutError as NoAnswer
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 from uuid import uuid4
 
+from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read
 from fame.clock import SECOND, Scheduler
 from fame.closing import Closing
-from fame.deploy import STATUS_QOS, STRING, Report
+from fame.deploy import STATUS_QOS, STRING, Deployment, Report
+from fame.deploy.options import DeploymentOptions
 from fame.deploy.requests import ACTS, TaskClient, TaskRequest
+from fame.deploy.sender import Sender
 from fame.errors import FameError, ModelError
 from fame.log.live_judge import LiveJudge
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware.interface import AnyMessage, Middleware, Publisher, QoS, resolve
 from fame.text import read_json
 from fame.view.catalogue import Catalogue
+from fame.view.change import ModelChange
 from fame.view.mission import mission_json, place_of
 from fame.view.sink import PageSink
 from fame.view.steering import MANUAL, TWIST, twist_of
@@ -43,8 +49,9 @@ _DELAY = SECOND // 20
 class TeamView(PageSink, Closing):
     """The source of a page that shows the robots on a network, or those named in `robots`.
 
-    `control` lets the page ask robots for something (`TaskRequest`), signed with `key` if there is one; `judging`
-    judges properties. All that comes over the network comes in the thread of the scheduler; pages ask from others.
+    `control` lets the page ask robots for something (`TaskRequest`), signed with `key` if there is one, for somebody
+    (`who`); `allow_change` lets it send them models, too; `judging` judges properties. All that comes over the network
+    comes in the thread of the scheduler; pages ask from others.
     """
 
     def __init__(
@@ -56,9 +63,11 @@ class TeamView(PageSink, Closing):
         control: bool = False,
         key: Any = None,
         judging: LiveJudge | None = None,
+        who: str = "",
     ) -> None:
         super().__init__(Catalogue([]))
-        self._scheduler, self._control, self._key = scheduler, control, key
+        self._scheduler, self._control, self._key, self._who = scheduler, control, key, who
+        self.change: ModelChange | None = None
         self._models: dict[bytes, int] = {}  # source of a model -> number of its file
         self._missions = 0
         self._middleware = middleware
@@ -84,8 +93,14 @@ class TeamView(PageSink, Closing):
         """Stop at once."""
         return False
 
+    def allow_change(self, path: Path | None = None, library: Sequence[Path] = ()) -> None:
+        """Let the page deploy models, and migrate what runs: one that is dropped on it, or the file at `path`."""
+        self.change = ModelChange(self._deploy, self._running, path=path, library=library)
+
     def close(self) -> None:
         """Close all endpoints."""
+        if self.change is not None:
+            self.change.close()
         self._recorder.close()
         self._node.close()
 
@@ -155,7 +170,7 @@ class TeamView(PageSink, Closing):
                 ],
                 blocks=packer.index(),
                 end=packer.end,
-                control=[*ACTS, "steer"] if self._control else [],
+                control=([*ACTS, "steer"] if self._control else []) + (["change"] if self.change is not None else []),
                 messages=True,
                 empty=[
                     "No robot on the network yet",
@@ -177,6 +192,9 @@ class TeamView(PageSink, Closing):
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if not self._control:
             raise FameError("this page only shows the team: fame view --control lets it control robots")
+        if command.get("do") == "change" and self.change is not None:
+            self.change.take(str(command.get("name")), str(command.get("source")))
+            return {}
         act, robot = command.get("do"), str(command.get("robot", ""))
         if act not in (*ACTS, "steer") or robot not in self._packer.robots:
             raise FameError(f"expected one of {', '.join(ACTS)} and the name of a robot, got {act!r} of {robot!r}")
@@ -212,8 +230,33 @@ class TeamView(PageSink, Closing):
     def _call(self, action: Callable[[], _T]) -> _T:
         """Call something in the thread of the scheduler."""
         answer: Future[_T] = Future()
-        self._scheduler.soon(lambda: answer.set_result(action()))
+
+        def act() -> None:
+            try:
+                answer.set_result(action())
+            except FameError as error:
+                answer.set_exception(error)
+
+        self._scheduler.soon(act)
         return answer.result(_ANSWER)
+
+    def _running(self, robot: str) -> str:
+        """The file that a robot runs, with all that it calls; empty if it runs nothing."""
+        models = self._recorder.team.models.get(robot, {}).get("models", ())
+        return str(models[0]["xml"]) if models else ""
+
+    def _deploy(
+        self, model: Definitions, options: DeploymentOptions, ended: Callable[[Deployment], object]
+    ) -> Deployment:
+        """Send a model to the robots that the page shows, and tell when that has ended."""
+        options = replace(options, key=self._key, who=self._who)
+
+        def over(deployment: Deployment) -> None:
+            self._scheduler.soon(deployment.close)
+            ended(deployment)
+
+        sender = Sender(f"view-{uuid4().hex[:8]}", self._scheduler, self._middleware, options)
+        return self._call(lambda: sender.send(model, over))
 
     def _send(self, robot: str, request: TaskRequest) -> Report:
         """The answer of a robot to a request."""

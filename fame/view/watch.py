@@ -35,16 +35,16 @@ class _Reading:
 class ModelWatch(Closing):
     """The source of a page that shows a model, or the model of a scenario, as it is now.
 
-    `library` adds folders with called processes. Raises ConfigError if there is no such file.
+    `library` adds folders with called processes. Raises ConfigError if there is no such file, unless it is to `wait`.
     """
 
-    def __init__(self, path: str | Path, library: Sequence[Path] = ()) -> None:
+    def __init__(self, path: str | Path, library: Sequence[Path] = (), *, wait: bool = False) -> None:
         self._path, self._folders = Path(path), tuple(library)
-        if not self._path.is_file():
+        if not wait and not self._path.is_file():
             raise ConfigError("cannot be read: no such file", file=str(path))
         self._version = 0
         self._now = self._read(None)
-        self._stamps = self._stamped()
+        self._stamps = self._stamped() if not wait else []
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="fame view: watch", daemon=True)
         self._thread.start()
@@ -61,6 +61,10 @@ class ModelWatch(Closing):
                 self._stamps = stamps
                 self._now = self._read(self._now)
                 self._version += 1
+                self.on_read()
+
+    def on_read(self) -> None:
+        """Do more with what was read; in the thread that watches."""
 
     def _stamped(self) -> list[tuple[str, int, int]]:
         """The state of the files on disk; a file that is being replaced is not there for a moment."""

@@ -42,6 +42,7 @@ export class Control {
     if (can.has("set")) parts.push(h("button", { cls: "text", onclick: () => this.set() }, "Set"));
     if (can.has("fault")) parts.push(h("button", { cls: "text", onclick: () => this.fault() }, icon("bolt"), "Fault"));
     if (can.has("branch")) parts.push(this.branchButton());
+    if (can.has("change")) parts.push(this.app.change.button());
     renew(this.root, parts);
   }
 

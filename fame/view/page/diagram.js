@@ -261,6 +261,10 @@ export class Diagram {
       return;
     }
     this.badges(plane, tokens, counts);
+    if (this.app.mission.change) {
+      this.app.change.paint(plane);
+      return;
+    }
     this.flights(plane, state, flows, wanted);
   }
 

@@ -98,7 +98,7 @@ export class Inspector {
     this.shown = time;
     this.stale.clear();
     if (this.app.mission.kind === "model") {
-      renew(this.body, this.app.mission.heat ? this.app.heat.view() : this.found());
+      renew(this.body, this.app.mission.heat ? this.app.heat.view() : [this.app.mission.change ? this.app.change.view() : null, this.found()]);
       return;
     }
     if (state === null) {

@@ -2,6 +2,7 @@
 
 import { byId, clock, h, icon, show } from "./dom.js";
 import { Acts } from "./acts.js";
+import { Change } from "./change.js";
 import { Control } from "./control.js";
 import { Diagram } from "./diagram.js";
 import { Heat } from "./heat.js";
@@ -32,6 +33,7 @@ class App {
     this.control = new Control(byId("controls"), this);
     this.acts = new Acts(this);
     this.heat = new Heat(this);
+    this.change = new Change(this);
     this.steer = new Steer(byId("steer"), this);
     this.tabs = new Tabs(byId("tabs"), this);
     this.team = new Team(byId("team"), byId("needs"), this);

@@ -1,0 +1,105 @@
+// A model that a running team could change to: dropped on the page of the team; on a page of its own what it would do, then Deploy or Migrate.
+
+import { h, icon, s, show } from "./dom.js";
+import { ask } from "./form.js";
+
+const WORDS = { added: "added", removed: "removed", changed: "changed", moved: "moved in the diagram only" };
+const SIGNS = { added: "+", changed: "~", moved: "→" };
+const FATES = { keep: "stays", restart: "begins again", abandon: "ends", blocked: "has no place" };
+const LONGEST = 900_000; // characters
+
+export class Change {
+  constructor(app) {
+    this.app = app;
+    this.input = h("input", { type: "file", accept: ".bpmn,.xml", hidden: true, "aria-label": "Model", onchange: () => this.take(this.input.files[0]) });
+    document.body.append(this.input);
+    addEventListener("dragover", (event) => this.may && event.preventDefault());
+    addEventListener("drop", (event) => {
+      if (!this.may) return;
+      event.preventDefault();
+      this.take(event.dataTransfer.files[0]);
+    });
+  }
+
+  get may() {
+    return this.app.control.can.has("change");
+  }
+
+  get data() {
+    return this.app.mission.change;
+  }
+
+  button() {
+    return h("button", { cls: "text", title: "See what another model would change: choose a file, or drop it on the page", onclick: () => this.input.click() }, icon("flow"), "Change …");
+  }
+
+  async take(file) {
+    if (file === undefined) return;
+    if (file.size > LONGEST) this.app.toast(`${file.name} is longer than ${LONGEST} bytes`, true);
+    else if (await this.app.control.send({ do: "change", name: file.name, source: await file.text() })) location.href = new URL("change/", new URL(".", location.href)).href;
+  }
+
+  // ---- the page of a model -----------------------------------------------------------------------
+
+  /** Mark what differs on a plane; what was removed is drawn where it was. */
+  paint(plane) {
+    const key = `${this.app.mission.version}|${this.app.diagram.plane}`, { changes, ghosts } = this.data;
+    if (plane.change === key) return;
+    plane.change = key;
+    const how = new Map(changes.map((one) => [one.element, one.how]));
+    for (const [number, group] of plane.groups) for (const name of Object.keys(SIGNS)) group.classList.toggle(`is-${name}`, how.get(number) === name);
+    show(plane.over, this.app.diagram.plane === 0 ? ghosts.map(({ name, box: [x, y, width, height] }) => s("g", { cls: "ghost" }, s("title", null, `removed: ${name}`), s("rect", { x, y, width, height, rx: 8 }), s("text", { x: x + width / 2, y: y + height / 2 + 4 }, name))) : [],
+      [...how].filter(([number]) => plane.shapes.has(number)).map(([number, name]) => {
+        const [x, y, width] = plane.shapes.get(number);
+        return s("g", { cls: `badge ${name}`, transform: `translate(${x + width} ${y})` }, s("title", null, WORDS[name]), s("circle", { r: 9 }), s("text", { cls: "middle", y: 4 }, SIGNS[name]));
+      }));
+  }
+
+  view() {
+    const { data } = this;
+    const back = h("div", { cls: "row" }, h("a", { href: ".." }, "Back to the team"));
+    if (!data.hash) return [back, data.error ? h("p", { cls: "found error" }, data.error) : null];
+    return [back, this.actions(), h("h4", null, "Robots"), data.robots.map((robot) => this.robot(robot)), data.asking ? h("p", { cls: "quiet" }, "Asking the robots …") : null,
+      h("h4", null, "Differs from what they run"), this.changes(), data.explored ? [h("h4", null, "If they migrate"), h("p", null, data.explored)] : null];
+  }
+
+  actions() {
+    const { data, app } = this, can = (act) => app.control.can.has(act), blocked = data.objection;
+    return [h("div", { cls: "row" }, h("button", { cls: "text strong", disabled: !can("migrate") || !data.robots.length, onclick: () => this.send("migrate") }, "Migrate …"),
+      h("button", { cls: "text", disabled: !can("deploy") || !data.robots.length, onclick: () => this.send("deploy") }, "Deploy …"),
+      h("button", { cls: "text", disabled: !can("examine"), onclick: () => app.control.send({ do: "examine" }) }, "Ask again"), h("code", { title: data.hash }, data.hash.slice(0, 12))),
+    blocked ? h("p", { cls: "found error" }, blocked) : null];
+  }
+
+  robot({ robot, state, reason, runs, tokens }) {
+    const rows = tokens.map(({ element, name, fate, target, reason: why }) => h("li", { cls: fate === "blocked" ? "failed" : "" },
+      element >= 0 ? this.app.inspector.element(element) : h("b", null, name), ` ${FATES[fate]}${target && fate === "restart" ? " there" : ""}${why ? `: ${why}` : ""}`));
+    return h("section", { dataset: { key: robot } }, h("h3", null, robot, h("span", { cls: "quiet" }, state === "previewed" ? (runs ? `runs ${runs.slice(0, 12)}` : "runs nothing: it begins") : `${state} ${reason}`)), rows.length ? h("ul", { cls: "waits" }, rows) : h("p", { cls: "quiet" }, state === "previewed" && runs ? "No token." : ""));
+  }
+
+  changes() {
+    const rows = this.data.changes.map((one) => h("li", { cls: `found differs ${one.how}`, dataset: { key: one.id } },
+      h("div", null, h("b", null, WORDS[one.how]), " ", one.element >= 0 ? this.app.inspector.element(one.element) : one.name, h("span", { cls: "quiet" }, ` ${one.robots.join(", ")}`)),
+      one.what.length ? h("div", null, one.what.join(", ")) : null, this.code(one)));
+    return rows.length ? h("ul", { cls: "findings" }, rows) : h("p", { cls: "quiet" }, this.data.asking ? "…" : "Nothing.");
+  }
+
+  code({ code: [old, fresh] }) {
+    return old.length + fresh.length ? h("pre", { cls: "code" }, old.map((text) => h("del", null, `${text}\n`)), fresh.map((text) => h("ins", null, `${text}\n`))) : null;
+  }
+
+  /** Show the code that would run, and ask; the hash is that of what is shown. */
+  async send(act) {
+    const { data } = this, code = data.changes.filter(({ code: [, fresh] }) => fresh.length), hash = data.hash.slice(0, 12), robots = data.robots.map(({ robot }) => robot).join(", ");
+    const text = [h("p", null, act === "migrate" ? `What ${robots} run goes over to ${hash}.` : `What runs on ${robots} is cancelled; ${hash} begins.`),
+      code.length ? [h("p", null, h("b", null, "Code that is new, and will run on the robots:")), code.map((one) => [h("p", null, one.name), this.code(one)])] : h("p", null, "No script or expression is new."),
+      act === "migrate" && data.objection ? h("p", { cls: "found error" }, data.objection) : []];
+    const fields = [{ key: "agreed", label: `I have read it: ${hash} may run`, kind: "checkbox", required: true }];
+    if (act === "migrate" && data.objection) fields.push({ key: "force", label: "Migrate although this may fail", kind: "checkbox", required: true });
+    const found = await ask(act === "migrate" ? "Migrate what runs?" : "Deploy this model?", fields, act === "migrate" ? "Migrate" : "Deploy", text);
+    if (!found) return;
+    this.app.toast("Sending …");
+    const answer = await this.app.control.send({ do: act, hash: data.hash, force: found.force === true });
+    if (answer) this.app.control.send({ do: "examine" });
+  }
+}

@@ -1,0 +1,173 @@
+"""A running team is changed from the page: what a model would do is shown before it is sent, by its hash alone."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.error import HTTPError
+from urllib.request import urlopen
+
+import pytest
+from bpmn_text import process
+from view_page import READY, eventually, until
+
+from fame.bpmn import read_text
+from fame.bpmn.difference import difference
+from fame.clock import WallScheduler
+from fame.deploy import EngineNode
+from fame.errors import FameError
+from fame.middleware.local import LocalMiddleware
+from fame.view import Server, TeamView
+from fame.view.people import Person
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+BODY = """<startEvent id="s"/><userTask id="Sign" name="Sign"/>{more}<endEvent id="e"/>
+  <sequenceFlow id="f0" sourceRef="s" targetRef="Sign"/><sequenceFlow id="f1" sourceRef="Sign" targetRef="{then}"/>"""
+SHAPES = """<bpmndi:BPMNDiagram id="d"><bpmndi:BPMNPlane id="pl" bpmnElement="REX">
+  <bpmndi:BPMNShape id="d1" bpmnElement="Sign"><dc:Bounds x="{x}" y="0" width="100" height="80"/></bpmndi:BPMNShape>
+  <bpmndi:BPMNShape id="d2" bpmnElement="{task}"><dc:Bounds x="160" y="0" width="100" height="80"/></bpmndi:BPMNShape>
+</bpmndi:BPMNPlane></bpmndi:BPMNDiagram>"""
+TASK = """<scriptTask id="{id}" name="{id}"><script>{script}</script></scriptTask>
+  <sequenceFlow id="f2" sourceRef="{id}" targetRef="e"/>"""
+
+
+def model(id: str, script: str, x: int = 0) -> str:
+    text = process(BODY.format(more=TASK.format(id=id, script=script), then=id), SHAPES.format(x=x, task=id))
+    return text.replace('id="P"', 'id="REX" name="REX"')
+
+
+OLD, NEW = model("Cut", "n = 1"), model("Mow", "n = 2", x=5)
+
+
+def test_a_difference_is_one_of_meaning() -> None:
+    old, new = read_text(OLD, file="old"), read_text("\n\n" + NEW, file="new")
+    assert {(one.element.id, one.how) for one in difference(old, new)} == {
+        ("Mow", "added"), ("Cut", "removed"), ("f1", "changed"), ("f2", "changed"), ("Sign", "moved"),
+    }  # fmt: skip
+    assert difference(old, read_text(OLD.replace("\n", "\n\n"), file="same")) == []
+
+
+def test_a_changed_script_has_both_texts() -> None:
+    old, new = read_text(OLD, file="old"), read_text(model("Cut", "n = 3"), file="new")
+    (one,) = difference(old, new)
+    assert (one.how, one.what, one.old_texts, one.new_texts) == ("changed", ("script",), ("n = 1",), ("n = 3",))
+
+
+class Team:
+    """A robot that runs the old model, and the page, in a thread of their own."""
+
+    def __init__(self) -> None:
+        self.scheduler = WallScheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        self.view = TeamView(self.middleware, self.scheduler, control=True, who="ann@desk")
+        self.view.allow_change()
+        assert self.view.change is not None
+        self.change = self.view.change
+        self.engine = EngineNode("REX", scheduler=self.scheduler, middleware=self.middleware)
+        self.thread = threading.Thread(target=self.scheduler.run)
+        self.thread.start()
+        self.propose(OLD)
+        self.change.control({"do": "deploy", "hash": self.shown()["hash"]})
+        eventually(lambda: self.view._running("REX"))
+
+    def propose(self, text: str) -> None:
+        before = self.change._version
+        self.view.control({"do": "change", "name": "../../new model.bpmn", "source": text})
+        eventually(lambda: self.change._version > before)
+
+    def shown(self) -> dict[str, Any]:
+        eventually(lambda: self.change.mission()["control"])
+        found: dict[str, Any] = self.change.mission()["change"]
+        return found
+
+    def said(self) -> str:
+        return str([detail for block in self.view._packer.blocks for detail in block.details.values()])
+
+    def close(self) -> None:
+        self.change.close()
+        self.scheduler.stop()
+        self.thread.join()
+        self.view.close()
+        self.engine.close()
+        self.middleware.close()
+
+
+@pytest.fixture
+def team() -> Iterator[Team]:
+    team = Team()
+    yield team
+    team.close()
+
+
+def test_a_dropped_model_shows_what_it_would_change_and_then_migrates(team: Team) -> None:
+    team.propose(NEW)
+    eventually(lambda: team.shown()["changes"])
+    shown = team.shown()
+    assert {(one["id"], one["how"]) for one in shown["changes"]} >= {("Mow", "added"), ("Cut", "removed")}
+    assert next(one["code"] for one in shown["changes"] if one["id"] == "Mow") == [[], ["n = 2"]]
+    assert [(one["name"], one["fate"]) for one in shown["robots"][0]["tokens"]] == [("Sign", "keep")]
+    assert shown["objection"] == ""
+    assert "explored" in shown["explored"]
+    assert [one["name"] for one in shown["ghosts"]] == ["Cut"]
+    with pytest.raises(FameError, match="has changed since it was shown"):
+        team.change.control({"do": "migrate", "hash": "0" * 64})
+    team.shown()
+    assert "REX: started" in team.change.control({"do": "migrate", "hash": shown["hash"]})["said"]
+    eventually(lambda: "by ann@desk (unverified)" in team.said() and "migrated" in team.said())
+    eventually(lambda: 'id="Mow"' in team.view._running("REX"))
+    team.propose(OLD)
+    team.change.control({"do": "deploy", "hash": team.shown()["hash"]})
+    eventually(lambda: re.search(r"deployed model \w+ by ann@desk \(unverified\)", team.said()))
+
+
+def test_nothing_is_sent_of_a_model_that_is_wrong(team: Team) -> None:
+    team.propose("<half a")
+    eventually(lambda: team.change.mission()["change"]["error"])
+    assert team.change.mission()["control"] == []
+    with pytest.raises(FameError, match="cannot be sent"):
+        team.change.control({"do": "deploy", "hash": ""})
+
+
+def test_a_page_without_the_right_or_of_a_person_has_no_such_page(team: Team) -> None:
+    ann = Person("ann", "nurse")
+    with Server(team.view, people=[ann]) as server:
+        assert urlopen(server.address + "change/mission.json").status == 200
+        with pytest.raises(HTTPError, match="403"):
+            urlopen(server.addresses[ann] + "change/mission.json")
+        with pytest.raises(FameError, match="may only complete tasks"):
+            ann.check({"do": "change"}, [])
+    with TeamView(team.middleware, team.scheduler, control=True) as other, Server(other) as server:
+        assert "change" not in other.mission()["control"]
+        with pytest.raises(FameError, match="expected one of"):
+            other.control({"do": "change", "source": NEW})
+        with pytest.raises(HTTPError, match="404"):
+            urlopen(server.address + "change/mission.json")
+
+
+def test_the_page_asks_before_code_runs(chromium: Browser, team: Team, tmp_path: Path) -> None:
+    file = tmp_path / "new.bpmn"
+    file.write_text(NEW)
+    with Server(team.view) as server:
+        page = chromium.new_page()
+        page.goto(server.address)
+        until(page, READY)
+        page.locator("input[type=file]").set_input_files(file)
+        page.wait_for_url("**/change/**")
+        until(
+            page,
+            "document.querySelector('.ghost') && !fame.mission.change.asking",
+        )
+        until(page, "fame.mission.control.includes('migrate')")
+        page.get_by_role("button", name="Migrate …").click()
+        assert "n = 2" in page.locator("dialog.ask").inner_text()
+        page.get_by_role("button", name="Migrate", exact=True).click()
+        assert page.locator("dialog.ask").is_visible()  # nobody has said that it may run
+        page.locator("dialog input[type=checkbox]").check()
+        page.get_by_role("button", name="Migrate", exact=True).click()
+        eventually(lambda: "migrated" in team.said())
+        page.close()
