@@ -29,7 +29,8 @@ from fame.middleware.local import LocalMiddleware
 from fame.monitor.pipeline.configuration import Configuration, Port, Stage, load
 from fame.monitor.pipeline.node import ProcessingNode
 from fame.monitor.pipeline.recording import RecordingNode
-from fame.monitor.pipeline.trained_model import Network, TrainedModel
+from fame.monitor.pipeline.detectors import ChannelAutoencoders
+from fame.monitor.pipeline.trained_model import TrainedModel
 
 RATE, JOINTS = 500, tuple(f"joint_{number}" for number in range(6))
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -169,7 +170,9 @@ def main() -> None:
         folder = Path(name)
         made = estimators()
         columns = tuple(f"Efforts.{joint}" for joint in JOINTS)
-        model = TrainedModel(columns, 50, RATE, np.zeros(6), np.ones(6), Network.of(made), (1.0,) * 6, 5.0, 20.0)
+        model = TrainedModel(
+            columns, 50, RATE, np.zeros(6), np.ones(6), ChannelAutoencoders.of(made), (1.0,) * 6, 5.0, 20.0
+        )
         model.save(path := folder / "model.skops")
         seconds, sent = arguments.seconds, samples(arguments.seconds, push=5.0)
         gc.freeze()  # the samples are no garbage, and not part of what is measured

@@ -1,0 +1,115 @@
+"""Detectors on public recordings that you download yourself: python benchmarks/public_data.py skab|cobotops PATH.
+
+All have windows of 10 rows and the conformal threshold at 0.05, by left-out folds (`baselines`).
+
+skab      the folder of a part of SKAB (github.com/waico/SKAB, such as valve1): of each file the first 400 rows are the
+          training, all further rows are judged, a row by the window that ends there. F1, and shares of false and of
+          missed alarms, over the rows of all files; 95 % of 500 resamplings of files. The folds are five parts of the
+          400 rows, so 0.05 is a share of rows. Rows do not repeat, so there is no golden run.
+cobotops  the file of UR3 CobotOps (UCI 963): a cycle is a run, anomalous if it has a protective stop or a lost grip.
+          The undisturbed cycles of the first half of the file are the training, all cycles of the second half are
+          judged by their largest score: the area under the ROC curve, false alarms, and cycles found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from baselines import USUAL, with_threshold
+
+from fame.intervals import interval
+from fame.monitor import Detector, Samples
+from fame.monitor.arrays import Floats
+from fame.monitor.judge import areas
+
+WINDOW, RATE, TRAIN = 10, 0.05, 400
+OWN = ("phase", "mahalanobis")
+
+
+def scores(name: str, train: Sequence[Samples], judged: Sequence[Samples], *, whole_runs: bool) -> list[Floats]:
+    """Give the scores of the windows of each run, divided by the threshold: above 1 there is an alarm."""
+    if name in USUAL:
+        score, threshold = with_threshold(USUAL[name], train, WINDOW, 1, RATE, whole_runs=whole_runs)
+        return [score(run) / threshold for run in judged]
+    found = Detector(name, window=WINDOW, false_alarms=RATE)
+    numbers = np.repeat(np.arange(len(train)), list(map(len, train)))
+    found.fit(np.concatenate([run.values for run in train]), runs=numbers if whole_runs else None)
+    return [found.score_samples(run.values)[WINDOW - 1 :] / found.offset_ for run in judged]
+
+
+def run_of(values: Any) -> Samples:
+    """Give rows as a run, one row per s."""
+    return Samples(np.asarray(values, dtype=np.float64), np.arange(len(values), dtype=np.float64))
+
+
+def skab(folder: Path) -> Iterator[str]:
+    tables = [pd.read_csv(path, sep=";") for path in sorted(folder.glob("*.csv"))]
+    truth = [table["anomaly"].to_numpy()[TRAIN:] > 0 for table in tables]
+    runs = [run_of(table.drop(columns=["datetime", "anomaly", "changepoint"])) for table in tables]
+    yield f"| method | F1 on {len(tables)} files | false alarms | missed |\n| --- | --- | --- | --- |"
+    random = np.random.default_rng(0)
+    draws = [random.integers(0, len(runs), len(runs)) for _ in range(500)]
+    for name in (*OWN, *(name for name in USUAL if name != "golden run")):
+        alarms = []
+        for run in runs:
+            train = [run_of(part) for part in np.split(run.values[:TRAIN], 5)]
+            (found,) = scores(name, train, [run], whole_runs=False)
+            alarms.append(found[TRAIN - WINDOW + 1 :] > 1)
+        counts = np.array([[(a & t).sum(), (a & ~t).sum(), (~a & t).sum(), (~a & ~t).sum()]
+                           for a, t in zip(alarms, truth, strict=True)])  # fmt: skip
+        figures = _figures(counts.sum(axis=0))
+        low, high = np.quantile([_figures(counts[draw].sum(axis=0))[0] for draw in draws], [0.025, 0.975])
+        f1, false, missed = figures
+        yield f"| {name} | {f1:.2f} ({low:.2f} to {high:.2f}) | {100 * false:.0f} % | {100 * missed:.0f} % |"
+
+
+def _figures(counts: Any) -> tuple[float, float, float]:
+    """Give F1, and the shares of false and missed alarms, of true and false alarms, missed and quiet rows."""
+    hit, false, missed, quiet = counts
+    return 2 * hit / (2 * hit + false + missed), false / (false + quiet), missed / (missed + hit)
+
+
+def cobotops(file: Path) -> Iterator[str]:
+    table = pd.read_csv(file, sep=";", decimal=",").iloc[:, :24].dropna()
+    table.columns = table.columns.str.strip()
+    ends = ["Robot_ProtectiveStop", "grip_lost"]
+    cycles = [cycle for _, cycle in table.groupby("cycle") if len(cycle) >= 2 * WINDOW]
+    bad = np.array([(cycle[ends].astype(str) == "True").to_numpy().any() for cycle in cycles])
+    runs = [run_of(cycle.drop(columns=["Num", "Timestamp", "cycle", *ends])) for cycle in cycles]
+    half = len(runs) // 2
+    train, judged = [run for run, wrong in zip(runs[:half], bad, strict=False) if not wrong], runs[half:]
+    wrong = bad[half:]
+    yield f"{len(train)} undisturbed cycles train; of {len(judged)} judged ones {wrong.sum()} are anomalous\n"
+    yield "| method | area under ROC | false alarms | found |\n| --- | --- | --- | --- |"
+    for name in (*OWN, *USUAL):
+        largest = np.array([part.max() for part in scores(name, train, judged, whole_runs=True)])
+        area = areas(largest, wrong)["area under ROC"]
+        low, high = area["interval"]
+        cells = [_counted(largest[kind] > 1) for kind in (~wrong, wrong)]
+        yield f"| {name} | {area['value']:.2f} ({low:.2f} to {high:.2f}) | {' | '.join(cells)} |"
+
+
+def _counted(alarms: Any) -> str:
+    low, high = interval(int(alarms.sum()), len(alarms))
+    return f"{alarms.sum()} of {len(alarms)} ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", choices=("skab", "cobotops"))
+    parser.add_argument("path", type=Path)
+    given = parser.parse_args()
+    for line in (skab if given.data == "skab" else cobotops)(given.path):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
