@@ -27,9 +27,9 @@ from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.pipeline.configuration import Configuration, Port, Stage, load
+from fame.monitor.pipeline.detectors import ChannelAutoencoders
 from fame.monitor.pipeline.node import ProcessingNode
 from fame.monitor.pipeline.recording import RecordingNode
-from fame.monitor.pipeline.detectors import ChannelAutoencoders
 from fame.monitor.pipeline.trained_model import TrainedModel
 
 RATE, JOINTS = 500, tuple(f"joint_{number}" for number in range(6))

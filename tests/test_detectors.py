@@ -103,3 +103,9 @@ def test_a_promise_is_kept_on_200_further_runs():
     assert made.calibration.promised == pytest.approx(1 / 17)
     alarms = sum(alarm(made, seed) for seed in FURTHER)
     assert binomtest(alarms, len(FURTHER), 1 / 17, alternative="greater").pvalue > 0.05
+
+
+@pytest.mark.parametrize("name", ["mahalanobis", "pca", "ocsvm", "isolation_forest"])
+def test_a_matrix_that_would_be_too_large_is_refused_with_its_size(name: str):
+    with pytest.raises(ConfigError, match=r"matrix of 3050 x 3050 \(74 MB\).*Window 49 or less"):
+        fit_detector(name, np.zeros((2, 50, 61)), Training())

@@ -30,7 +30,7 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
-from fame.monitor.pipeline.phases import Phases, reduced
+from fame.monitor.pipeline.phases import Phases, reduced, refuse_large
 
 if TYPE_CHECKING:
     from fame.monitor.pipeline.train import Training
@@ -145,6 +145,14 @@ def _activate(name: str, values: Floats) -> None:
 # ---- across channels -------------------------------------------------------------------------------------------------
 
 
+def _principal(windows: Floats, detector: str) -> tuple[Floats, Floats]:
+    """Give eigenvalues, growing, and eigenvectors of the covariance of windows. Raises ConfigError for a large one."""
+    refuse_large(windows, detector)
+    flat = windows.reshape(len(windows), -1)
+    values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
+    return values, vectors
+
+
 @dataclass(frozen=True, slots=True)
 class Components:
     """Principal components of windows across all channels: `axes` (components, window x channels), orthonormal;
@@ -166,11 +174,10 @@ class Components:
 
     @classmethod
     def fit(cls, windows: Floats, settings: Training, times: Floats | None = None, most: int = 64) -> Components:
-        flat = windows.reshape(len(windows), -1)
-        values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
+        values, vectors = _principal(windows, cls.kind)
         values, vectors = np.maximum(values[::-1], 0), vectors[:, ::-1]
         explained = np.cumsum(values) / max(float(values.sum()), _TINY)
-        count = min(int(np.searchsorted(explained, settings.components)) + 1, most, len(flat))
+        count = min(int(np.searchsorted(explained, settings.components)) + 1, most, len(windows))
         return cls(np.ascontiguousarray(vectors[:, :count].T), np.sqrt(np.maximum(values[:count], _TINY)))
 
 
@@ -192,8 +199,7 @@ class Whitening:
 
     @classmethod
     def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> Whitening:
-        flat = windows.reshape(len(windows), -1)
-        values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
+        values, vectors = _principal(windows, cls.kind)
         floor = _RIDGE * max(float(values.mean()), _TINY)
         return cls((vectors / np.sqrt(np.maximum(values, 0) + floor)) @ vectors.T)
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
 
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 POINTS = 10
 """Values per channel that a window is reduced to, by means of equal parts, where windows are compared to each other."""
+LARGEST = 3000
+"""Values of a window (samples x channels) whose covariance is computed, at most: a matrix of 72 MB, which takes about
+half a core at 100 windows per s."""
 _TINY = 1e-12
 _SMOOTH = 5
 """Phases over which variances are averaged."""
@@ -36,6 +40,19 @@ _PRIOR = 4.0
 """Weight of the variance of a channel in that of one phase, in runs."""
 _STIFF = 0.05
 """Smallest scale of a phase, relative to that of its channel."""
+
+
+def refuse_large(windows: Floats, detector: str) -> None:
+    """Raise ConfigError for windows (n, samples, channels) whose covariance would be too large."""
+    _, window, channels = windows.shape
+    size = window * channels
+    if size > LARGEST:
+        text = (
+            f"{detector} needs a matrix of {size} x {size} ({8e-6 * size**2:.0f} MB) for windows of {window} samples "
+            f"and {channels} channels; at most {LARGEST} values: Window {LARGEST // channels} or less, or fewer Columns"
+        )
+        more = ", or Detector phase" if channels * POINTS <= LARGEST and detector != Phases.kind else ""
+        raise ConfigError(text + more, element="Training.detector")
 
 
 def reduced(windows: Floats) -> Floats:
@@ -84,6 +101,7 @@ class Phases:
     def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> Phases:
         """Learn from windows of several runs, each with the time at its end, s since the start of its run."""
         values = reduced(windows)
+        refuse_large(values, cls.kind)
         at = np.zeros(len(values)) if times is None else times
         begin, step = float(at.min(initial=np.inf)), _step(at)
         numbers = np.round((at - begin) / step).astype(np.int64)

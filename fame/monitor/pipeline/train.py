@@ -29,7 +29,7 @@ from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, detector_names, fit_detector
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.filters import LowPass, Windower
-from fame.monitor.pipeline.phases import Phases
+from fame.monitor.pipeline.phases import Phases, reduced
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.monitor.storage import versions
@@ -406,10 +406,11 @@ def _check(config: Training, runs: Sequence[Samples]) -> None:
 def _windows(runs: Sequence[Samples], config: Training, rate: float) -> tuple[Floats, Floats]:
     """Give the windows that train (n, window, channels), and the times of their ends (n,), s since the start.
 
-    Phases need the windows of all runs; of others `samples` are drawn.
+    Phases need the windows of all runs, and by themselves only the reduced ones; of others `samples` are drawn.
     """
     cut = [Windower().feed(run.replace(run.channels()), config.window, config.stride, rate) for run in runs]
-    pairs = [(part.values, part.stamps - run.stamps[0]) for part, run in zip(cut, runs, strict=True) if len(part)]
+    kept: Callable[[Floats], Floats] = reduced if config.detector == Phases.kind else np.asarray
+    pairs = [(kept(part.values), part.stamps - run.stamps[0]) for part, run in zip(cut, runs, strict=True) if len(part)]
     if not pairs:
         raise ConfigError(f"no run has {config.window} samples at {rate:.3g} Hz in a row", element="Training.window")
     windows, times = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
