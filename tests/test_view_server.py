@@ -14,6 +14,7 @@ from typing import Any
 from urllib.request import urlopen
 
 import pytest
+from view_page import eventually
 
 from fame.bpmn.model import Human
 from fame.errors import ConfigError, FameError
@@ -28,7 +29,7 @@ class OneRobot:
         self.commands: list[Mapping[str, Any]] = []
 
     def mission(self) -> Mapping[str, Any]:
-        return {"title": "<script>alert(1)</script>"}
+        return {"title": "<script>alert(1)</script>", "robots": [{"name": "REX"}]}
 
     def plane(self, number: int) -> Mapping[str, Any]:
         raise LookupError(number)
@@ -110,7 +111,7 @@ def test_this_host_has_several_names(server: Server) -> None:
 def test_another_origin_is_refused(server: Server, origin: str) -> None:
     given = origin.format(port=server.port)
     assert ask(server, "/control", "POST", body='{"do": "pause"}', Origin=given)[0] == 403
-    assert server.source.commands == []  # type: ignore[attr-defined]
+    assert {one["do"] for one in server.source.commands} <= {"note"}  # type: ignore[attr-defined]
 
 
 def test_the_page_itself_may_send_commands(server: Server) -> None:
@@ -144,6 +145,18 @@ def upgrade(server: Server, **headers: str) -> bytes:
         text = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
         stream.sendall(f"GET /{server.token}/live HTTP/1.1\r\n{text}\r\n".encode())
         return stream.recv(4096).partition(b"\r\n")[0]
+
+
+def test_what_was_refused_is_in_the_logs_of_the_robots_but_does_not_fill_them(server: Server) -> None:
+    assert isinstance(server.source, OneRobot)
+    for _ in range(3):
+        ask(server, "/control", "POST", body='{"do": "pause"}', Origin="http://evil.example/\x85" + 200 * "x")
+    (note,) = eventually(lambda: server.source.commands)
+    assert (note["robot"], note["text"]) == ("REX", "a command to the page refused, asked for")
+    assert note["who"].startswith("http://evil.example/\\x85xxx")
+    assert len(note["who"]) < 110
+    ask(server, "/", token="x" * 24)  # who guesses a token is refused, but writes nothing
+    assert len(server.source.commands) == 1
 
 
 def test_a_websocket_of_another_origin_is_refused(server: Server) -> None:

@@ -15,6 +15,7 @@ from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import urlsplit
 
@@ -22,7 +23,7 @@ from fame.closing import Closing
 from fame.errors import ConfigError, FameError
 from fame.fast_json import json_bytes
 from fame.imports import require
-from fame.text import read_json
+from fame.text import printable, read_json
 from fame.view.people import Person
 
 if TYPE_CHECKING:
@@ -40,6 +41,10 @@ POLL = 0.04
 """Seconds between two looks at what is new, for each page."""
 LONGEST = 1_000_000
 """Bytes of a command, at most."""
+RARE = 10.0
+"""Seconds between two notes of refused requests in the logs of robots."""
+_WHO = 100
+"""Characters of what somebody else wrote, at most."""
 _KINDS = {
     ".webmanifest": "application/manifest+json",
     ".html": "text/html",
@@ -149,7 +154,8 @@ class Server(Closing):
     def app(self) -> ASGIApp:
         """The application, behind its guard."""
         tokens = {self.token: None, **{person.token: person for person in self.people}}
-        return _Guard(_routes(self.source), tokens, self.host, self.port, "https" if self._tls else "http")
+        refusals, scheme = _RefusalLog(self.source), "https" if self._tls else "http"
+        return _Guard(_routes(self.source, refusals), tokens, self.host, self.port, scheme, refusals)
 
 
 def _check_certificate(certificate: Path, key: Path) -> None:
@@ -186,11 +192,44 @@ def _in_address(host: str) -> str:
 # ---- who gets in -----------------------------------------------------------------------------------------------------
 
 
+class _RefusalLog:
+    """Notes requests that were refused in the log of each robot: at most once in `RARE` seconds."""
+
+    def __init__(self, source: PageSource) -> None:
+        self._source = source
+        self._next = 0.0
+        self._unsaid = 0
+
+    def add(self, what: str, who: str) -> None:
+        """Note that somebody (`who`) asked for something; by another thread, since robots have to answer."""
+        if monotonic() < self._next:
+            self._unsaid += 1
+            return
+        more, self._unsaid = f" (and {self._unsaid} more before)" if self._unsaid else "", 0
+        self._next = monotonic() + RARE
+        command = {"do": "note", "text": f"{what} refused{more}, asked for", "who": printable(who[:_WHO])}
+        threading.Thread(target=self._note, args=(command,), daemon=True).start()
+
+    def _note(self, command: Mapping[str, Any]) -> None:
+        for robot in self._source.mission().get("robots", ()):
+            with suppress(Exception):  # of a page without control, or a robot that has left
+                self._source.control({**command, "robot": robot["name"]})
+
+
 class _Guard:
     """Accepts requests that have the token, name this host, and come from this page or from no page."""
 
-    def __init__(self, app: ASGIApp, tokens: Mapping[str, Person | None], host: str, port: int, scheme: str) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        tokens: Mapping[str, Person | None],
+        host: str,
+        port: int,
+        scheme: str,
+        refusals: _RefusalLog,
+    ) -> None:
         self._app, self._tokens, self._port, self._scheme = app, tokens, port, scheme
+        self._refusals = refusals
         self._names = {host.lower(), *(("localhost", LOOPBACK, "::1") if _is_loopback(host) else ())}
         self._any_name = host in ("0.0.0.0", "::")
 
@@ -206,6 +245,10 @@ class _Guard:
             inner["root_path"] = ""
             await self._app(inner, receive, send)
         else:
+            if status != 404:  # of a page elsewhere, or of another name for this host
+                headers = dict(scope["headers"])
+                origin = headers.get(b"origin", b"another origin").decode("latin-1")
+                self._refusals.add(f"a {'command' if scope.get('method') == 'POST' else 'request'} to the page", origin)
             await _refuse(scope, send, status)
 
     def _refusal(self, scope: Scope) -> int:
@@ -238,13 +281,14 @@ class _Guard:
 class _OwnPage:
     """Serves the page that may do everything, and nobody else."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
+    def __init__(self, app: ASGIApp, refusals: _RefusalLog) -> None:
+        self._app, self._refusals = app, refusals
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["person"] is None:
             await self._app(scope, receive, send)
         else:
+            self._refusals.add("the page of a changed model", str(scope["person"]))
             await _refuse(scope, send, 403)
 
 
@@ -289,7 +333,7 @@ def _raw(headers: Mapping[str, str]) -> list[tuple[bytes, bytes]]:
 # ---- what they get ---------------------------------------------------------------------------------------------------
 
 
-def _routes(source: PageSource) -> Starlette:
+def _routes(source: PageSource, refusals: _RefusalLog) -> Starlette:
     from starlette.applications import Starlette
     from starlette.responses import Response
     from starlette.routing import Mount, Route, WebSocketRoute
@@ -327,9 +371,11 @@ def _routes(source: PageSource) -> Starlette:
             try:
                 person.check(command, source.tasks(str(command.get("element", ""))))
             except FameError as error:
-                with suppress(Exception):  # of a page without control, or an unknown robot
-                    text = f"{command.get('do')} refused: {error}, asked for"
+                text = f"{command.get('do')} refused: {error}, asked for"
+                try:
                     source.control({"do": "note", "robot": command.get("robot"), "text": text} | who)
+                except Exception:  # of a page without control, or an unknown robot
+                    refusals.add(str(command.get("do"))[:_WHO], str(person))
                 raise
         return source.control({name: value for name, value in command.items() if name != "who"} | who)
 
@@ -362,7 +408,7 @@ def _routes(source: PageSource) -> Starlette:
     change: PageSource | None = getattr(source, "change", None)
     return Starlette(
         routes=[
-            *([Mount("/change", _OwnPage(_routes(change)))] if change is not None else []),
+            *([Mount("/change", _OwnPage(_routes(change, refusals), refusals))] if change is not None else []),
             Route("/", static),
             Route("/page/{name}", static),
             Route("/mission.json", mission),
