@@ -207,6 +207,52 @@ def parts(page: Page) -> Iterator[str]:
     yield "steer"
 
 
+def test_what_is_written_of_seven_robots_is_legible_and_nothing_is_written_on_it(page: Page, hospital: LiveRun) -> None:
+    hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "one"}'})
+    page.set_viewport_size({"width": 1440, "height": 900})
+    for tab in ("team", "diagram"):
+        page.evaluate(f"fame.tabs.choose('{tab}')")
+        until(page, f"{SIZES}.every(([, size]) => size >= 9)")
+        assert page.evaluate(f"({OVERLAPPING})(fame.world.written)") == []
+    names = [text for text, _ in page.evaluate(SIZES)]
+    assert {"Dispatcher", "Porter", "Lift", "Cleaner", "Go to the", "delivered", "yes"} <= set(names)
+    assert until(page, "fame.timeline.written?.size")
+    assert page.evaluate(f"({OVERLAPPING})([...fame.timeline.written.values()].flat())") == []
+    assert page.evaluate("fame.timeline.scroller.scrollHeight <= fame.timeline.scroller.clientHeight")  # all lanes
+
+
+def test_a_chosen_robot_fills_the_diagram_and_the_details_follow_the_zoom(page: Page) -> None:
+    page.evaluate("fame.tabs.choose('diagram')")
+    page.wait_for_timeout(300)
+    whole = page.evaluate("fame.diagram.view.scale")
+    badges = "document.querySelectorAll('.under .badge').length"
+    assert page.evaluate(badges) == 0
+    page.locator(".lane", has_text="Lift").click()
+    until(page, f"fame.diagram.view.scale > {1.5 * whole} && {badges}")
+    paper, pool = page.locator(".paper").bounding_box(), page.locator(".pin.on").bounding_box()
+    assert pool is not None
+    assert paper is not None
+    assert page.locator(".pin.on title").text_content() == "Lift"
+    assert abs(pool["y"] + pool["height"] / 2 - paper["y"] - paper["height"] / 2) < 20
+    page.evaluate("fame.diagram.view.shift(-600, 0)")  # the names of pools stay
+    pinned = page.locator(".pin.on").bounding_box()
+    assert pinned is not None
+    assert abs(pinned["x"] - paper["x"]) < 5
+    page.keyboard.press("Escape")
+    until(page, f"fame.diagram.view.scale === {whole}")
+    page.evaluate("fame.diagram.view.zoom(0.4)")
+    dots = "[...document.querySelectorAll('.drawing .dot')]"
+    assert page.evaluate(f"{dots}.length") > 10
+    assert page.evaluate(f"{dots}.flatMap((one) => [...one.querySelectorAll('text')]).filter({SEEN}).length") == 0
+    assert "Plan the round" in page.evaluate(
+        "[...document.querySelectorAll('.drawing title')].map((one) => one.textContent)"
+    )
+
+
+SEEN = "(one) => { const { width, bottom } = one.getBoundingClientRect(); return width > 0 && bottom > 0; }"
+SIZES = f"""[...document.querySelectorAll('body *')].filter((one) => !one.childElementCount && one.textContent.trim() && ({SEEN})(one) && !one.closest('title, .unseen, option'))
+  .map((one) => [one.textContent, parseFloat(getComputedStyle(one).fontSize) * (one.ownerSVGElement ? Math.hypot(one.getScreenCTM().a, one.getScreenCTM().b) : 1)])"""
+OVERLAPPING = """(boxes) => boxes.filter((a, at) => boxes.slice(at + 1).some((b) => a[0] < b[0] + b[2] && b[0] < a[0] + a[2] && a[1] < b[1] + b[3] && b[1] < a[1] + a[3]))"""
 SMALL = """[...document.querySelectorAll('button, select, input, textarea')].map((one) => one.closest('.choice, .field.checkbox') ?? one.closest('.who')?.closest('.robot') ?? one).filter((one) => {
   const { width, height } = one.getBoundingClientRect();
   return width && (width < 43.9 || height < 43.9);

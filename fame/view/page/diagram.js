@@ -1,6 +1,7 @@
 // The diagrams: FAME's SVG, with tokens, outcomes and findings on it. Zoom, pan, and a breadcrumb into called processes.
 
 import { arrange, h, s, icon, robotColour, show } from "./dom.js";
+import { Names, Pins } from "./names.js";
 import { TAKE, after } from "./store.js";
 import { Viewport } from "./viewport.js";
 
@@ -14,6 +15,7 @@ const SIGNS = {
   error: "M0-3.500V.6M0 3.100V3.200", warning: "M0-3.500V.6M0 3.100V3.200", note: "M0-.8V3.200M0-3.400V-3.300",
 };
 const OUTCOMES = ["completed", "failed", "cancelled"];
+const READABLE = 0.92; // a scale at which everything can be read
 const FLIGHT = 0.45; // seconds on the wall that a token takes along flows
 
 /** A copy of a drawing from known tags and attributes alone: whatever else a file holds is left out. */
@@ -71,7 +73,7 @@ export class Diagram {
     this.legend = h("div", { cls: "legend" });
     this.empty = h("div", { cls: "empty", hidden: true });
     root.append(h("div", { cls: "bar" }, this.crumbs, this.tools), this.paper, this.empty, this.legend);
-    this.view = new Viewport(this.paper, (x, y, scale) => this.sheet.setAttribute("transform", `translate(${x} ${y}) scale(${scale})`), 18);
+    this.view = new Viewport(this.paper, (x, y, scale) => this.placed(x, y, scale), { below: 18, beside: 14 });
     this.paper.addEventListener("click", (event) => this.view.moved || this.clicked(event));
     this.paper.addEventListener("dblclick", (event) => this.opened(event));
     new ResizeObserver(() => this.view.resized()).observe(this.paper);
@@ -83,6 +85,26 @@ export class Diagram {
       s("circle", { r: 8 }), s("path", { d: SIGNS[name] })), text);
     show(this.legend, h("span", null, s("svg", { viewBox: "-9 -9 18 18", cls: "sign token", "aria-hidden": "true" }, s("circle", { r: 6.5 })), "token"),
       mark("completed", "completed"), mark("failed", "failed"), mark("cancelled", "cancelled"));
+  }
+
+  /** The content is at a place and scale: names, badges and pins are those that can be read there. */
+  placed(x, y, scale) {
+    this.sheet.setAttribute("transform", `translate(${x} ${y}) scale(${scale})`);
+    if (this.current === undefined) return;
+    this.current.pins.place(x, y, scale, this.view.box().height, this.app.mission.robots[this.app.selected.robot]?.pool);
+    const level = 2 ** (Math.floor(Math.log2(scale) * 8) / 8);
+    if (level === this.current.level) return;
+    this.current.level = level;
+    this.current.names.fit(level);
+    this.app.redraw();
+  }
+
+  /** Zoom to the pool of the chosen robot, around what it does; without one, to all. */
+  focus(glides = true) {
+    const { robot, element } = this.app.selected, { current } = this, part = current?.shapes.get(this.app.mission.robots[robot]?.pool);
+    const held = [element, ...[...this.app.state?.tokens.values() ?? []].filter((token) => token.r === robot).map((token) => token.e)];
+    const box = held.map((one) => current?.shapes.get(one)).find((one) => one && one !== part);
+    this.view.focus(part ? { part, least: READABLE, about: box && [box[0] + box[2] / 2, box[1] + box[3] / 2] } : {}, glides);
   }
 
   /** Show a plane; `opener` is the call activity or sub-process that leads there. */
@@ -124,11 +146,11 @@ export class Diagram {
   }
 
   /** Where each robot has a model of its own: show that of a robot. */
-  ofRobot(robot) {
+  async ofRobot(robot) {
     const plane = this.planeOf(robot);
     if (plane < 0 || plane === this.trail[0]?.[0]) return;
     this.trail = [];
-    this.open(plane);
+    await this.open(plane);
   }
 
   async up() {
@@ -155,9 +177,10 @@ export class Diagram {
     this.plane = number;
     this.current = plane;
     show(this.sheet, plane.drawing, plane.under, plane.over);
+    show(this.paper, this.sheet, plane.pins.node);
     if (changed) {
       this.view.content(plane.width, plane.height);
-      this.view.fit();
+      this.focus(false);
     }
     this.path();
     this.app.redraw();
@@ -192,8 +215,10 @@ export class Diagram {
       const element = elements[number];
       if (element?.inside !== undefined && element.inside >= 0) groups.get(Number(number))?.classList.add("opens");
     }
-    return { drawing, groups, under: s("g", { cls: "under" }), over: s("g", { cls: "over" }), width: data.width, height: data.height,
-      shapes: new Map(Object.entries(data.shapes).map(([number, box]) => [Number(number), box])),
+    for (const [number, group] of groups) if (!group.classList.contains("frame")) group.append(s("title", null, elements[number]?.name || elements[number]?.id || ""));
+    const shapes = new Map(Object.entries(data.shapes).map(([number, box]) => [Number(number), box]));
+    const [, ...shift] = /translate\(([-\d.]+)[ ,]([-\d.]+)/.exec(drawing.firstElementChild?.getAttribute("transform")) ?? [0, 0, 0];
+    return { drawing, groups, shapes, names: new Names({ drawing, groups, shapes, shift: shift.map((one) => -one) }), pins: new Pins({ groups, shapes }), level: 1, under: s("g", { cls: "under" }), over: s("g", { cls: "over" }), width: data.width, height: data.height,
       edges: new Map(Object.entries(data.edges).map(([number, points]) => [Number(number), points])), classes: new Map(), marks: new Map(), shown: "" };
   }
 
@@ -291,12 +316,13 @@ export class Diagram {
       shown.push([number, box, sum, held, findings]);
       text.push(`${number}:${sum ?? ""}:${held?.map((token) => `${token.r}x${token.n}`) ?? ""}:${findings?.length ?? ""}`);
     }
-    const { theme } = document.documentElement.dataset, key = `${text.join(";")}|${theme}`;
+    const { theme } = document.documentElement.dataset, look = `${theme}|${plane.level}`, key = `${text.join(";")}|${look}`;
+    this.grow = Math.max(1, 0.9 / plane.level); // of what lies on the drawing, so that it can be read
     if (plane.shown === key) return;
     plane.shown = key;
     const marks = new Map();
     shown.forEach(([number, box, sum, held, findings], place) => {
-      const kept = plane.marks.get(number), own = `${text[place]}|${theme}`;
+      const kept = plane.marks.get(number), own = `${text[place]}|${look}`;
       marks.set(number, kept?.key === own ? kept : { key: own, nodes: [...(sum !== undefined ? this.outcomes(box, sum) : []), ...(held !== undefined ? this.discs(box, held) : []),
         ...(findings !== undefined ? [this.finding(box, findings)] : [])] });
     });
@@ -305,15 +331,16 @@ export class Diagram {
   }
 
   outcomes([x, y, width], sum) {
-    const found = [];
+    const found = [], { grow } = this;
+    if (grow > 1 && 50 * grow > width) return found; // the name needs the room; the colour says it too
     let right = x + width + 9;
     for (const outcome of [1, 2, 0]) {
       if (sum[outcome] <= 0) continue;
       const name = OUTCOMES[outcome], text = String(sum[outcome]), wide = 19 + 6 * text.length;
-      found.push(s("g", { cls: `badge ${name}`, transform: `translate(${right - wide} ${y})` }, s("title", null, `${name}: ${text}`),
+      found.push(s("g", { cls: `badge ${name}`, transform: `translate(${right - wide * grow} ${y}) scale(${grow})` }, s("title", null, `${name}: ${text}`),
         s("rect", { x: 0, y: -8, width: wide, height: 16, rx: 8 }), s("path", { d: SIGNS[name], transform: "translate(8.500 0)" }),
         s("text", { x: 15, y: 3.6 }, text)));
-      right -= wide + 2;
+      right -= (wide + 2) * grow;
     }
     return found;
   }
@@ -321,22 +348,22 @@ export class Diagram {
   discs([x, y, width, height], held) {
     const byRobot = new Map();
     for (const token of held) byRobot.set(token.r, (byRobot.get(token.r) ?? 0) + token.n);
-    const small = width <= 40, robots = [...byRobot];
-    return robots.slice(0, 5).map(([r, n], place) => {
-      const cx = small ? x + width / 2 + (place - (robots.length - 1) / 2) * 15 : x + 3 + place * 17;
-      return this.disc(r, n, cx, small ? y + height + 3 : y + height - 2, place === 4 && robots.length > 5 ? `+${robots.length - 4}` : "");
+    const small = width <= 40, robots = [...byRobot], most = Math.max(3, Math.floor(5 / this.grow)), shown = robots.slice(0, most);
+    return shown.map(([r, n], place) => {
+      const cx = small ? x + width / 2 + (place - (shown.length - 1) / 2) * 15 * this.grow : x + 3 + place * 17 * this.grow;
+      return this.disc(r, n, cx, small ? y + height + 3 : y + height - 2, place === most - 1 && robots.length > most ? `+${robots.length - most + 1}` : "");
     });
   }
 
   disc(r, n, x, y, text = "") {
     const { robots } = this.app.mission, label = text || (n > 1 ? `×${n}` : numeral(robots[r]?.name ?? ""));
-    return s("g", { cls: "disc", transform: `translate(${x} ${y})`, "data-robot": r }, s("title", null, `${robots[r]?.name}: ${n} token${n > 1 ? "s" : ""}`),
+    return s("g", { cls: "disc", transform: `translate(${x} ${y}) scale(${this.grow})`, "data-robot": r }, s("title", null, `${robots[r]?.name}: ${n} token${n > 1 ? "s" : ""}`),
       s("circle", { r: 8, fill: robotColour(r) }), label ? s("text", { y: 3.6 }, label) : s("circle", { cls: "core", r: 2.6 }));
   }
 
   finding([x, y], findings) {
     const worst = ["error", "warning", "note"].find((severity) => findings.some((one) => one.severity === severity));
-    return s("g", { cls: `badge ${worst}`, transform: `translate(${x} ${y})` }, s("title", null, findings.map((one) => one.text).join("\n")),
+    return s("g", { cls: `badge ${worst}`, transform: `translate(${x} ${y}) scale(${this.grow})` }, s("title", null, findings.map((one) => one.text).join("\n")),
       worst === "warning" ? s("path", { cls: "plate", d: "M0-9L9 7H-9Z" }) : s("circle", { r: 8 }), s("path", { d: SIGNS[worst] }));
   }
 

@@ -168,10 +168,9 @@ export class Inspector {
     if (selected.element >= 0) parts.push(this.chosenElement(state, time));
     if (r < 0) parts.push(...this.all(state, time));
     else {
-      if (this.status(state, r)) parts.push(h("p", { cls: "status" }, this.status(state, r)));
-      parts.push(...this.waits(state, r, time), ...this.variables(state, r, time));
+      parts.push(h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))), ...this.waits(state, r, time), ...this.variables(state, r, time));
     }
-    return parts.length ? parts : [h("p", { cls: "quiet" }, r < 0 ? "No robot has started yet." : `${mission.robots[r].name} runs no process at this time.`)];
+    return parts.length > (r < 0 ? 0 : 1) ? parts : [...parts, h("p", { cls: "quiet" }, r < 0 ? "No robot has started yet." : `${mission.robots[r].name} runs no process at this time.`)];
   }
 
   /** A section for each robot. Those out of sight follow in the next frames. */

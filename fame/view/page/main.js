@@ -222,12 +222,14 @@ class App {
   // ---- cursor and selection ----------------------------------------------------------------------
 
   select(change, { reveal = false, scope = null, openers = null } = {}) {
+    const before = this.selected.robot;
+    let shown = null;
     Object.assign(this.selected, change);
     if (reveal && this.selected.element >= 0) {
       const around = openers ?? (scope !== null && this.state ? this.state.openers(this.selected.robot, scope) : []);
-      this.diagram.reveal(this.selected.element, around);
-    }
-    if (change.robot >= 0 && !reveal) this.diagram.ofRobot(change.robot);
+      shown = this.diagram.reveal(this.selected.element, around);
+    } else if (change.robot >= 0) shown = this.diagram.ofRobot(change.robot);
+    if (this.selected.robot !== before) Promise.resolve(shown).then(() => this.diagram.focus());
     this.saveLink();
     this.redraw();
   }

@@ -3,12 +3,13 @@
 import { h, clock, duration, robotColour, show, sharp, css, isDark } from "./dom.js";
 import { CANCEL, FAIL, LEAVE, REPORT, spansOf } from "./store.js";
 import { Axis, step } from "./axis.js";
+import { overlap } from "./names.js";
 import { Transport } from "./transport.js";
 import { link, signalsAreNew, signalsOf } from "./signals.js";
 import { Plots } from "./plots.js";
 import { Properties } from "./properties.js";
 
-const GUTTER = 148, ROW = 17, PAD = 6, MOST_ROWS = 4;
+const GUTTER = 148, ROW = 16, PAD = 3, LANE = 33, MOST_ROWS = 4;
 const SLICE = 8; // ms of a frame
 
 export class Timeline {
@@ -99,7 +100,7 @@ export class Timeline {
         depths[depth] = rows;
         rows += Math.min(MOST_ROWS, 1 + Math.max(0, ...known.values()));
       }
-      const height = Math.max(Math.max(rows, 1) * ROW + 2 * PAD, 36);
+      const height = Math.max(Math.max(rows, 1) * ROW + 2 * PAD, LANE);
       found.push({ r, top, height, depths });
       top += height;
     });
@@ -252,6 +253,7 @@ export class Timeline {
     context.translate(0, -scroll);
     this.drawLanes(context, lanes, scroll, height);
     const last = new Map();
+    this.written = new Map(); // the boxes of labels, by the middle of their line
     for (const block of store.within(this.from, this.until)) {
       if (block.data) this.drawSpans(context, block, lanes, last, hits);
       else this.drawMissing(context, block, plotsTop);
@@ -376,8 +378,16 @@ export class Timeline {
       if (fits < 2) return;
       shown = `${shown.slice(0, fits)}…`;
     }
+    const box = [x, y - 6, context.measureText(shown).width, 12];
+    if (this.written.get(y)?.some((other) => overlap(other, box))) return;
+    this.written.set(y, [...this.written.get(y) ?? [], box]);
     context.textAlign = "left";
     context.fillText(shown, x, y + 0.5);
+  }
+
+  /** Whether there is a label in a box. */
+  covers(box) {
+    return [...this.written].some(([y, boxes]) => Math.abs(y - box[1] - 6) < 12 && boxes.some((other) => overlap(other, box)));
   }
 
   drawArrows(context, lanes, hits) {
@@ -416,11 +426,9 @@ export class Timeline {
       texts.push([arrow, x0, y0, down]);
     }
     context.globalAlpha = 1;
-    const taken = [];
     for (const [arrow, x, y, down] of texts) {
       const text = arrow.topic, wide = context.measureText(text).width, box = [x + 5, y + (down ? -9 : 1), wide + 6, 12];
-      if (x + wide > this.width || taken.some(([left, top, w]) => top === box[1] && box[0] < left + w && left < box[0] + box[2])) continue;
-      taken.push(box);
+      if (x + wide > this.width || this.covers(box)) continue; // its tooltip says it
       context.fillStyle = css("--panel");
       context.globalAlpha = 0.86;
       context.fillRect(box[0] - 2, box[1], box[2], box[3]);

@@ -1,17 +1,19 @@
 // Zoom and pan of what has a size of its own: by wheel, by dragging, with two fingers.
 
-const MARGIN = 10, LEAST = 0.05, MOST = 6;
+const MARGIN = 10, LEAST = 0.05, MOST = 6, GLIDE = 220; // ms that a chosen part takes to come
+const still = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class Viewport {
   /** `moved(x, y, scale)` places the content in the box of `element`. */
-  constructor(element, place, below = 0) {
+  constructor(element, place, { below = 0, beside = 0 } = {}) {
     this.below = below; // room for what lies on the lower edge
+    this.beside = beside; // and on the left one
     this.element = element;
     this.place = place;
     this.width = this.height = 1;
     this.x = this.y = 0;
     this.scale = 1;
-    this.fitted = true;
+    this.target = {}; // what is shown, until somebody moves it
     this.moved = false; // whether the last press was a drag
     this.pointers = new Map();
     element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
@@ -30,17 +32,38 @@ export class Viewport {
   }
 
   fit() {
-    const { width, height } = this.box();
+    this.focus({});
+  }
+
+  /** Show a part [x, y, width, height] of the content, at `least` at this scale: then what is around a point. */
+  focus(target, glides = false) {
+    const { width, height } = this.box(), { part: [left, top, wide, tall] = [0, 0, this.width, this.height], least = 0, about = [left, top] } = target;
+    this.target = target;
     if (!width || !height) return;
-    this.scale = Math.min((width - 2 * MARGIN) / this.width, (height - 2 * MARGIN - this.below) / this.height, 1.6);
-    this.x = (width - this.width * this.scale) / 2;
-    this.y = (height - this.below - this.height * this.scale) / 2;
-    this.fitted = true;
-    this.apply();
+    const rooms = [width - 2 * MARGIN - this.beside, height - 2 * MARGIN - this.below];
+    const scale = Math.max(least, Math.min(rooms[0] / wide, rooms[1] / tall, 1.6));
+    const [x, y] = [[left, wide, this.beside], [top, tall, 0]].map(([from, size, before], axis) => {
+      const room = rooms[axis], spare = room - size * scale, begin = MARGIN + before;
+      const place = spare >= 0 ? spare / 2 : Math.max(spare, Math.min(0, room / 2 - (about[axis] - from) * scale));
+      return begin + place - from * scale;
+    });
+    this.glide({ x, y, scale }, glides && !still.matches ? GLIDE : 0);
+  }
+
+  glide(to, lasts) {
+    const from = { x: this.x, y: this.y, scale: this.scale }, begun = performance.now(), { target } = this;
+    const frame = (now) => {
+      if (this.target !== target) return; // somebody has moved it, or chosen another part
+      const part = lasts ? Math.min(1, Math.max(0, (now - begun) / lasts)) : 1, eased = 1 - (1 - part) ** 3;
+      for (const name of ["x", "y", "scale"]) this[name] = from[name] + (to[name] - from[name]) * eased;
+      this.apply();
+      if (part < 1) requestAnimationFrame(frame);
+    };
+    frame(begun);
   }
 
   resized() {
-    if (this.fitted) this.fit();
+    if (this.target) this.focus(this.target);
   }
 
   /** Zoom about a point of the box, by default its middle. */
@@ -50,7 +73,7 @@ export class Viewport {
     this.x = cx - ((cx - this.x) * scale) / this.scale;
     this.y = cy - ((cy - this.y) * scale) / this.scale;
     this.scale = scale;
-    this.fitted = false;
+    this.target = null;
     this.apply();
   }
 
@@ -69,7 +92,7 @@ export class Viewport {
   shift(dx, dy) {
     this.x += dx;
     this.y += dy;
-    this.fitted = false;
+    this.target = null;
     this.apply();
   }
 

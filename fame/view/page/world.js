@@ -2,6 +2,7 @@
 
 import { h, icon, isDark, robotColour, css, sharp } from "./dom.js";
 import { Viewport } from "./viewport.js";
+import { overlap } from "./names.js";
 import { after } from "./store.js";
 
 const TAU = 2 * Math.PI, SMALLEST = 26, MOST_NAMES = 24, LOW = 0.2;
@@ -60,7 +61,7 @@ function limb(outline, { limb: joints = [], jaws = -1 }) {
 }
 
 /** Ranks of labels: names of robots, what they do, names of things. */
-const [NAME, TASK, THING] = [0, 1, 2];
+const [NAME, TASK, THING] = [0, 1, 2], ASIDE = [0, 1.1, -1.1, 2.2, -2.2, 3.3, -3.3];
 const SYMBOLS = { drone, tractor, mh5: arm, ur5e: arm };
 
 /** Whether a robot was put from one place to the next: [ns, x, y] each. */
@@ -250,13 +251,15 @@ export class World {
     context.strokeStyle = look.ground;
     for (const { text, x, y, colour, size, rank } of labels.sort((a, b) => a.rank - b.rank)) {
       context.font = `${rank === NAME ? "600 " : ""}${size}px system-ui, sans-serif`;
-      const half = context.measureText(text).width / 2, [left, right, top, bottom] = [x - half, x + half, y - 0.8 * size, y + 0.2 * size];
-      if (rank !== NAME && taken.some((box) => left < box[1] && box[0] < right && top < box[3] && box[2] < bottom)) continue;
-      taken.push([left, right, top, bottom]);
-      context.strokeText(text, x, y);
+      const wide = context.measureText(text).width, free = (line) => !taken.some((box) => overlap(box, [x - wide / 2, line - 0.8 * size, wide, size]));
+      const line = (rank === NAME ? ASIDE : [0]).map((by) => y + by * size).find(free); // a name is moved before it is left out
+      if (line === undefined) continue;
+      taken.push([x - wide / 2, line - 0.8 * size, wide, size]);
+      context.strokeText(text, x, line);
       context.fillStyle = colour;
-      context.fillText(text, x, y);
+      context.fillText(text, x, line);
     }
+    this.written = taken;
   }
 
   /** Ways so far: of all loaded blocks, collected once and extended as blocks come. */

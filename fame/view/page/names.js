@@ -1,0 +1,128 @@
+// Names in a diagram at any zoom: at least 9 px, inside their shape or beside it and on nothing else, or left out.
+
+import { s } from "./dom.js";
+
+const LEAST = 9, DOT = 8; // px of a name, and of a shape that is more than a dot
+const SIGN = 18, BARE = 6, MOST = 2.2; // units of a pictogram, px of one that is shown; how many times a name beside a shape may grow
+const LEADING = 1.2, PAD = 4, CORNER = 20, FOOT = 18; // of a line; room beside a text, for a pictogram, for a marker
+const ruler = document.createElement("canvas").getContext("2d");
+ruler.font = '100px Arial, Helvetica, "Liberation Sans", sans-serif';
+
+const wide = (text, size) => (ruler.measureText(text).width * size) / 100;
+
+/** Whether two boxes [x, y, width, height] have something in common. */
+export const overlap = (a, b) => a[0] < b[0] + b[2] && b[0] < a[0] + a[2] && a[1] < b[1] + b[3] && b[1] < a[1] + a[3];
+const apart = (a, b) => !overlap(a, b);
+
+const moved = ([x, y, width, height], [dx, dy]) => [x + dx, y + dy, width, height];
+
+const spaced = ([x, y, width, height], size) => [x - size / 3, y, width + size / 1.5, height];
+const heightOf = (sign) => Number(/,? ?([-\d.]+)\)/.exec(sign.getAttribute("transform"))?.[1] ?? 0);
+
+/** As much of a text as has room, empty if that says nothing. */
+export function cut(text, room, size) {
+  if (wide(text, size) <= room) return text;
+  let shown = text;
+  while (shown.length > 1 && wide(`${shown}…`, size) > room) shown = shown.slice(0, -1).trimEnd();
+  return shown.length > 3 ? `${shown}…` : "";
+}
+
+function wrapped(text, room, size) {
+  const lines = [];
+  for (const word of text.split(/\s+/)) {
+    if (lines.length && wide(`${lines.at(-1)} ${word}`, size) <= room) lines.push(`${lines.pop()} ${word}`);
+    else lines.push(word);
+  }
+  return lines;
+}
+
+/** What a name shows in its box: {lines, top, plain: whether the pictograms have to go}; null where it has no room. */
+function inside({ box: [, y, width, height], text, corner, foot }, size) {
+  const room = width - 2 * PAD, line = size * LEADING, lines = wrapped(text, room, size), fits = lines.every((one) => wide(one, size) <= room);
+  for (const [above, below] of [[corner ? CORNER : PAD, foot ? FOOT : PAD], [PAD, PAD]]) {
+    const free = height - above - below;
+    if (fits && lines.length * line <= free) return { lines, top: y + above + (free - lines.length * line) / 2, plain: above + below < (corner + foot) * CORNER };
+  }
+  const most = Math.floor((height - 2 * PAD) / line), shown = lines.slice(0, most);
+  if (lines.length > most && most > 0) shown[most - 1] = `${shown[most - 1]} …`;
+  const short = shown.map((one) => cut(one, room, size));
+  return short.length && short.every(Boolean) ? { lines: short, top: y + (height - short.length * line) / 2, plain: true } : null;
+}
+
+/** Where a name beside a shape begins when it is larger: it grows away from the shape. */
+function begins({ owner, at: [, y, , height], lines }, size) {
+  const tall = lines.length * size * LEADING;
+  if (owner && y + height / 2 > owner[1] + owner[3]) return y;
+  return owner && y + height / 2 < owner[1] ? y + height - tall : y + (height - tall) / 2;
+}
+
+export class Names {
+  /** The names of a plane: a text is inside its shape, or beside it with a halo; pools and lanes are named by pins. */
+  constructor({ drawing, groups, shapes, shift }) {
+    this.shapes = [...shapes].filter(([number]) => groups.has(number) && !groups.get(number).classList.contains("frame")).map(([number, box]) => [groups.get(number), moved(box, shift)]);
+    this.names = [];
+    for (const node of drawing.querySelectorAll("text")) {
+      const group = node.parentNode.closest("[data-element]") ?? s("g"), box = shapes.get(Number(group.dataset.element)), owner = box && moved(box, shift);
+      if (group.isConnected && group !== node.parentNode) continue;
+      const kept = [...node.childNodes], size = Number(node.getAttribute("font-size")), lines = kept.map((one) => one.textContent);
+      const [corner, foot] = [-1, 1].map((side) => Number([...group.querySelectorAll(":scope > g")].some((sign) => owner && side * (heightOf(sign) - owner[1] - owner[3] / 2) > 0)));
+      const halo = node.hasAttribute("paint-order") || !owner, [x, first] = ["x", "y"].map((name) => Number(kept[0].getAttribute(name)));
+      const width = Math.max(...lines.map((line) => wide(line, size)));
+      const title = group.classList.contains("frame") ? [owner[0], owner[1] + 2, owner[2], 2 * size + 2 * PAD] : owner;
+      this.names.push({ group, node, kept, size, lines, text: lines.join(" "), x, corner, foot, halo, owner, box: title, at: [x - width / 2, first - 0.95 * size, width, lines.length * size * LEADING] });
+    }
+  }
+
+  /** Show what can be read at a scale. */
+  fit(scale) {
+    for (const [group, [, , width, height]] of this.shapes) group.classList.toggle("dot", Math.min(width, height) * scale < DOT);
+    const taken = [], shapes = this.shapes.map(([, box]) => box), bare = SIGN * scale < BARE;
+    for (const name of this.names) {
+      const size = Math.max(name.size, LEAST / scale), grown = size > name.size;
+      const place = name.halo ? this.beside(name, size, taken, grown ? shapes : []) : grown ? inside(name, size) : {};
+      name.node.toggleAttribute("hidden", place === null);
+      name.group.classList.toggle("plain", bare || Boolean(place?.plain));
+      if (place === null) continue;
+      name.node.setAttribute("font-size", size);
+      if (place.lines) name.node.replaceChildren(...place.lines.map((line, at) => s("tspan", { x: place.x ?? name.x, y: place.top + (at + 0.5) * size * LEADING + 0.35 * size }, line)));
+      else name.node.replaceChildren(...name.kept);
+    }
+  }
+
+  /** The first place at or around its own where a name is on nothing else: {lines, top, x}; null if there is none. */
+  beside(name, size, taken, shapes) {
+    const { lines } = name, grown = size > name.size, width = Math.max(...lines.map((line) => wide(line, size))), tall = lines.length * size * LEADING;
+    const left = name.x - width / 2, top = grown ? begins(name, size) : name.at[1], aside = width / 2 + size;
+    if (size > MOST * name.size) return null;
+    const box = [[0, 0], [0, tall], [0, -tall], [aside, 0], [-aside, 0]].map(([dx, dy]) => [left + dx, top + dy, width, tall])
+      .find((one) => taken.every((other) => apart(spaced(one, size), other)) && shapes.every((other) => apart(one, other)));
+    if (!box && grown) return null;
+    taken.push(box ?? name.at);
+    return !grown && (!box || (box[0] === left && box[1] === top)) ? {} : { lines, top: box[1], x: box[0] + width / 2 };
+  }
+}
+
+/** The names of pools and lanes, in their band or, where that is out of sight, at the edge: they stay while one scrolls. */
+export class Pins {
+  constructor({ groups, shapes }) {
+    this.node = s("g", { cls: "pins" });
+    this.frames = [...groups].flatMap(([number, group]) => {
+      const turned = [...group.querySelectorAll(":scope > g")].find((one) => /rotate\(-90\)/.test(one.getAttribute("transform")));
+      if (!turned?.querySelector("text")) return [];
+      const text = [...turned.querySelectorAll("tspan")].map((one) => one.textContent).join(" ");
+      turned.remove();
+      return [{ number, text, box: shapes.get(number) }];
+    });
+    this.frames.forEach((one) => { one.depth = this.frames.filter(({ box }) => box !== one.box && !apart(box, one.box) && box[2] > one.box[2]).length; });
+  }
+
+  place(x, y, scale, height, chosen) {
+    this.node.replaceChildren(...this.frames.flatMap(({ number, text, box: [left, top, width, tall], depth }) => {
+      const band = 30 * scale, wideAs = Math.max(band, 20), from = Math.max(depth * 20, x + left * scale + band - wideAs), above = Math.max(0, y + top * scale), below = Math.min(height, y + (top + tall) * scale);
+      const size = Math.min(Math.max(12 * scale, 11), 16), shown = cut(text, below - above - 6, size);
+      if (from + wideAs > x + (left + width) * scale || below - above < 2 * LEAST) return [];
+      return s("g", { cls: number === chosen ? "pin on" : "pin", dataset: { element: number } }, s("title", null, text), s("rect", { x: from, y: above, width: wideAs, height: below - above }),
+        shown ? s("text", { transform: `translate(${from + wideAs / 2} ${(above + below) / 2}) rotate(-90)`, y: 0.35 * size, "font-size": size, "text-anchor": "middle" }, shown) : null);
+    }));
+  }
+}
