@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from test_view_control import running
-from view_page import beyond, eventually, opened, until, violations
+from view_page import READY, beyond, eventually, opened, until, violations
 
 from fame.scenario import Scenario
 from fame.view import LiveRun, RunControl
@@ -247,6 +247,43 @@ def test_a_chosen_robot_fills_the_diagram_and_the_details_follow_the_zoom(page: 
     assert "Plan the round" in page.evaluate(
         "[...document.querySelectorAll('.drawing title')].map((one) => one.textContent)"
     )
+
+
+def test_panes_are_moved_collapsed_and_maximised_with_pointer_and_keys(page: Page) -> None:
+    def size(part: str) -> tuple[float, float]:
+        box = page.locator(part).bounding_box()
+        assert box is not None
+        return box["width"], box["height"]
+
+    page.evaluate("fame.tabs.choose('diagram')")
+    wide, low = size("#inspector")[0], size("#time")[1]
+    splitter = page.get_by_role("separator", name="Width of the panes on the right")
+    box = splitter.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 3, box["y"] + 200)
+    page.mouse.down()
+    page.mouse.move(box["x"] - 97, box["y"] + 200)
+    page.mouse.up()
+    assert abs(size("#inspector")[0] - wide - 100) < 6
+    page.get_by_role("separator", name="Height of the timeline").focus()
+    page.keyboard.press("ArrowUp")
+    assert size("#time")[1] > low + 5
+    page.keyboard.press("Enter")
+    assert size("#time")[1] < 5
+    page.keyboard.press("Enter")
+    assert size("#time")[1] > low + 5
+    page.reload()
+    until(page, READY)
+    assert abs(size("#inspector")[0] - wide - 100) < 6  # it stays so
+    page.locator("#diagram").get_by_role("button", name="Maximise").click()
+    assert size("#diagram")[0] > 1200
+    assert violations(page) == []
+    page.keyboard.press("Escape")
+    page.locator("#inspector .body").focus()
+    page.keyboard.press("m")
+    assert size("#inspector")[0] > 1200
+    page.keyboard.press("m")
+    assert abs(size("#inspector")[0] - wide - 100) < 6
 
 
 SEEN = "(one) => { const { width, bottom } = one.getBoundingClientRect(); return width > 0 && bottom > 0; }"

@@ -41,6 +41,7 @@ const ICONS = {
   next: "M6 5v14l9-7zM16.5 5h2.5v14h-2.5z",
   previous: "M18 5v14l-9-7zM5 5h2.5v14H5z",
   fit: "M4 9V4h5M15 4h5v5M20 15v5h-5M9 20H4v-5",
+  maximise: "M14 4h6v6M10 20H4v-6M20 4l-7 7M4 20l7-7",
   plus: "M12 5v14M5 12h14",
   minus: "M5 12h14",
   link: "M10 14a4 4 0 0 0 5.7 0l3-3a4 4 0 0 0-5.7-5.7l-1 1M14 10a4 4 0 0 0-5.7 0l-3 3A4 4 0 0 0 11 18.700l1-1",

@@ -7,6 +7,7 @@ import { Control } from "./control.js";
 import { Diagram } from "./diagram.js";
 import { Heat } from "./heat.js";
 import { Inspector } from "./inspector.js";
+import { Panes } from "./panes.js";
 import { Player } from "./player.js";
 import { Steer } from "./steer.js";
 import { Store, TAKE } from "./store.js";
@@ -42,6 +43,7 @@ class App {
     this.inspector = new Inspector(byId("inspector"), this);
     this.timeline = new Timeline(byId("time"), this);
     this.plots = this.timeline.plots;
+    this.panes = new Panes(this);
     this.store.onchange((number) => this.loaded(number));
     this.tools();
     this.keys();
@@ -433,8 +435,8 @@ class App {
 
   help() {
     const rows = [["Space", "play, pause"], ["← →", "previous, next event (of the chosen robot)"], ["Shift ← →", "one second back, forward"], ["Home End", "start, end"],
-      ["[ ]", "slower, faster"], ["+ −", "shorter, longer span of the timeline"], ["0", "the whole run"], ["F", "fit the diagram"],
-      ["1 … 9 A", "choose a robot, all robots"], ["L", "follow a run that is in progress"], ["Esc", "clear the selection, then leave a called process"], ["?", "this help"]];
+      ["[ ]", "slower, faster"], ["+ −", "shorter, longer span of the timeline"], ["0", "the whole run"], ["F", "fit the diagram"], ["M", "the whole page for one part, and back"], ["← → Enter", "on a splitter: move it, collapse what is after it"],
+      ["1 … 9 A", "choose a robot, all robots"], ["L", "follow a run that is in progress"], ["Esc", "leave a part with the whole page, clear the selection, then leave a called process"], ["?", "this help"]];
     const dialog = byId("help");
     show(dialog, h("form", { method: "dialog" }, h("div", { cls: "head" }, h("h2", null, "Keyboard"), h("button", { title: "Close" }, icon("close"))),
       h("dl", { cls: "keys" }, rows.map(([key, text]) => [h("dt", null, key.split(" ").map((one) => h("kbd", null, one))), h("dd", null, text)])),
@@ -451,7 +453,7 @@ class App {
       ArrowRight: (event) => event.shiftKey ? player.seek(player.time + 1e9) : this.forward(), Home: () => player.seek(0), End: () => player.seek(this.store.end),
       "[": () => player.faster(-1), "]": () => player.faster(1), "+": () => this.timeline.zoom(1 / 1.6), "=": () => this.timeline.zoom(1 / 1.6), "-": () => this.timeline.zoom(1.6),
       0: () => this.timeline.all(), f: () => this.diagram.view.fit(), l: () => this.isLive() && player.follow(), a: () => this.select({ robot: -1 }), "?": () => this.help(),
-      Escape: () => this.selected.element >= 0 || this.selected.robot >= 0 ? this.select({ robot: -1, element: -1 }) : this.diagram.up() };
+      m: () => this.panes.maximise(), Escape: () => this.panes.restore() || (this.selected.element >= 0 || this.selected.robot >= 0 ? this.select({ robot: -1, element: -1 }) : this.diagram.up()) };
     for (let number = 1; number <= 9; number += 1) actions[number] = () => robot(number - 1);
     addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;

@@ -251,7 +251,7 @@ export class World {
     context.strokeStyle = look.ground;
     for (const { text, x, y, colour, size, rank } of labels.sort((a, b) => a.rank - b.rank)) {
       context.font = `${rank === NAME ? "600 " : ""}${size}px system-ui, sans-serif`;
-      const wide = context.measureText(text).width, free = (line) => !taken.some((box) => overlap(box, [x - wide / 2, line - 0.8 * size, wide, size]));
+      const wide = context.measureText(text).width, free = (line) => line > size && line < this.size.height - 0.2 * size && !taken.some((box) => overlap(box, [x - wide / 2, line - 0.8 * size, wide, size]));
       const line = (rank === NAME ? ASIDE : [0]).map((by) => y + by * size).find(free); // a name is moved before it is left out
       if (line === undefined) continue;
       taken.push([x - wide / 2, line - 0.8 * size, wide, size]);
