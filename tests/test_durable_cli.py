@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import time
 from collections.abc import Iterator
@@ -74,6 +75,23 @@ def refused(*words: str) -> str:
     assert done.returncode in (1, 2), done
     assert "Traceback" not in done.stderr
     return done.stdout + done.stderr
+
+
+def test_a_robot_is_taken_over_until_ctrl_c_and_stays_suspended(tmp_path: Path, engines: list[Engine]) -> None:
+    (tmp_path / "m.bpmn").write_text(FAILING.replace("x = 0", "x = 1"))
+    engines.append(Engine(tmp_path))
+    told("deploy", str(tmp_path / "m.bpmn"), "--wait", "30")
+    taking = fame("take-over", "REX", "--wait", "30")
+    holding = subprocess.Popen(taking, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert holding.stderr is not None
+    assert "on /REX/cmd_vel_manual" in holding.stderr.readline()
+    time.sleep(4)  # longer than a lease that nobody prolongs
+    assert "steers" in refused("take-over", "REX", "--wait", "30")
+    holding.send_signal(signal.SIGINT)
+    said, _ = holding.communicate(timeout=30)
+    assert (said, holding.returncode) == ("REX: taken over: REX\nREX: suspended: REX\n", 0)
+    until_status("suspended by")
+    told("continue", "REX", "--wait", "30")
 
 
 def test_repairs_are_signed_where_keys_are_used_and_the_journal_says_whose_key_it_was(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,14 +19,18 @@ from fame.cli.arguments import (
     private_key,
     trusted_keys,
 )
-from fame.cli.network import add_network, connected, person, wait_until
+from fame.cli.network import add_network, connected, note_ready, person, wait_until
 from fame.cli.output import print_json, table
 from fame.errors import ConfigError
 from fame.text import printable
 
+_PROLONG = 1.0
+"""Interval in which `fame take-over` asks for its lease again (s); a lease is one of 3 s."""
+
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.deploy import Report
+    from fame.deploy.requests import TaskClient
     from fame.middleware.interface import Middleware
 
 
@@ -241,6 +246,11 @@ def add_requests(commands: Commands) -> None:
         commands, "suspend", examples=("fame suspend REX", "fame suspend REX --key team.key"),
         help="suspend the mission of a running robot, in its safe state, until fame continue",
     )  # fmt: skip
+    taking = _add_request(
+        commands, "take_over", examples=("fame take-over REX", "fame take-over REX --key team.key"),
+        help="suspend the mission of a running robot and let a joystick's node steer it, until Ctrl-C",
+    )  # fmt: skip
+    taking.set_defaults(command=take_over)
     _add_request(
         commands, "continue", examples=("fame continue REX",),
         help="let a suspended mission continue: activities begin again with their variables",
@@ -264,7 +274,7 @@ def _add_request(
     commands: Commands, act: str, *, examples: Sequence[str], help: str, element: str = "", metavar: str = "ELEMENT"
 ) -> Parser:
     """Declare a command with the arguments that all of them share."""
-    parser = command(commands, act, request, examples=examples, help=help)
+    parser = command(commands, act.replace("_", "-"), request, examples=examples, help=help)
     parser.set_defaults(act=act, element="", value=[], to="")
     parser.add_argument("robot", metavar="ROBOT")
     if element:
@@ -295,48 +305,106 @@ def value(text: str) -> tuple[str, Any]:
 
 def request(arguments: Namespace) -> int:
     """Ask a robot to do something (`fame.deploy.requests.TaskRequest`), and print its answer."""
-    with connected(arguments) as (scheduler, middleware):
-        report = _answer(arguments, scheduler, middleware)
+    with _asking(arguments) as robot:
+        return _tell(arguments, robot.answer(arguments.act))
+
+
+def take_over(arguments: Namespace) -> int:
+    """Take a robot over and hold that until a signal asks to end, for a node that publishes what it is to do."""
+    import uuid
+
+    from fame.robot.suspension import LEASE
+    from fame.scenario.process import signals_call
+
+    ended, topic = list[bool](), f"/{arguments.robot}/cmd_vel_manual"
+    with _asking(arguments) as robot, signals_call(lambda *_: ended.append(True)):
+        late = True
+        while late:  # a first answer may take longer than a lease lasts, until all ends are connected
+            begun, lease = robot.scheduler.now, uuid.uuid4().hex
+            report = robot.answer("take_over", lease)
+            late = report.answer != "refused" and robot.scheduler.now - begun > LEASE
+        code = _tell(arguments, report)
+        if not code:
+            note_ready(f"publish geometry_msgs/msg/Twist on {topic}, at least every 0.3 s, to steer it")
+        while not code and not wait_until(robot.scheduler, lambda: ended, _PROLONG):
+            report = robot.answer("take_over", lease)
+            code = _tell(arguments, report) if report.answer == "refused" else 0
+        return code or _tell(arguments, robot.answer("suspend"))  # which ends the lease
+
+
+def _tell(arguments: Namespace, report: Report) -> int:
+    """Print the answer of a robot; the exit code."""
     done = report.answer != "refused"
     if arguments.json:
         status = "completed" if done else "failed"
         print_json({"status": status, "robot": arguments.robot, "element": arguments.element, "reason": report.reason})
     else:
         shown = report.reason or arguments.element or ", ".join(dict(arguments.value)) or arguments.robot
-        print(f"{arguments.robot}: {report.answer}: {printable(shown)}")
+        print(f"{arguments.robot}: {report.answer}: {printable(shown)}", flush=True)
     return 0 if done else 1
 
 
-def _answer(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> Report:
-    """Return the answer of the robot. Raises DeploymentError if it does not answer."""
-    import os
-    import time
+@contextmanager
+def _asking(arguments: Namespace) -> Iterator[_Asking]:
+    with connected(arguments) as (scheduler, middleware):
+        asking = _Asking(arguments, scheduler, middleware)
+        try:
+            yield asking
+        finally:
+            asking.close()
 
-    from fame.clock import SECOND
-    from fame.deploy import Report, engines
-    from fame.deploy.requests import TaskClient, TaskRequest
-    from fame.errors import DeploymentError
 
-    robot, key = arguments.robot, private_key(arguments)
-    answers, begun = list[Report](), scheduler.now
-    if not wait_until(scheduler, lambda: robot in engines(middleware), arguments.wait):
-        there = ", ".join(engines(middleware)) or "none"
-        raise DeploymentError(f"no engine of a robot named {robot}; there are {there}")
-    asked = TaskRequest(
-        id=f"task-{os.getpid()}-{time.time_ns()}",
-        element=arguments.element,
-        values=dict(arguments.value),
-        act=arguments.act,
-        to=arguments.to,
-        who=person(),
-    )
-    node = middleware.node(f"fame_{arguments.act}")
-    asking = TaskClient(robot, asked, node=node, scheduler=scheduler, answered=answers.append, key=key)
-    wait_until(scheduler, lambda: answers, arguments.wait - (scheduler.now - begun) / SECOND)
-    asking.close()
-    if not answers:
-        raise DeploymentError(f"{robot} did not answer within {arguments.wait:g} s")
-    return answers[0]
+class _Asking:
+    """Asks the robot that a command names. Raises DeploymentError if there is none."""
+
+    def __init__(self, arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> None:
+        from fame.deploy import engines
+        from fame.errors import DeploymentError
+
+        robot, begun = arguments.robot, scheduler.now
+        self.scheduler, self._arguments = scheduler, arguments
+        self._answers: list[Report] = []
+        self._client: TaskClient | None = None
+        self._key, self._node = private_key(arguments), middleware.node(f"fame_{arguments.act}")
+        if not wait_until(scheduler, lambda: robot in engines(middleware), arguments.wait):
+            there = ", ".join(engines(middleware)) or "none"
+            raise DeploymentError(f"no engine of a robot named {robot}; there are {there}")
+        self._patience = arguments.wait - (scheduler.now - begun) / 1e9
+
+    def answer(self, act: str, lease: str = "") -> Report:
+        """Return the answer of the robot. Raises DeploymentError if it does not answer."""
+        import os
+        import time
+
+        from fame.deploy.requests import TaskClient, TaskRequest
+        from fame.errors import DeploymentError
+
+        given, name = self._arguments, f"task-{os.getpid()}-{time.time_ns()}"
+        asked = TaskRequest(
+            id=name, element=given.element, values=dict(given.value), act=act, to=given.to, lease=lease, who=person()
+        )
+        self._answers.clear()
+        if self._client is None:
+            self._client = TaskClient(
+                given.robot,
+                asked,
+                node=self._node,
+                scheduler=self.scheduler,
+                answered=self._answers.append,
+                key=self._key,
+            )
+        else:
+            self._client.ask(asked)
+        wait_until(self.scheduler, lambda: self._answers, self._patience)
+        self._patience = given.wait
+        if not self._answers:
+            raise DeploymentError(f"{given.robot} did not answer within {given.wait:g} s")
+        return self._answers[0]
+
+    def close(self) -> None:
+        """Close the endpoints."""
+        if self._client is not None:
+            self._client.close()
 
 
 def abort(arguments: Namespace) -> int:

@@ -213,6 +213,12 @@ class TaskClient:
         self._out.close()
         self._end.close()
 
+    def ask(self, request: TaskRequest) -> None:
+        """Make another request, by the same endpoints."""
+        self._next.cancel()
+        self._request = request
+        self._ask()
+
     def _ask(self) -> None:
         if self._key is None:
             self._out.publish(messages.create(STRING, self._request.to_json()))
