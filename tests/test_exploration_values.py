@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import pytest
+from bpmn_text import process
 from collaborations import Steps, team, text_of
 
 import fame
 from fame.bpmn.model import Definitions, Expression
 from fame.check.explore.asking import asking
 from fame.scenario.exploration import explore
+from fame.testing import MissionLoader
 
 UNKNOWN = "run x = robot.now"
 TEXT, NUMBERS = "std_msgs/msg/String", "std_msgs/msg/Float64MultiArray"
@@ -198,3 +200,36 @@ def test_what_a_script_changes_in_one_variable_may_have_changed_in_another(condi
 )
 def test_what_no_variable_shares_stays_known(condition: str, scripts: list[str]) -> None:
     assert outcomes(condition, *(f"run {script}" for script in scripts)) == (True, False)
+
+
+ASKED_FOR = {
+    "its form": '<extensionElements><camunda:formData><camunda:formField id="approved" type="boolean"/>'
+    "</camunda:formData></extensionElements>",
+    "the data that it writes": "<dataOutputAssociation><targetRef>D</targetRef></dataOutputAssociation>",
+}
+
+
+@pytest.mark.parametrize("asked", ASKED_FOR)
+def test_what_a_person_is_asked_for_is_unknown_when_the_task_is_done(
+    asked: str, mission: MissionLoader, tmp_path
+) -> None:
+    data = '<camunda:properties><camunda:property name="approved"/></camunda:properties>'
+    text = process(
+        '<scriptTask id="T"><script>approved = False</script></scriptTask>'
+        f'<userTask id="U">{ASKED_FOR[asked]}</userTask><exclusiveGateway id="G" default="N"/>'
+        '<task id="Y"/><task id="Z"/><dataObject id="O"/><dataObjectReference id="D" dataObjectRef="O">'
+        f"<extensionElements>{data}</extensionElements></dataObjectReference>"
+        '<sequenceFlow id="A" sourceRef="T" targetRef="U"/><sequenceFlow id="B" sourceRef="U" targetRef="G"/>'
+        '<sequenceFlow id="C" sourceRef="G" targetRef="Y"><conditionExpression>approved</conditionExpression>'
+        '</sequenceFlow><sequenceFlow id="N" sourceRef="G" targetRef="Z"/>'
+    )
+    assert [one.text for one in explore(fame.read(text.encode())).findings] == []
+    (tmp_path / "model.bpmn").write_text(text)
+    m = mission.by_hand(tmp_path / "model.bpmn")
+    m.decide("P", "G", True).complete("U").expect("P").passed("Y").never_entered("Z")
+
+
+def test_expressions_and_payloads_know_the_name_of_their_robot() -> None:
+    steps: dict[str, Steps] = {"A": [("if", '=robot.name = "A"', ["throw go"], ["work"])], "B": ["catch go"]}
+    found = explore(team(steps), delivery="run")
+    assert [one.kind for one in found.findings if one.kind in ("deadlock", "lost", "error")] == []

@@ -68,6 +68,7 @@ class Abstraction:
     catches  the codes that error events catch; "": any
     unhandled  (element, code) of services, actions and behaviours with such inside: they may fail, nothing catches it
     called   processes that calls lead to
+    given    task -> the variables that a person sets who completes it: of its form, and of the data that it writes
     """
 
     library: Library
@@ -85,6 +86,7 @@ class Abstraction:
     catches: frozenset[str] = frozenset()
     unhandled: set[tuple[str, str]] = field(default_factory=set)
     called: frozenset[str] = frozenset()
+    given: dict[str, frozenset[str]] = field(default_factory=dict)
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _reduced: dict[tuple[str, str], model.Process] = field(default_factory=dict)
 
@@ -140,6 +142,8 @@ class Abstraction:
                 node = replace(node, script=self._script(node.script, node.id in self.caught))
             elif isinstance(node, model.Task) and node.kind == "service":
                 self.steps[step_name(home.file, node.id)] = self._service(node, body, around)
+            elif isinstance(node, model.Task) and node.kind in ("user", "manual"):
+                self.given[node.id] = self.given.get(node.id, frozenset()) | {*_given(node, body)}
             nodes.append(node)
         return replace(body, nodes=tuple(nodes))
 
@@ -216,6 +220,12 @@ class Abstraction:
         kept = {item.name: getattr(call, item.name) for item in fields(model.Activity)}
         kept |= {"io": None, "copies_out": (), "required": ()}
         return model.Task(kind="service", operation=name, **kept)
+
+
+def _given(task: model.Task, body: model.Body) -> Iterator[str]:
+    """What a person fills in who completes a task."""
+    yield from (field.key.partition(".")[0] for field in task.human.form if field.key)
+    yield from (name for data in body.data_objects if data.id in task.data_outputs for name in data.names)
 
 
 def step_name(file: str, element: str) -> str:

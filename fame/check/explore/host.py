@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 from fame.bpmn.model import Expression, Task
@@ -120,6 +121,8 @@ class ExplorationHost:
         """Scripts whose failures may decide something, as an error event catches them."""
         self.traceable = True
         """Whether `Watched` variables note all that texts read and write."""
+        self.given: Mapping[str, Set[str]] = {}
+        """What a person sets who completes a task, see `Abstraction`."""
         self.kept: Callable[[str], bool] = lambda name: True
         self.remembered: Mapping[str, Set[str]] = {}
         """Conditions whose outcome is remembered, see `remembering`."""
@@ -456,8 +459,7 @@ class ExplorationHost:
             if name in self.types:
                 self._emit(name, fields if message is None else message)
 
-        attributes = {"name": self.robot, "namespace": self.robot, "publish": staticmethod(publish)}
-        return type("Robot", (), attributes)()
+        return SimpleNamespace(name=self.robot, namespace=self.robot, publish=publish)
 
     # ---- timers --------------------------------------------------------------------------------------
 

@@ -70,6 +70,7 @@ class Local:
                  events: Set[tuple[str, str]] = frozenset()) -> None:  # fmt: skip
         self.robot, self.process, self.values = robot, process, values
         self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
+        self.host.given = model.given
         host: Host = self.host
         explored = model.process(definitions, process)
         self.bodies = model.bodies(definitions, process)

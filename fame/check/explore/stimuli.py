@@ -42,9 +42,9 @@ def apply(engine: Engine, stimulus: Stimulus, host: ExplorationHost) -> None:
 
 
 def _person(engine: Engine, element: str, host: ExplorationHost) -> None:
-    """A person completes a task, and may set any variable that is visible there."""
+    """A person completes a task: what it asks for is unknown, and any variable that is visible may have changed."""
     for wait in (wait for instance in engine.instances.values() for wait in instance.waits()):
         if wait.node.id == element:
             for name in host.memory.readers:
                 host.memory.set(name, owner_of(wait.scope.variables, name))
-    engine.complete_task(element)
+    engine.complete_task(element, dict.fromkeys(host.given.get(element, ()), host.values.unknown))
