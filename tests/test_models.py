@@ -35,7 +35,13 @@ LIBRARY.append(MODELS / "delivery" / "Deliver.bpmn")  # that of one mission
 NEW = MODELS.parent / "examples" / "project" / "mission.bpmn"  # of fame new
 FILES = [*sorted(MODELS.glob("*.bpmn")), MODELS / "delivery" / "delivery.bpmn", NEW, *LIBRARY]
 
+COOKBOOK = sorted((MODELS.parent / "examples" / "cookbook").glob("*/mission.bpmn"))
+
 every_model = pytest.mark.parametrize("model", [read(file) for file in FILES], ids=[file.stem for file in FILES])
+DRAWN = [*FILES, *COOKBOOK]
+every_drawing = pytest.mark.parametrize(
+    "model", [read(file) for file in DRAWN], ids=[f"{f.parent.name}/{f.stem}" for f in DRAWN]
+)
 
 
 def nodes(model: Definitions) -> Iterator[FlowNode]:
@@ -261,14 +267,14 @@ def labels(model: Definitions) -> list[tuple[str, Bounds]]:
     return of_shapes + [(edge.element, edge.label) for edge in model.edges if edge.label]
 
 
-@every_model
+@every_drawing
 def test_everything_is_drawn_once(model: Definitions) -> None:
     drawn = sorted([shape.element for shape in model.shapes] + [edge.element for edge, _, _ in flows(model)])
     there = [element.id for body in bodies(model) for element in (*body.nodes, *body.data_objects, *body.flows)]
     assert drawn == sorted([*there, *(pool.id for pool in model.participants)])
 
 
-@every_model
+@every_drawing
 def test_no_shape_overlaps_another(model: Definitions) -> None:
     homes = containers(model)
     hosts = {node.id: node.attached_to for node in nodes(model) if isinstance(node, Event)}
@@ -278,7 +284,7 @@ def test_no_shape_overlaps_another(model: Definitions) -> None:
             assert not overlap(box(a.bounds, 4), box(b.bounds, 4)), (a.element, b.element)
 
 
-@every_model
+@every_drawing
 def test_everything_is_inside_of_its_pool_or_sub_process(model: Definitions) -> None:
     shapes = {shape.element: shape for shape in model.shapes}
     for id, home in containers(model).items():
@@ -287,7 +293,7 @@ def test_everything_is_inside_of_its_pool_or_sub_process(model: Definitions) -> 
                 assert inside(box(bounds), box(shapes[home].bounds, -5)), id
 
 
-@every_model
+@every_drawing
 def test_flows_run_at_right_angles_from_border_to_border(model: Definitions) -> None:
     shapes = {shape.element: shape for shape in model.shapes}
     for edge, source, target in flows(model):
@@ -296,7 +302,7 @@ def test_flows_run_at_right_angles_from_border_to_border(model: Definitions) -> 
         assert all(a[0] == b[0] or a[1] == b[1] for a, b in pairwise(edge.waypoints)), edge.element
 
 
-@every_model
+@every_drawing
 def test_no_line_runs_through_a_shape_or_a_label(model: Definitions) -> None:
     homes = containers(model)
     for edge, source, target in flows(model):
@@ -307,7 +313,7 @@ def test_no_line_runs_through_a_shape_or_a_label(model: Definitions) -> None:
             assert not any(crosses(a, b, box(bounds)) for a, b in pairwise(edge.waypoints)), (edge.element, id)
 
 
-@every_model
+@every_drawing
 def test_no_label_covers_a_shape_or_another_label(model: Definitions) -> None:
     homes = containers(model)
     texts = [(id, box(bounds)) for id, bounds in labels(model)]

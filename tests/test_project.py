@@ -269,7 +269,7 @@ REQUESTS = {
     "a file": ("new plain", "plain: expected the name of a new folder: there is a file of this name"),
     "no such example": ("new --from example warehose", "there is no example 'warehose'; did you mean 'warehouse'?"),
     "no such kind": ("new --from exampel warehouse", "--from: got 'exampel'; did you mean 'example'?"),
-    "an example alone": ("new --from warehouse", "--from: expected 2 arguments (see fame new --help)"),
+    "two examples": ("new --from warehouse shuttle", "--from: got 'warehouse'; "),
     "run outside of a project": ("run", "expected SCENARIO.yaml|MODEL.bpmn, or a project here or above (fame.yaml; "),
     "check outside of a project": ("check", "expected FILE, or a project here or above"),
     "the project as a scenario": ("run --no-project plain.yaml", "plain.yaml: is a project, which is for fame run"),

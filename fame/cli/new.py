@@ -16,9 +16,9 @@ from fame.cli.output import print_json
 from fame.errors import ConfigError
 from fame.text import suggestion
 
-_KINDS = ("example",)
 _NAMED = re.compile(r"[\w./-]+\.(?:bpmn|yaml|py|skops|csv)\b")
 """What looks like the path of a file in the text of another."""
+_MADE = shutil.ignore_patterns("__pycache__", ".pytest*")
 DEMO = "ground_vehicles"
 
 
@@ -26,12 +26,13 @@ def add_new(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "new", run_new, help="write a project: a mission of two robots, its world, tests, and fame.yaml",
-        examples=("fame new hospital", "fame new --from example warehouse", "fame new depot --from example warehouse"),
+        examples=("fame new hospital", "fame new --from example warehouse", "fame new dock --from timeout_and_retry"),
     )  # fmt: skip
     parser.add_argument("name", nargs="?", metavar="NAME", help="name of the project, and of its new folder")
     parser.add_argument(
-        "--from", dest="source", nargs=2, metavar=("example", "EXAMPLE"),
-        help="copy an example of FAME, with its models and tests, instead",
+        "--from", dest="source", nargs="+", metavar="NAME",
+        help="copy an example of FAME, or a pattern of its cookbook, with models and tests, instead; "
+        "the word example may come before the name",
     )  # fmt: skip
     add_json(parser)
 
@@ -46,9 +47,11 @@ def add_demo(commands: Commands) -> None:
 
 def run_new(arguments: Namespace) -> int:
     """Write the project and say what to do next."""
-    kind, example = arguments.source or ("", "")
-    if kind and kind not in _KINDS:
-        raise ConfigError(f"--from: got {kind!r}; {suggestion(kind, _KINDS)}, as in --from example warehouse")
+    *kind, example = arguments.source or ("",)
+    if kind not in ([], ["example"]):
+        raise ConfigError(
+            f"--from: got {kind[0]!r}; {suggestion(kind[0], ['example'])}, as in --from example warehouse"
+        )
     name = arguments.name or example
     if not name:
         raise ConfigError("expected a name for the project, as in fame new hospital")
@@ -119,18 +122,21 @@ def _fill(made: Path, name: str, example: str, home: Path) -> None:
     from fame.check.element_templates import templates, write as as_text
     from fame.check.library import behaviours
 
-    shutil.copytree(
-        home / "project", made, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__", ".pytest*")
-    )
+    shutil.copytree(home / "project", made, dirs_exist_ok=True, ignore=_MADE)
     file, scenario = made / project.FILE, f"examples/{example}.yaml"
     text = file.read_text(encoding="utf-8").replace("name: project", f'name: "{name}"')
+    patterns = {path.parent.name: path.parent for path in (home / "cookbook").glob("*/mission.bpmn")}
     if example:
-        known = sorted(path.stem for path in home.glob("*.yaml") if "\nmodel: " in path.read_text(encoding="utf-8"))
-        if example not in known:
-            raise ConfigError(f"there is no example {example!r}; {suggestion(example, known)}")
+        examples = {path.stem for path in home.glob("*.yaml") if "\nmodel: " in path.read_text(encoding="utf-8")}
+        if example not in examples | patterns.keys():
+            raise ConfigError(f"there is no example {example!r}; {suggestion(example, sorted(examples | {*patterns}))}")
         for old in ("mission.bpmn", "mission.yaml", "tests/test_mission.py"):
             (made / old).unlink()
         (made / "tests").rmdir()
+    if example in patterns:
+        shutil.copytree(patterns[example], made, dirs_exist_ok=True, ignore=_MADE)
+        text = text if (made / "mission.yaml").is_file() else text.replace("[mission.yaml]", "[mission.bpmn]")
+    elif example:
         for path in sorted(_needed(home / f"{example}.yaml")):
             target = made / path.relative_to(home.parent)
             target.parent.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,98 @@
+"""The patterns of the cookbook: each is checked, drawn, run, explored and tested, and a fault in it is noticed."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import fame
+from fame.bpmn import read
+from fame.bpmn.draw.diagram import draw
+from fame.cli import main
+from fame.scenario.exploration import explore
+
+ROOT = Path(__file__).parent.parent
+COOKBOOK = ROOT / "examples" / "cookbook"
+PATTERNS = sorted(path.parent.name for path in COOKBOOK.glob("*/mission.bpmn"))
+FAULTS = {
+    "ask_until_answered": ('"Event_2S" targetRef="Gateway_Again"', '"Event_2S" targetRef="Event_Answered"'),
+    "exclusive_zone": ('name="instances" value="1"', 'name="instances" value="2"'),
+    "human_approval": ("PT1M", "PT10M"),
+    "timeout_and_retry": ("tries &lt; 3", "tries &lt; 4"),
+}
+"""A fault in each: a text of its model, and what stands there instead."""
+EXPLAINED: dict[str, set[str]] = {}
+"""Kinds of findings that the page of a pattern explains."""
+
+
+def mission(pattern: str) -> Path:
+    """What `fame run` runs in the folder of a pattern."""
+    scenario = COOKBOOK / pattern / "mission.yaml"
+    return scenario if scenario.is_file() else scenario.with_suffix(".bpmn")
+
+
+def fame_test(*words: str, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """`fame test` in a process of its own: pytest cannot run inside of itself."""
+    own = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    command = [sys.executable, "-m", "fame", "test", "--no-project", *words]
+    return subprocess.run(
+        command, cwd=folder, env=own | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_it_has_no_problems_and_runs_as_it_is(pattern: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "--no-project", "--json", str(mission(pattern))]) == 0
+    assert '"warning"' not in capsys.readouterr().out
+    result = fame.Scenario.load(mission(pattern)).run()
+    assert result.status == "completed"
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_every_state_is_explored_and_its_page_explains_what_is_found(pattern: str) -> None:
+    result = explore(mission(pattern))
+    assert result.exhaustive
+    assert not result.failed
+    assert {one.kind for one in result.findings if one.kind != "unneeded"} == EXPLAINED.get(pattern, set())
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_its_picture_is_that_of_the_model_and_stands_on_its_page_and_in_the_list(pattern: str) -> None:
+    folder = COOKBOOK / pattern
+    assert (folder / "mission.svg").read_text(encoding="utf-8") == draw(read(folder / "mission.bpmn"))
+    assert "](mission.svg)" in (page := (folder / "README.md").read_text(encoding="utf-8"))
+    assert len(re.findall(r"\w+", page)) < 400  # two minutes
+    assert f"](../examples/cookbook/{pattern}/mission.svg)" in (ROOT / "docs" / "cookbook.md").read_text(
+        encoding="utf-8"
+    )
+
+
+def test_their_tests_pass_and_cover_them() -> None:
+    done = fame_test("examples/cookbook", "--cov-model", "--cov-fail-under", "100")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_their_tests_notice_a_fault(tmp_path: Path) -> None:
+    assert [*FAULTS] == PATTERNS
+    for pattern, (right, wrong) in FAULTS.items():
+        folder = shutil.copytree(COOKBOOK / pattern, tmp_path / pattern, ignore=shutil.ignore_patterns("__pycache__"))
+        text = (folder / "mission.bpmn").read_text(encoding="utf-8")
+        assert right in text
+        (folder / "mission.bpmn").write_text(text.replace(right, wrong), encoding="utf-8")
+    done = fame_test(".", "--pytest=--tb=no", folder=tmp_path)
+    assert {*re.findall(r"^FAILED (\w+)/", done.stdout, re.MULTILINE)} == {*PATTERNS}, done.stdout
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_fame_new_copies_it(pattern: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "--no-project", "mine", "--from", pattern]) == 0
+    monkeypatch.chdir(tmp_path / "mine")
+    assert main(["check"]) == 0
+    assert main(["run", "--quiet"]) == 0
