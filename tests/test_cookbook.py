@@ -22,12 +22,23 @@ COOKBOOK = ROOT / "examples" / "cookbook"
 PATTERNS = sorted(path.parent.name for path in COOKBOOK.glob("*/mission.bpmn"))
 FAULTS = {
     "ask_until_answered": ('"Event_2S" targetRef="Gateway_Again"', '"Event_2S" targetRef="Event_Answered"'),
+    "auction": ("winner = bidder if cost &lt; lowest", "winner = bidder if cost &gt; 1"),
+    "battery": ("charge &lt; 0.2", "charge &lt; 0.02"),
+    "compensation": ('attachedToRef="Activity_Load"', 'attachedToRef="Activity_Transport"'),
+    "degraded_team": ("helper == robot.name", "helper != robot.name"),
+    "emergency_stop": ('name="resume" value="true"', 'name="resume" value="false"'),
     "exclusive_zone": ('name="instances" value="1"', 'name="instances" value="2"'),
+    "follow_the_leader": ('name="queue" value="100"', 'name="queue" value="1"'),
+    "handover": ('name="queue" value="1"', 'name="comment" value="1"'),
     "human_approval": ("PT1M", "PT10M"),
+    "orders": ('name="correlate"', 'name="comment"'),
+    "patrol": ("${msg.x}", "${msg.y}"),
+    "shift_end": (">over<", ">not over<"),
+    "stop_and_ask": ("force &gt; limit</", "force &lt; limit</"),
     "timeout_and_retry": ("tries &lt; 3", "tries &lt; 4"),
 }
 """A fault in each: a text of its model, and what stands there instead."""
-EXPLAINED: dict[str, set[str]] = {}
+EXPLAINED = {"auction": {"dropped"}, "battery": {"error"}}
 """Kinds of findings that the page of a pattern explains."""
 
 
@@ -89,10 +100,15 @@ def test_their_tests_notice_a_fault(tmp_path: Path) -> None:
     assert {*re.findall(r"^FAILED (\w+)/", done.stdout, re.MULTILINE)} == {*PATTERNS}, done.stdout
 
 
-@pytest.mark.parametrize("pattern", PATTERNS)
-def test_fame_new_copies_it(pattern: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fame_new_copies_each_as_a_project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["new", "--no-project", "mine", "--from", pattern]) == 0
-    monkeypatch.chdir(tmp_path / "mine")
+    for pattern in PATTERNS:
+        assert main(["new", "--no-project", "--from", pattern]) == 0
+        there = {path.relative_to(COOKBOOK / pattern) for path in (COOKBOOK / pattern).rglob("*.*")}
+        assert {path for path in there if "__pycache__" not in path.parts} <= {
+            path.relative_to(pattern) for path in Path(pattern).rglob("*")
+        }
+        assert f"scenarios: [{mission(pattern).name}]" in Path(pattern, "fame.yaml").read_text(encoding="utf-8")
+    monkeypatch.chdir("handover/tests")
     assert main(["check"]) == 0
     assert main(["run", "--quiet"]) == 0
