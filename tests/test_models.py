@@ -35,7 +35,7 @@ LIBRARY.append(MODELS / "delivery" / "Deliver.bpmn")  # that of one mission
 NEW = MODELS.parent / "examples" / "project" / "mission.bpmn"  # of fame new
 FILES = [*sorted(MODELS.glob("*.bpmn")), MODELS / "delivery" / "delivery.bpmn", NEW, *LIBRARY]
 
-COOKBOOK = sorted((MODELS.parent / "examples" / "cookbook").glob("*/mission.bpmn"))
+COOKBOOK = sorted((MODELS.parent / "examples" / "cookbook").glob("*/*.bpmn"))
 
 every_model = pytest.mark.parametrize("model", [read(file) for file in FILES], ids=[file.stem for file in FILES])
 DRAWN = [*FILES, *COOKBOOK]

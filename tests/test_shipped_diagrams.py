@@ -19,7 +19,14 @@ ROOT = Path(__file__).parent.parent
 SVG = "{http://www.w3.org/2000/svg}"
 POOLS, BODIES = ("participant", "lane", "group"), ("subProcess", "transaction", "adHocSubProcess")
 NEW = ROOT / "examples" / "project" / "mission.bpmn"
+COOKBOOK = sorted((ROOT / "examples" / "cookbook").glob("*/*.bpmn"))
 MARKER = 14.0
+
+every_diagram = pytest.mark.parametrize(
+    "path",
+    [*sorted((ROOT / "models").rglob("*.bpmn")), NEW, *COOKBOOK],
+    ids=lambda path: f"{path.parent.name}/{path.stem}",
+)
 
 
 def lettering(root: etree._Element) -> Iterator[tuple[str, Bounds]]:
@@ -80,12 +87,12 @@ def covered(definitions: Definitions) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", [*sorted((ROOT / "models").rglob("*.bpmn")), NEW], ids=lambda path: path.stem)
+@every_diagram
 def test_nothing_on_a_shipped_diagram_covers_anything_else(path: Path) -> None:
     assert covered(read(path)) == []
 
 
-@pytest.mark.parametrize("path", [*sorted((ROOT / "models").rglob("*.bpmn")), NEW], ids=lambda path: path.stem)
+@every_diagram
 def test_a_name_without_a_place_finds_one_below_its_shape_as_modelers_put_it(path: Path) -> None:
     definitions = read(path)
     root = etree.fromstring(draw(definitions).encode())
