@@ -151,7 +151,7 @@ class MissionByHand(MissionUnderTest):
         ids = self.elements.find(robot, element)
         waits = [wait.element for wait in self.node(robot).waiting_tokens() if wait.element in ids]
         if waits:
-            self._complete(robot, waits[0], values)
+            self._fill_in(robot, waits[0], values)
         return self._done(robot, f"to wait at {element!r} for a person", bool(waits))
 
     def decide(self, robot: str, element: str, *ways: bool | int) -> MissionByHand:
@@ -189,7 +189,7 @@ class MissionByHand(MissionUnderTest):
     def _host(self, robot: str) -> StandInHost:
         return self.by_hand.hosts[robot]
 
-    def _complete(self, robot: str, element: str, values: Mapping[str, Any]) -> None:
+    def _fill_in(self, robot: str, element: str, values: Mapping[str, Any]) -> None:
         """Complete a task; what a person is asked for there and has not said is unknown."""
         asked = self.by_hand.abstract.given.get(element, frozenset())
         self.node(robot).complete(element, dict.fromkeys(asked, self._host(robot).values.unknown) | {**values})
@@ -250,7 +250,7 @@ class MissionByHand(MissionUnderTest):
                 moved = True
         for wait in found.people:
             try:
-                self._complete(robot, wait.node.id, {})
+                self._fill_in(robot, wait.node.id, {})
                 moved = True
             except FameError:  # it has ended meanwhile
                 continue
