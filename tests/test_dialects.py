@@ -13,6 +13,7 @@ from fame.bpmn import read, read_text
 from fame.bpmn.model import (
     Assignment,
     CallActivity,
+    Definitions,
     ErrorDefinition,
     Event,
     Expression,
@@ -25,8 +26,11 @@ from fame.bpmn.model import (
     Topic,
 )
 from fame.bpmn.reader.expressions import flow_mapping, flow_sequence
+from fame.bpmn.split import split
 from fame.scripting import compile_expression
+from fame.view.forms import task_fields
 
+HOSPITAL = Path(__file__).parent / "hospital" / "hospital.bpmn"
 ROOTS = '<signal id="S" name="weed_found"/><message id="M" name="order"/><error id="E" errorCode="lost"/>'
 SIGNAL = '<signalEventDefinition signalRef="S"/>'
 
@@ -403,12 +407,41 @@ def test_who_may_complete_a_task_and_its_form_are_read_in_both_dialects() -> Non
 
 
 def test_the_form_that_a_task_is_linked_to_is_read_from_its_file() -> None:
-    hospital = read(Path(__file__).parent / "hospital" / "hospital.bpmn")
+    hospital = read(HOSPITAL)
     (plan,) = (node for node in hospital.processes[0].body.nodes if node.id == "Plan_Round")
     assert isinstance(plan, Task)
     kinds = [field.kind for field in plan.human.form]
     assert kinds == ["note", "select", "integer", "checkbox", "date", "radio", "text", "other"]
     assert plan.human.form[-1].label == "Papers: FAME does not draw fields of type filepicker"
+
+
+def test_a_form_in_a_file_beside_the_model_is_drawn_like_an_embedded_one_and_goes_with_the_pool() -> None:
+    hospital = read(HOSPITAL)
+    assert door_of(hospital).human.linked == "Form_Door"
+    kinds = ["note", "radio", "integer"]
+    assert [field["kind"] for field in task_fields(door_of(hospital), None, hospital)] == kinds
+    (lift,) = (pool for pool in split(hospital) if pool.name == "Lift")
+    assert [field.kind for field in door_of(read(lift.source)).human.form] == kinds
+    alone = read(HOSPITAL.read_bytes(), file="elsewhere/hospital.bpmn")
+    (note,) = task_fields(door_of(alone), None, alone)
+    assert note["label"] == "Its form Form_Door is in no .form file beside the model, and not embedded."
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[]", '"Form_Door"', '{"id": "Form_Door"}', '{"id": "Form_Door", "components": 1}']
+)
+def test_a_form_that_cannot_be_read_is_named(tmp_path: Path, text: str) -> None:
+    (tmp_path / "hospital.bpmn").write_bytes(HOSPITAL.read_bytes())
+    (tmp_path / "door.form").write_text(text)
+    hospital = read(tmp_path / "hospital.bpmn")
+    (note,) = task_fields(door_of(hospital), None, hospital)
+    assert (note["kind"], note["label"][:19]) == ("other", "Its form Form_Door ")
+
+
+def door_of(hospital: Definitions) -> Task:
+    (door,) = (node for one in hospital.processes for node in one.body.walk() if node.id == "Lift_Door")
+    assert isinstance(door, Task)
+    return door
 
 
 @pytest.mark.parametrize(

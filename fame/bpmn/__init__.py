@@ -10,6 +10,7 @@ XML. They are imported on first use, so that the dataclasses alone do not load a
     topics       the topics of a model and their message types
     library      called processes, from library files
     pools        the pools of a collaboration, and their robots
+    linked_forms the forms of tasks that are in files beside a model
     split        a collaboration -> one file per pool (with merging)
     conversion   other dialects -> the current form
     draw         a model -> SVG

@@ -16,13 +16,14 @@ from dataclasses import dataclass, field
 
 from lxml import etree
 
-from fame.bpmn.model import Assignment, Bounds, Definitions, Expression, FlowNode, Participant, Process
+from fame.bpmn.linked_forms import linked_form
+from fame.bpmn.model import Assignment, Bounds, Definitions, Expression, FlowNode, Participant, Process, Task
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.data import shared_stores
 from fame.bpmn.reader.dialects.extensions import Extensions
 from fame.bpmn.reader.document import read_tree
 from fame.bpmn.reader.preparation import prepare
-from fame.bpmn.reader.xml import BPMN, BPMNDI, CAMUNDA, Node, is_reference, local_name, parse, resolve, text_of
+from fame.bpmn.reader.xml import BPMN, BPMNDI, CAMUNDA, ZEEBE, Node, is_reference, local_name, parse, resolve, text_of
 
 _B, _C = f"{{{BPMN}}}", f"{{{CAMUNDA}}}"
 EXTENSION_ELEMENTS = f"{_B}extensionElements"
@@ -179,6 +180,7 @@ def copy_fragment(
     for process in processes:
         fragment.processes.append(deepcopy(by_id[process.id]))
         _write_topics(fragment.processes[-1], process, types, acknowledged)
+        _embed_forms(fragment.processes[-1], process, definitions)
     for process_copy in fragment.processes:
         _copy_shared_stores(process_copy, fragment, root)
     if pool is not None:
@@ -190,6 +192,14 @@ def copy_fragment(
         if copy is not None:
             fragment.diagrams.append(copy)
     return fragment
+
+
+def _embed_forms(copy: Node, process: Process, definitions: Definitions) -> None:
+    """Write the forms that are beside the model into a process, as Camunda Modeler embeds them."""
+    for id in sorted({node.human.linked for node in process.body.walk() if isinstance(node, Task)}):
+        if text := linked_form(definitions, id):
+            form = etree.SubElement(_extensions(copy), f"{{{ZEEBE}}}userTaskForm", {"id": id}, nsmap={"zeebe": ZEEBE})
+            form.text = text
 
 
 def _copy_shared_stores(copy: Node, fragment: Fragment, root: Node) -> None:

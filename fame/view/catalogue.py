@@ -176,7 +176,8 @@ class Catalogue:
             values["script"] = element.script.text if element.script is not None else ""
             values["uses"] = _progress_names(element)
             owner = self.elements[body].element if body != NOWHERE else None
-            values["form"] = task_fields(element, owner.body if isinstance(owner, Process | FlowNode) else None)
+            inside = owner.body if isinstance(owner, Process | FlowNode) else None
+            values["form"] = task_fields(element, inside, self.files[file])
             if isinstance(element, Task):
                 values["users"], values["groups"] = list(element.human.users), list(element.human.groups)
             if due := self._due(file, element, body):

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
-from fame.bpmn.model import Body, DataObject, FieldKind, FlowNode, FormField, Task
+from fame.bpmn.linked_forms import form_of
+from fame.bpmn.model import Body, DataObject, Definitions, FieldKind, FlowNode, FormField, Task
 from fame.errors import MessageError
 from fame.middleware import typesystem
 from fame.text import read_json
@@ -22,14 +23,13 @@ _UNITS = {
 """Units of numbers, by type, or type and field (REP 103)."""
 
 
-def task_fields(node: FlowNode, body: Body | None) -> list[dict[str, Any]]:
-    """The form of a user or manual task; without one, the data that it writes; empty if nothing is known."""
+def task_fields(node: FlowNode, body: Body | None, file: Definitions) -> list[dict[str, Any]]:
+    """The form of a user or manual task of a file; without one, the data that it writes; empty if nothing is known."""
     if not isinstance(node, Task) or node.kind not in ("user", "manual"):
         return []
-    form = node.human.form or tuple(_written(node, body.data_objects if body is not None else ()))
-    if node.human.linked:
-        note = f"Its form {node.human.linked} is in a file of its own, which the robot does not have: embed it."
-        form = (FormField(kind="other", label=note), *form)
+    form = form_of(file, node.human)
+    if not any(field.key for field in form):
+        form = (*form, *_written(node, body.data_objects if body is not None else ()))
     return [field_json(field) for field in form]
 
 

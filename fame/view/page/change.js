@@ -43,7 +43,7 @@ export class Change {
 
   /** Mark what differs on a plane; what was removed is drawn where it was. */
   paint(plane) {
-    const key = `${this.app.mission.version}|${this.app.diagram.plane}`, { changes, ghosts } = this.data;
+    const key = `${this.app.mission.version}|${this.app.diagram.plane}|${plane.level}`, { changes, ghosts } = this.data;
     if (plane.change === key) return;
     plane.change = key;
     const how = new Map(changes.map((one) => [one.element, one.how]));
@@ -51,7 +51,7 @@ export class Change {
     show(plane.over, this.app.diagram.plane === 0 ? ghosts.map(({ name, box: [x, y, width, height] }) => s("g", { cls: "ghost" }, s("title", null, `removed: ${name}`), s("rect", { x, y, width, height, rx: 8 }), s("text", { x: x + width / 2, y: y + height / 2 + 4 }, name))) : [],
       [...how].filter(([number]) => plane.shapes.has(number)).map(([number, name]) => {
         const [x, y, width] = plane.shapes.get(number);
-        return s("g", { cls: `badge ${name}`, transform: `translate(${x + width} ${y})` }, s("title", null, WORDS[name]), s("circle", { r: 9 }), s("text", { cls: "middle", y: 4 }, SIGNS[name]));
+        return s("g", { cls: `badge ${name}`, transform: `translate(${x + width} ${y}) scale(${this.app.diagram.grow})` }, s("title", null, WORDS[name]), s("circle", { r: 9 }), s("text", { cls: "middle", y: 4 }, SIGNS[name]));
       }));
   }
 

@@ -99,6 +99,11 @@ export class Diagram {
     this.app.redraw();
   }
 
+  /** How much larger what lies on the drawing has to be, so that it can be read. */
+  get grow() {
+    return Math.max(1, 0.9 / this.current.level);
+  }
+
   /** Zoom to the pool of the chosen robot, around what it does; without one, to all. */
   focus(glides = true) {
     const { robot, element } = this.app.selected, { current } = this, part = current?.shapes.get(this.app.mission.robots[robot]?.pool);
@@ -317,7 +322,6 @@ export class Diagram {
       text.push(`${number}:${sum ?? ""}:${held?.map((token) => `${token.r}x${token.n}`) ?? ""}:${findings?.length ?? ""}`);
     }
     const { theme } = document.documentElement.dataset, look = `${theme}|${plane.level}`, key = `${text.join(";")}|${look}`;
-    this.grow = Math.max(1, 0.9 / plane.level); // of what lies on the drawing, so that it can be read
     if (plane.shown === key) return;
     plane.shown = key;
     const marks = new Map();

@@ -38,7 +38,7 @@ export class Heat {
   /** Colour the elements of a plane by their value, on a logarithmic scale up to the largest one there. */
   paint(plane) {
     const found = [...plane.groups.keys()].filter((number) => this.value(number) > 0);
-    const most = Math.max(0, ...found.map((number) => this.value(number))), key = `${this.measure}|${this.app.mission.version}|${this.app.diagram.plane}`;
+    const most = Math.max(0, ...found.map((number) => this.value(number))), key = `${this.measure}|${this.app.mission.version}|${this.app.diagram.plane}|${plane.level}`;
     if (plane.heat === key) return;
     plane.heat = key;
     for (const [number, group] of plane.groups) {
@@ -51,8 +51,8 @@ export class Heat {
   }
 
   badge([x, y, width], text) {
-    const wide = 10 + 6 * text.length;
-    return s("g", { cls: "badge heat", transform: `translate(${x + width + 9 - wide} ${y})` }, s("rect", { x: 0, y: -8, width: wide, height: 16, rx: 8 }), s("text", { x: 5, y: 3.6 }, text));
+    const wide = 10 + 6 * text.length, { grow } = this.app.diagram;
+    return s("g", { cls: "badge heat", transform: `translate(${x + width + 9 - wide * grow} ${y}) scale(${grow})` }, s("rect", { x: 0, y: -8, width: wide, height: 16, rx: 8 }), s("text", { x: 5, y: 3.6 }, text));
   }
 
   // ---- beside the diagram ------------------------------------------------------------------------

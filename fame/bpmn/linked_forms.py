@@ -1,0 +1,37 @@
+"""Forms of form-js in files of their own: ``*.form`` beside a model, as Camunda Modeler saves them.
+
+A task names the form by its id, as an embedded one. A model that is split has it embedded, so that robots have it.
+"""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+
+from fame.bpmn.model import Definitions, FormField, Human
+from fame.bpmn.reader.dialects.forms import form_js
+
+
+def linked_form(definitions: Definitions, id: str) -> str:
+    """The JSON of the form with an id in a file beside a model; empty if there is none, or the model has no place."""
+    folder = definitions.path.parent if id and definitions.path is not None else None
+    for path in sorted(folder.glob("*.form")) if folder is not None else ():
+        with suppress(OSError, ValueError, RecursionError):
+            found = json.loads(path.read_bytes())
+            if isinstance(found, dict) and found.get("id") == id:
+                return json.dumps(found)
+    return ""
+
+
+def form_of(definitions: Definitions, human: Human) -> tuple[FormField, ...]:
+    """The fields of a task's form; what keeps a linked one from being drawn is a field of kind ``other``."""
+    text = linked_form(definitions, human.linked)
+    try:
+        return form_js(text) if text else (*_missing(human.linked), *human.form)
+    except ValueError as error:
+        return (FormField(kind="other", label=f"Its form {human.linked} cannot be read: {error}"), *human.form)
+
+
+def _missing(id: str) -> tuple[FormField, ...]:
+    text = f"Its form {id} is in no .form file beside the model, and not embedded."
+    return (FormField(kind="other", label=text),) if id else ()
