@@ -6,6 +6,9 @@ import { END } from "./store.js";
 export const STATES = ["incident", "lost", "failed", "waiting", "suspended", "running", "idle", "completed", "cancelled"];
 export const STATE_WORDS = { incident: "incident", lost: "lost", failed: "failed", waiting: "waits for a person", suspended: "suspended", running: "running",
   idle: "no mission", completed: "completed", cancelled: "cancelled" };
+const byName = new Intl.Collator(undefined, { numeric: true });
+/** The states of robots that need somebody. */
+export const WANTED = new Set(["incident", "lost", "failed", "waiting"]);
 const SPOKEN = /task|callActivity|subProcess|transaction|adHoc/i;
 const PROGRESS = [["distance_remaining", (m) => `${m.toFixed(1)} m to go`], ["number_of_poses_remaining", (n) => `${n} places to go`], ["time_left", (s) => `${s.toFixed(0)} s to go`],
   ["distance_traveled", (m) => `${m.toFixed(1)} m done`], ["angular_distance_traveled", (rad) => `${((rad * 180) / Math.PI).toFixed(0)}° done`]];
@@ -19,7 +22,8 @@ export function roster(app, state, time) {
   for (const token of state.tokens.values()) rows[token.r]?.tokens.push(token);
   const said = reports(state), lost = app.lost(time);
   for (const row of rows) describe(app, state, time, row, said, lost.get(row.name));
-  return rows.sort((a, b) => STATES.indexOf(a.state) - STATES.indexOf(b.state) || a.since - b.since || a.name.localeCompare(b.name, undefined, { numeric: true }));
+  const longest = (a, b) => (WANTED.has(a.state) ? a.since - b.since : 0); // the others keep their places while they work
+  return rows.sort((a, b) => STATES.indexOf(a.state) - STATES.indexOf(b.state) || longest(a, b) || byName.compare(a.name, b.name));
 }
 
 /** The last end of an instance of each robot that has none under way, in this block. */

@@ -1,14 +1,14 @@
 // The first look: a table of the robots, those who need somebody first, and what people have to do, the oldest first.
 
-import { h, icon, renew, robotColour } from "./dom.js";
+import { arrange, h, icon, isDark, renew, robotColour } from "./dom.js";
 import { STATES, STATE_WORDS, drawn, nameOf, roster } from "./roster.js";
 import { FAIL, REPORT } from "./store.js";
 
-const PAUSE = 150; // ms between two pictures of the table
+const PAUSE = 50; // ms between two pictures of the table
 const SIGNS = { incident: "alert", lost: "off", failed: "alert", waiting: "person", suspended: "pause", running: "play", idle: "minus", completed: "check", cancelled: "close" };
 const HEADS = ["Robot", "State", "Doing", "Since", "Battery", "Open task", "Last message lost", ""];
+const COLUMNS = ["name", "state", "doing", "since", "battery", "open", "missed", "hand"]; // their classes
 const HELD = new Set(["incident", "waiting", "suspended", "running"]);
-const WANTED = new Set(["incident", "lost", "failed", "waiting"]);
 
 /** A duration in whole seconds, minutes or hours, as people read it. */
 export function ago(time) {
@@ -26,6 +26,8 @@ export class Team {
     this.summary = h("span", { cls: "quiet" });
     team.append(h("div", { cls: "bar" }, h("h2", null, "Team"), this.summary), h("div", { cls: "body" }, this.table));
     needs.append(h("div", { cls: "bar" }, h("h2", null, "Needs you"), this.count = h("span", { cls: "quiet" })), this.list);
+    this.heads = h("div", { role: "row", cls: "heads" }, HEADS.map((text) => h("div", { role: "columnheader" }, text || h("span", { cls: "unseen" }, "Actions"))));
+    this.drawn = new Map(); // robot -> {row, cells, keys: what they show}
     this.rows = [];
     this.asks = [];
     this.last = -Infinity;
@@ -47,7 +49,7 @@ export class Team {
     this.asks = this.rows.flatMap((row) => row.open.filter((wait) => app.acts.isMine(wait)).map((wait) => this.ask(state, row, wait))).sort((a, b) => a.wait.since - b.wait.since);
     app.tabs.badge("needs", this.asks.length);
     this.draw(state, time);
-    this.pause = Math.max(PAUSE, 6 * (performance.now() - now));
+    this.pause = Math.max(PAUSE, 4 * (performance.now() - now));
   }
 
   draw(state, time) {
@@ -55,7 +57,7 @@ export class Team {
     for (const { state: of } of this.rows) count.set(of, (count.get(of) ?? 0) + 1);
     this.summary.textContent = STATES.filter((of) => count.has(of)).map((of) => `${count.get(of)} ${STATE_WORDS[of]}`).join(" · ");
     if (this.app.tabs.shows("team")) {
-      renew(this.table, h("div", { role: "row", cls: "heads" }, HEADS.map((text) => h("div", { role: "columnheader" }, text || h("span", { cls: "unseen" }, "Actions")))), this.rows.map((row) => this.row(row, time)));
+      arrange(this.table, [this.heads, ...this.rows.map((row) => this.row(row, time))]);
     }
     if (this.app.tabs.shows("needs")) {
       this.count.textContent = this.asks.length ? `${this.asks.length} open, the oldest first` : "";
@@ -65,18 +67,37 @@ export class Team {
 
   // ---- the table ---------------------------------------------------------------------------------
 
+  /** The row of a robot: of its cells only those are made again that differ from before. */
   row(row, time) {
-    const cell = (name, ...content) => h("div", { role: "cell", cls: name }, content), [open] = row.open;
-    const known = row.state !== "idle" && row.since > 0;
-    return h("div", { role: "row", cls: `robot ${row.state} ${this.app.selected.robot === row.r ? "on" : ""}`, dataset: { key: row.r } },
-      cell("name", h("button", { cls: "who", title: `Show ${row.name} in its diagram`, onclick: () => this.app.goTo(row.r, row.element) }, this.swatch(row.r), row.name)),
-      cell("state", h("span", { cls: "glyph" }, icon(SIGNS[row.state])), STATE_WORDS[row.state], row.state === "suspended" && row.by ? h("small", null, `by ${row.by}`) : null),
-      cell("doing", row.doing, row.more ? h("small", null, `and ${row.more} more`) : null, row.progress ? h("small", null, row.progress) : null),
-      cell("since", known ? ago(time - row.since) : ""),
-      cell("battery", this.battery(row.battery)),
-      cell("open", open ? nameOf(this.app, open.e) : ""),
-      cell("missed", row.missed ? [nameOf(this.app, row.missed.e), h("small", null, `${ago(time - row.missed.time)} ago`)] : ""),
-      cell("hand", this.app.acts.can("take_over") && HELD.has(row.state) && this.app.steer.held?.r !== row.r ? h("button", { cls: "text", title: `Suspend the mission of ${row.name}, and steer it`, onclick: () => this.app.steer.takeOver(row.r) }, "Take over") : ""));
+    if (!this.drawn.has(row.r)) {
+      const cells = COLUMNS.map((cls) => h("div", { role: "cell", cls }));
+      this.drawn.set(row.r, { cells, keys: [], row: h("div", { role: "row", dataset: { key: row.r } }, cells) });
+    }
+    const known = this.drawn.get(row.r), cls = `robot ${row.state} ${this.app.selected.robot === row.r ? "on" : ""}`;
+    if (known.row.className !== cls) known.row.className = cls;
+    this.cells(row, time).forEach(([key, content], at) => {
+      if (known.keys[at] === key) return;
+      known.keys[at] = key;
+      renew(known.cells[at], content());
+    });
+    return known.row;
+  }
+
+  /** The cells of a row, each as a text that says whether it differs, and what makes its content. */
+  cells(row, time) {
+    const { app } = this, [open] = row.open, { missed } = row, since = row.state !== "idle" && row.since > 0 ? ago(time - row.since) : "";
+    const by = row.state === "suspended" && row.by ? `by ${row.by}` : "", lost = missed ? `${ago(time - missed.time)} ago` : "";
+    const hand = app.acts.can("take_over") && HELD.has(row.state) && app.steer.held?.r !== row.r, small = (text) => (text ? h("small", null, text) : null);
+    return [
+      [`${row.name} ${row.element} ${isDark()}`, () => h("button", { cls: "who", title: `Show ${row.name} in its diagram`, onclick: () => app.goTo(row.r, row.element) }, this.swatch(row.r), row.name)],
+      [row.state + by, () => [h("span", { cls: "glyph" }, icon(SIGNS[row.state])), STATE_WORDS[row.state], small(by)]],
+      [`${row.doing} ${row.more} ${row.progress}`, () => [row.doing, small(row.more ? `and ${row.more} more` : ""), small(row.progress)]],
+      [since, () => [since]],
+      [String(row.battery), () => [this.battery(row.battery)]],
+      [String(open?.e), () => [open ? nameOf(app, open.e) : ""]],
+      [`${missed?.e} ${lost}`, () => (missed ? [nameOf(app, missed.e), small(lost)] : [])],
+      [String(hand), () => [hand ? h("button", { cls: "text", title: `Suspend the mission of ${row.name}, and steer it`, onclick: () => app.steer.takeOver(row.r) }, "Take over") : null]],
+    ];
   }
 
   swatch(r) {

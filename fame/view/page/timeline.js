@@ -149,8 +149,13 @@ export class Timeline {
     const missing = store.blocks.filter((block) => block.data === null).length;
     const reading = mission.reading < 1 ? `reading ${Math.round(mission.reading * 100)} %` : missing > 1 ? `loading ${Math.round((1 - missing / store.blocks.length) * 100)} %` : "";
     if (this.transport.reading.textContent !== reading) this.transport.reading.textContent = reading;
-    for (const block of store.within(this.from, this.until)) if (block.data) this.settle(block.data);
     this.properties.read();
+    if (!this.size.width) { // on another tab
+      this.shown = time;
+      this.point(time);
+      return;
+    }
+    for (const block of store.within(this.from, this.until)) if (block.data) this.settle(block.data);
     const lanes = this.lanes(), under = lanes.length ? lanes.at(-1).top + lanes.at(-1).height : 0;
     const plotsTop = under + this.properties.height, total = plotsTop + this.plots.height;
     this.spacer.style.height = `${total}px`;

@@ -29,6 +29,9 @@ export class Transport {
   playerChanged() {
     const { app } = this, { player, control } = app, run = app.runs(), playing = run ? !control.status.paused : player.playing;
     const word = playing ? "Pause" : run ? "Resume" : "Play", of = run ? "run" : "replay", now = run ? control.status.speed : player.speed;
+    const key = [run, playing, now, player.following, app.isLive()].join();
+    if (key === this.key) return;
+    this.key = key;
     show(this.playButton, icon(playing ? "pause" : "play"), word);
     this.playButton.title = `${word} the ${of} (Space)`;
     const speeds = run ? [...[...new Set([0.1, 0.5, 1, 2, 5, 10, 50, now || 1])].sort((one, other) => one - other), 0] : SPEEDS;
