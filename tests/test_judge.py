@@ -81,13 +81,13 @@ def test_the_report_is_one_static_page_with_plots_of_the_runs(folder: Path, tmp_
 def test_an_alarm_is_explained_by_what_the_training_runs_did_at_that_time() -> None:
     stamps = np.arange(60) / 10
     runs = [Samples(np.column_stack([np.sin(stamps), stamps + n]), stamps, ("a", "b")) for n in range(3)]
-    band = Band.of(runs, repeating=True)
+    band = Band.of(runs, [stamps] * 3)
     other = Samples(np.column_stack([np.sin(stamps), stamps + 1]), stamps, ("a", "b"))
     other.values[30:, 1] = 9.0
-    texts = [each.text for each in band.explain(other, (1, 0), (0.9, 0.1))]
+    texts = [each.text for each in band.explain(other, stamps, (1, 0), (0.9, 0.1))]
     assert texts == ["b: 9 at 3 s; in training 3 to 5", "a: unusual course within the values of the training (0 to 0)"]
     assert np.isnan(band.at(np.array([5.9, 6.3]))[0]).any(axis=1).tolist() == [False, True]
-    (whole,) = Band.of(runs, repeating=False).explain(other, (1,), (1.0,))
+    (whole,) = Band.of(runs, None).explain(other, stamps, (1,), (1.0,))
     assert whole.text == "b: 9 at 3 s; in training 0 to 7.9"
 
 

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
+from monitor_runs import told
 
+from fame.monitor.data_files import LabelledRun
+from fame.monitor.judge import judge_trained
 from fame.monitor.pipeline import processors
+from fame.monitor.pipeline.elements import active
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.phases import Phases
 from fame.monitor.pipeline.processor import Samples
@@ -78,3 +83,63 @@ def test_phases_combine_with_other_detectors(name: str):
     late.values[:, 0] = np.roll(late.values[:, 0], round(0.4 * RATE))
     found = losses(made, late, CONFIG.stride).values / np.array(made.thresholds)
     assert (found.max() > 1) == name.startswith("any")
+
+
+def mission(seed: int, wait: float, *elements: str) -> Samples:
+    """Two elements, `wait` and `work`; the first lasts `wait` s, the second has a pulse 1 s after its begin."""
+    random = np.random.default_rng(seed)
+    stamps = np.arange(round((wait + 3.0) * RATE)) / RATE
+    values = np.exp(-(((stamps[:, None] - wait - 1.0) / 0.3) ** 2)) + 0.02 * random.standard_t(3, (len(stamps), 2))
+    wait_name, work_name = elements or ("wait", "work")
+    return Samples(values, stamps, ("left", "right"), ((0.0, wait_name), (wait, work_name)))
+
+
+@cache
+def mission_model() -> TrainedModel:
+    waits = np.random.default_rng(1).uniform(2.0, 5.0, RUNS)
+    return fit([mission(seed, wait) for seed, wait in enumerate(waits)], CONFIG)
+
+
+def test_the_active_element_tells_the_phase_of_runs_that_wait_for_different_times():
+    made, threshold = mission_model(), np.array(mission_model().thresholds)
+    assert list(made.elements) == ["wait", "work"]
+    usual = [losses(made, mission(50 + n, wait), 5).values.max() for n, wait in enumerate((2.5, 3.5, 4.5))]
+    assert (np.array(usual) < threshold.max()).sum() >= 2
+    flat = mission(60, 3.0)
+    flat.values[flat.stamps > 3.5] *= 0.0
+    assert (losses(made, flat, 5).values > threshold).any()  # no pulse, where one belongs
+
+
+def test_without_elements_windows_are_judged_by_all_and_an_element_of_no_training_run_is_not_judged():
+    made, known = mission_model(), mission(70, 3.0)
+    bare = losses(made, Samples(known.values, known.stamps, known.names), 5)
+    assert len(bare) == len(losses(made, known, 5))
+    (judged,) = judge_trained(made, [labelled(mission(70, 3.0, "wait", "sort"))], "m", labelled=False).runs
+    assert judged.verdict == "not judged"
+    assert judged.share == pytest.approx(0.5, abs=0.02)
+    assert judged.notes == ("no training run had the element sort: not judged",)
+
+
+def labelled(run: Samples) -> LabelledRun:
+    return LabelledRun(run, np.ones(len(run), dtype=np.int64), "a.csv")
+
+
+def test_elements_come_from_a_column_of_texts(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    lines = ["stamp,run,left,task,right"]
+    for number in range(RUNS):
+        run = mission(number, 2.0 + 0.2 * number)
+        names, _ = active(run.stamps, run.elements)
+        rows = zip(run.stamps, run.values, names, strict=True)
+        lines += [f"{stamp},{number},{left},{name},{right}" for stamp, (left, right), name in rows]
+    (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
+    words = ("--data", tmp_path / "runs.csv", "--element-column", "task", "-o", tmp_path / "m.skops")
+    code, found = told(capsys, "monitor", "train", *words)
+    assert (code, found["detector"]) == (0, "phase")
+    assert list(TrainedModel.load(tmp_path / "m.skops").elements) == ["wait", "work"]
+    lines[-40:] = [line.replace(line.split(",")[2], "1.5") for line in lines[-40:]]
+    (tmp_path / "new.csv").write_text(
+        "\n".join([lines[0], *(line for line in lines if line.split(",")[1] == "11")]) + "\n"
+    )
+    code, found = told(capsys, "monitor", "judge", tmp_path / "m.skops", tmp_path / "new.csv")
+    assert code == 1
+    assert found["runs"][0]["events"][-1]["explanations"][0].startswith("left in work: 1.5 at ")

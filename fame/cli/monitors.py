@@ -94,10 +94,11 @@ def _judge(model: TrainedModel | Model, path: Path, arguments: Namespace) -> Jud
 def _read(paths: Sequence[Path], config: Path | None, model: TrainedModel) -> list[LabelledRun]:
     """Read runs of CSV files and, by a configuration, of bags. Raises ConfigError."""
     from fame.errors import ConfigError
-    from fame.monitor.data_files import RUN, STAMP, Special, read_labelled_runs
+    from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, read_labelled_runs
 
     settings = model.conditions.get("settings", {})
-    special = Special(settings.get("time_column", STAMP), settings.get("run_column", RUN))
+    names = (("time_column", STAMP), ("run_column", RUN), ("element_column", ELEMENT))
+    special = Special(*(settings.get(name, default) for name, default in names))
     runs: list[LabelledRun] = []
     for path in paths:
         if path.suffix in (".csv", ".parquet"):

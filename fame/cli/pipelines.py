@@ -246,6 +246,9 @@ def add_train(commands: Commands) -> None:
         help="runs as CSV or Parquet files, instead of a configuration; without --detector: phase if they repeat",
     )  # fmt: skip
     parser.add_argument("--run-column", metavar="NAME", help="column whose changes begin a run (default: run)")
+    parser.add_argument(
+        "--element-column", metavar="NAME", help="column of the mission's active element, for phase (default: element)"
+    )
     parser.add_argument("--time-column", metavar="NAME", help="column of the times, in s or dates (default: stamp)")
     parser.add_argument("--detector", metavar="NAME", help="phase, mahalanobis, 'any of pca, knn' ...")
     parser.add_argument("--false-alarms", metavar="RATE", help="rate to promise, as '0.05 per run'")
@@ -326,7 +329,7 @@ def _training(arguments: Namespace) -> tuple[Training, str]:
 
     if (arguments.configuration is None) == (not arguments.data):
         raise ConfigError("expected a configuration with the section Training, or --data FILE")
-    names = ("run_column", "time_column", "detector", "false_alarms")
+    names = ("run_column", "time_column", "element_column", "detector", "false_alarms")
     given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
     if arguments.data:
         training = Training(files=tuple(map(str, arguments.data)), **given)

@@ -23,17 +23,19 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
-from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.processor import Changes, Samples
 
-STAMP, RUN, LABEL = "stamp", "run", "label"
+STAMP, RUN, LABEL, ELEMENT = "stamp", "run", "label", "element"
 
 
 class CsvTable(NamedTuple):
-    """A CSV file: `names` is empty without a header, `cells` (rows, columns), `first` is the line of the first row."""
+    """A CSV file: `names` is empty without a header, `cells` (rows, columns), `first` is the line of the first row. The
+    column of `elements` (rows,), texts, is not among the cells."""
 
     names: tuple[str, ...]
     cells: Floats
     first: int
+    elements: tuple[str, ...] = ()
 
 
 class LabelledRun(NamedTuple):
@@ -51,10 +53,12 @@ class LabelledRun(NamedTuple):
 
 
 class Special(NamedTuple):
-    """The names of the columns that are no channels: of the stamps (s, or dates), and of the numbers of the runs."""
+    """The names of the columns that are no channels: of the stamps (s, or dates), the numbers of the runs, and the
+    active element of the mission."""
 
     stamp: str = STAMP
     run: str = RUN
+    element: str = ELEMENT
 
 
 def read_runs(
@@ -88,10 +92,12 @@ def read_labelled_runs(
     runs: list[LabelledRun] = []
     for path in map(Path, paths):
         parquet = path.suffix == ".parquet"
-        names, cells, _ = _read_parquet(path) if parquet else read_table(path, recorded=True, stamp=special.stamp)
+        names, cells, _, elements = _read_parquet(path, special) if parquet else read_recorded(path, special)
         columns = tuple(columns) or tuple(name for name in names if name not in (*special, LABEL, ""))
         if not columns:
             raise ConfigError(f"has no columns but {', '.join(names)}: nothing to learn from", file=str(path))
+        if special.element != ELEMENT and not elements:
+            raise ConfigError(f"has no column {special.element!r}", file=str(path), line=1)
         for name in (special.stamp, *columns, *([special.run] if special.run != RUN else [])):
             if name not in names:
                 raise ConfigError(f"has no column {name!r}; it has {', '.join(names)}", file=str(path), line=1)
@@ -107,12 +113,19 @@ def read_labelled_runs(
             kept = rows[whole[rows]]
             order = kept[np.argsort(stamps[kept], kind="stable")]
             known = stamps[rows][np.isfinite(stamps[rows])]
-            samples = Samples(values[order], stamps[order], tuple(columns))
+            changes = _changes(stamps[order], [elements[row] for row in order]) if elements else ()
+            samples = Samples(values[order], stamps[order], tuple(columns), changes)
             runs.append(LabelledRun(
                 samples, labels[order], str(path), len(rows) - len(kept),
                 float(np.ptp(known)) if len(known) else 0.0, LABEL in names,
             ))  # fmt: skip
     return runs
+
+
+def _changes(stamps: Floats, elements: Sequence[str]) -> Changes:
+    """Give the stamps at which another element was active, and which."""
+    begins = [row for row, name in enumerate(elements) if row == 0 or name != elements[row - 1]]
+    return tuple((float(stamps[row]), elements[row]) for row in begins if elements[row])
 
 
 _DAYS = (30_000.0, 60_000.0)
@@ -165,8 +178,13 @@ def rate_of(runs: Sequence[Samples]) -> float:
     return 1 / usual
 
 
-def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP) -> CsvTable:
-    """Read the numbers of a CSV file; in the column `stamp`, dates too.
+def read_recorded(path: Path, special: Special) -> CsvTable:
+    """Read a recorded CSV file, with the elements apart from the numbers. Raises ConfigError with the line."""
+    return read_table(path, recorded=True, stamp=special.stamp, element=special.element)
+
+
+def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP, element: str = "") -> CsvTable:
+    """Read the numbers of a CSV file; in the column `stamp`, dates too, and in that of the `element` texts.
 
     A `recorded` table is one of `fame monitor record`: it has a header, empty cells are NaN, and a partial last line,
     which a killed writer leaves, is dropped. Raises ConfigError with the line.
@@ -191,10 +209,21 @@ def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP) -> Csv
     first = 2 if header else 1
     if len(lines) < first:
         raise ConfigError("has no rows of numbers", file=str(path))
-    return CsvTable(names, _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp), first)
+    if element not in names:
+        return CsvTable(names, _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp), first)
+    place, width, elements = names.index(element), len(names), list[str]()
+    for number, line in enumerate(lines[first - 1 :], start=first):
+        row = _row(line, path, number, separator)
+        if len(row) != width:
+            raise ConfigError(f"expected {width} cells, got {len(row)}", file=str(path), line=number)
+        elements.append(row.pop(place).strip())
+        lines[number - 1] = separator.join(row)
+    del head[place]
+    numbers = _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp)
+    return CsvTable((*names[:place], *names[place + 1 :]), numbers, first, tuple(elements))
 
 
-def _read_parquet(path: Path) -> CsvTable:
+def _read_parquet(path: Path, special: Special) -> CsvTable:
     """Read the numbers of a Parquet file; dates in s since 1970. Raises ConfigError, UnavailableError."""
     require("pandas")
     require("pyarrow")
@@ -202,10 +231,11 @@ def _read_parquet(path: Path) -> CsvTable:
 
     try:
         frame = pd.read_parquet(path)
+        elements = tuple(map(str, frame.pop(special.element))) if special.element in frame else ()
         dated = frame.select_dtypes(include=["datetime", "datetimetz"]).columns
         for name in dated:
             frame[name] = (frame[name].dt.tz_localize(None) - pd.Timestamp(0)) / pd.Timedelta(seconds=1)
-        return CsvTable(tuple(map(str, frame.columns)), frame.to_numpy(dtype=np.float64), 1)
+        return CsvTable(tuple(map(str, frame.columns)), frame.to_numpy(dtype=np.float64), 1, elements)
     except (OSError, ValueError, TypeError) as error:
         raise ConfigError(f"is not a Parquet table of numbers: {error}", file=str(path)) from None
 

@@ -57,7 +57,8 @@ class JudgedRun:
     stamps, ratios  of the losses: (n,) s from the start, (n, channels) divided by the thresholds
     label           -1 anomalous, 1 benign, None without labels; `onset` and `latency` in s
     share           of the run that has been judged
-    samples         what was judged, with stamps in s from the start, by a model whose training runs had a `band`
+    samples         what was judged, with stamps in s from the start, by a model whose training runs had a `band`;
+                    `times` (n,) are their places on the axis of phases
     """
 
     number: int
@@ -73,6 +74,7 @@ class JudgedRun:
     share: float = 1.0
     samples: Samples | None = None
     band: Band | None = None
+    times: Floats = field(default_factory=lambda: np.zeros(0))
 
     @property
     def verdict(self) -> str:
@@ -270,6 +272,7 @@ def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str, *
 
 def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: bool) -> JudgedRun:
     from fame.monitor.pipeline import processors
+    from fame.monitor.pipeline.elements import run_times
     from fame.monitor.pipeline.estimators import Autoencoder
     from fame.monitor.pipeline.filters import LowPass
     from fame.monitor.pipeline.processor import Samples
@@ -278,7 +281,9 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: boo
     notes: list[str] = []
     stride = int(model.conditions.get("settings", {}).get("stride", 5))
     chain: list[Any] = [LowPass(cutoff=model.before)] if model.before else []
-    chain += [Autoencoder(model, stride=stride), *([LowPass(cutoff=model.cutoff)] if model.cutoff else [])]
+    scorer = Autoencoder(model, stride=stride)
+    scorer.elements = run.samples.elements
+    chain += [scorer, *([LowPass(cutoff=model.cutoff)] if model.cutoff else [])]
     for processor in chain:
         processor.report = lambda text: notes.append(text) if text not in notes else None
     samples = run.samples
@@ -290,9 +295,11 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: boo
     begin = float(samples.stamps[0]) if len(samples) else 0.0
     stamps, ratios = loss.stamps - begin, loss.values / thresholds
     events = spans(stamps, active.values if active is not None else np.zeros(0, dtype=bool), ratios, model.columns)
-    shown = samples.replace(samples.channels(), samples.stamps - begin, model.columns)
+    elements = tuple((stamp - begin, name) for stamp, name in samples.elements)
+    shown = Samples(samples.channels(), samples.stamps - begin, model.columns, elements)
+    times = run_times(shown, shown.stamps, model.elements) if len(shown) else shown.stamps
     if model.band is not None:
-        events = tuple(_explained(event, shown, model) for event in events)
+        events = tuple(_explained(event, shown, times, model) for event in events)
     if not len(loss):
         notes.append(f"no whole window of {model.window} samples at {model.rate:.4g} Hz: not judged")
     if run.gaps:
@@ -301,19 +308,20 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: boo
     share = _share(stamps, model.window / model.rate, seconds, stride / model.rate)
     judged = JudgedRun(
         number, run.file, seconds, events, stamps, ratios, model.columns, notes=tuple(notes), share=share,
-        samples=shown, band=model.band,
+        samples=shown, band=model.band, times=times,
     )  # fmt: skip
     return _labelled(judged, run.labels, samples.stamps - begin) if labelled else judged
 
 
-def _explained(event: Event, samples: Samples, model: TrainedModel) -> Event:
+def _explained(event: Event, samples: Samples, times: Floats, model: TrainedModel) -> Event:
     """Compare the channels of an alarm with the band of the training, from the begin of its first window to its end."""
     assert model.band is not None
     window = model.window / model.rate
     rows = (samples.stamps > event.start - window) & (samples.stamps <= event.end)
     part = samples.replace(samples.values[rows], samples.stamps[rows])
     channels = [model.columns.index(name) for name in event.shares]
-    return replace(event, explanations=model.band.explain(part, channels, tuple(event.shares.values())))
+    found = model.band.explain(part, times[rows], channels, tuple(event.shares.values()))
+    return replace(event, explanations=found)
 
 
 def _share(stamps: Floats, window: float, seconds: float, stride: float) -> float:

@@ -280,7 +280,7 @@ def _draw_in_band(axes: Axes, run: JudgedRun, channel: int) -> None:
     assert band is not None
     rows = np.unique(np.linspace(0, len(samples) - 1, _POINTS).astype(int))
     stamps = samples.stamps[rows]
-    low, middle, high = (part[:, channel] for part in band.at(stamps))
+    low, middle, high = (part[:, channel] for part in band.at(run.times[rows]))
     axes.fill_between(stamps, low, high, color=BENIGN_COLOUR, alpha=0.2, linewidth=0, label="training runs")
     axes.plot(stamps, middle, color=BENIGN_COLOUR, linewidth=0.8, label="their median")
     axes.plot(stamps, samples.values[rows, channel], color="black", linewidth=0.8, label="this run")

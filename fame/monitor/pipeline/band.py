@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fame.monitor.arrays import Floats
+from fame.monitor.pipeline.elements import active
 from fame.monitor.pipeline.processor import Samples
 
 _TIMES = 200
@@ -20,7 +21,7 @@ _TIMES = 200
 @dataclass(frozen=True, slots=True)
 class Explanation:
     """A channel in an alarm: its `share` of what exceeded, its value that lies farthest from the band, with the time
-    (s from the start of the run), and the band there; all NaN without a band."""
+    (s from the start of the run), the band there, NaN without one, and the active element of the mission."""
 
     channel: str
     share: float
@@ -28,22 +29,24 @@ class Explanation:
     value: float
     low: float
     high: float
+    element: str = ""
 
     @property
     def text(self) -> str:
         """The explanation in a sentence."""
+        where = f" in {self.element}" if self.element else ""
         if np.isnan(self.low):
-            return f"{self.channel}: the training has no values for this time"
+            return f"{self.channel}{where}: the training has no values for this time"
         band = f"{self.low:.4g} to {self.high:.4g}"
         if self.low <= self.value <= self.high:
-            return f"{self.channel}: unusual course within the values of the training ({band})"
-        return f"{self.channel}: {self.value:.4g} at {self.time:.3g} s; in training {band}"
+            return f"{self.channel}{where}: unusual course within the values of the training ({band})"
+        return f"{self.channel}{where}: {self.value:.4g} at {self.time:.3g} s; in training {band}"
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """The smallest, median and largest values (times, channels) of the training runs around `times` (s since the
-    start); of runs that do not repeat, those of all samples, with one time."""
+    """The smallest, median and largest values (times, channels) of the training runs around `times` (s on
+    the axis of phases); of runs that do not repeat, those of all samples, with one time."""
 
     times: Floats
     low: Floats
@@ -58,28 +61,35 @@ class Band:
         low, middle, high = (np.where(known, part[place], np.nan) for part in (self.low, self.middle, self.high))
         return low, middle, high
 
-    def explain(self, run: Samples, channels: Sequence[int], shares: Sequence[float]) -> tuple[Explanation, ...]:
-        """Explain an alarm by a part of a run, whose stamps are s since its start: one explanation per channel."""
-        low, _, high = self.at(run.stamps)
+    def explain(
+        self, run: Samples, times: Floats, channels: Sequence[int], shares: Sequence[float]
+    ) -> tuple[Explanation, ...]:
+        """Explain an alarm by a part of a run, whose stamps are s since its start and have `times` on the axis of
+        phases: one explanation per channel."""
+        low, _, high = self.at(times)
+        names, _ = active(run.stamps, run.elements)
         found = []
         for channel, share in zip(channels, shares, strict=True):
             values, least, most = run.values[:, channel], low[:, channel], high[:, channel]
             outside = np.nan_to_num(np.maximum(least - values, values - most), nan=-np.inf)
             row = int(outside.argmax())
-            numbers = (float(part[row]) for part in (run.stamps, values, least, most))
-            found.append(Explanation(run.names[channel], share, *numbers))
+            time, value, bottom, top = (float(part[row]) for part in (run.stamps, values, least, most))
+            found.append(Explanation(run.names[channel], share, time, value, bottom, top, str(names[row])))
         return tuple(found)
 
     @classmethod
-    def of(cls, runs: Sequence[Samples], *, repeating: bool) -> Band:
-        """Give the band of runs with values (n, channels)."""
+    def of(cls, runs: Sequence[Samples], times: Sequence[Floats] | None) -> Band:
+        """Give the band of runs with values (n, channels), each with `times` of its samples (n,), NaN in no known
+        phase; None if runs do not repeat."""
         values = np.concatenate([run.channels() for run in runs])
-        since = np.concatenate([run.stamps - run.stamps[0] for run in runs if len(run)])
-        count = min(_TIMES, max(map(len, runs))) if repeating else 1
-        step = float(since.max()) / max(1, count - 1) or 1.0
-        numbers = np.round(since / step).astype(np.int64) if repeating else np.zeros(len(since), np.int64)
-        order = np.argsort(numbers, kind="stable")
-        kinds, first = np.unique(numbers[order], return_index=True)
+        since = np.zeros(len(values)) if times is None else np.concatenate(list(times))
+        known = np.isfinite(since)
+        values, since = values[known], since[known]
+        period = float(np.median(np.diff(np.concatenate([run.stamps for run in runs]))))
+        step = max(float(since.max(initial=0)) / _TIMES, period)
+        rows = np.round(since / step).astype(np.int64)
+        order = np.argsort(rows, kind="stable")
+        kinds, first = np.unique(rows[order], return_index=True)
         parts = np.split(values[order], first[1:])
         low, middle, high = (np.array([of(part, axis=0) for part in parts]) for of in (np.min, np.median, np.max))
         return cls(np.asarray(kinds * step, dtype=np.float64), low, middle, high)

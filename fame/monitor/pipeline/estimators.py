@@ -10,8 +10,9 @@ import numpy as np
 
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
+from fame.monitor.pipeline.elements import active, foreign, phase_times
 from fame.monitor.pipeline.filters import Windower
-from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples, stacked
+from fame.monitor.pipeline.processor import Changes, Parameter, Processor, Result, Samples, stacked
 from fame.monitor.pipeline.trained_model import TrainedModel
 
 _METHODS = ("predict", "transform", "decision_function", "score_samples", "predict_proba")
@@ -21,6 +22,9 @@ class Autoencoder(Processor):
     """The loss of each window and channel by a trained model (`TrainedModel.loss`), of any detector.
 
     A run begins with the first sample, and with the first after a `gap`; phases count from there.
+
+    `elements` tells which elements of the mission were active when. Windows in one that no training run had are left
+    out.
 
     All inputs together are the channels. Data that name their channels are matched to the model's columns by name;
     others are taken in order. `model` may be a TrainedModel in memory.
@@ -37,6 +41,8 @@ class Autoencoder(Processor):
     model: str
     stride: int
     gap: float
+
+    elements: Changes = ()
 
     def __init__(self, model: str | Path | TrainedModel = "", **values: Any) -> None:
         super().__init__(**values)
@@ -57,8 +63,21 @@ class Autoencoder(Processor):
         windows = self._windower.feed(samples, trained.window, self.stride, trained.rate, self.report)
         if not len(windows):
             return None
+        if trained.elements:
+            return self._by_elements(windows)
         since = windows.stamps - begins[np.searchsorted(samples.stamps, windows.stamps)]
         return {"loss": windows.replace(values=trained.loss(windows.values, since))}
+
+    def _by_elements(self, windows: Samples) -> Result:
+        axis = self.trained.elements
+        strange = foreign(windows.stamps, self.elements, axis)
+        for name in np.unique(active(windows.stamps[strange], self.elements)[0]):
+            self.report(f"no training run had the element {name}: not judged")
+        known = windows.replace(windows.values[~strange], windows.stamps[~strange])
+        if not len(known):
+            return None
+        times = phase_times(known.stamps, self.elements, axis)
+        return {"loss": known.replace(values=self.trained.loss(known.values, times))}
 
     def _begins(self, stamps: Floats) -> Floats:
         """Give the stamp of the first sample of the run of each sample."""

@@ -1,6 +1,7 @@
 """The detector that knows the phase of a run: windows against those of the same time since the start.
 
-Robots repeat. For each phase, a time since the start of the run, it has the median of the training runs and a scale:
+Robots repeat. For each phase, a time since the start of the run, or since the active element of the mission began
+(`fame.monitor.pipeline.elements`), it has the median of the training runs and a scale:
 the median absolute deviation, averaged with the neighbouring phases and shrunk towards that of the channel, since few
 runs estimate it badly. A deviation is divided by its scale, and its inverse hyperbolic sine is taken: beyond one scale,
 tails count by their logarithm. Deviations of one window belong together, in time and across channels: the inverse root
@@ -15,11 +16,10 @@ holds for all.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fame.errors import ConfigError
 from fame.imports import require
@@ -70,6 +70,7 @@ class Phases:
     location     (phases, points, channels), of the reduced windows; `scale` of their deviations
     root         (points x channels, same): whitens the deviations; `elsewhere` those from the mean of all windows
     usual        (3, channels): the losses that count as 1, of shape and shift in a phase, and elsewhere
+    rows         (times,): the phase at each step from `begin`, -1 where none is known; empty: all, one per step
     """
 
     kind: ClassVar[str] = "phase"
@@ -80,61 +81,75 @@ class Phases:
     root: Floats
     elsewhere: Floats
     usual: Floats
+    rows: Whole = field(default_factory=lambda: np.zeros(0, np.int64))
 
-    def phase(self, times: Floats) -> tuple[Whole, NDArray[np.bool_]]:
-        """Give the phase of each time (s since the start), and whether it is known."""
+    def phase(self, times: Floats) -> Whole:
+        """Give the row of the phase of each time (s on the axis of phases), -1 where none is known."""
+        rows = self.rows if len(self.rows) else np.arange(len(self.location))
         found = np.round((times - self.begin) / self.step)
-        known = (found >= 0) & (found < len(self.location))  # False for NaN
-        return np.where(known, found, 0).astype(np.int64), known
+        known = (found >= 0) & (found < len(rows))  # False for NaN
+        return np.where(known, rows[np.where(known, found, 0).astype(np.int64)], -1)
 
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
         """Give the loss (n, channels) of scaled windows (n, window, channels) that end at `times`, s since the start;
         without them, or where they are NaN, no phase is known."""
         values = reduced(windows)
-        phase, known = self.phase(np.full(len(values), np.nan) if times is None else times)
-        deviations = (values - self.location[phase]) / self.scale[phase]
-        shape, shift = _whitened(deviations, self.root) / self.usual[0], _shift(deviations) / self.usual[1]
-        elsewhere = _whitened(values, self.elsewhere) / self.usual[2]
-        return np.asarray(np.where(known[:, None], np.maximum(shape, shift), elsewhere))
+        rows = self.phase(np.full(len(values), np.nan) if times is None else times)
+        known, found = rows >= 0, np.empty((len(values), values.shape[2]))
+        if known.any():
+            deviations = (values[known] - self.location[rows[known]]) / self.scale[rows[known]]
+            shape, shift = _whitened(deviations, self.root), _shift(deviations)
+            found[known] = np.maximum(shape / self.usual[0], shift / self.usual[1])
+        if not known.all():
+            found[~known] = _whitened(values[~known], self.elsewhere) / self.usual[2]
+        return found
 
     @classmethod
     def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> Phases:
-        """Learn from windows of several runs, each with the time at its end, s since the start of its run."""
+        """Learn from windows of several runs in order, each with the time at its end, s on the axis of phases; NaN
+        where no phase is to be learned."""
         values = reduced(windows)
         refuse_large(values, cls.kind)
         at = np.zeros(len(values)) if times is None else times
-        begin, step = float(at.min(initial=np.inf)), _step(at)
-        numbers = np.round((at - begin) / step).astype(np.int64)
-        grouped = _grouped(values, numbers)
+        timed = np.isfinite(at)
+        begin, step = float(at[timed].min(initial=np.inf)), _step(at)
+        numbers = np.round((at[timed] - begin) / step).astype(np.int64)
+        rows = _rows(numbers)
+        places, inside = rows[numbers], values[timed][rows[numbers] >= 0]
+        numbers, places = numbers[places >= 0], places[places >= 0]
+        grouped = _grouped(inside, places)
         location = np.nanmedian(grouped, axis=1)
         scale = _scale(grouped - location[:, None])
-        numbers, inside = numbers[numbers < len(location)], values[numbers < len(location)]
-        deviations = (inside - location[numbers]) / scale[numbers]
+        deviations = (inside - location[places]) / scale[places]
         apart = numbers % max(1, settings.window // settings.stride) == 0  # windows that do not overlap
         root, elsewhere = _root(deviations[apart]), _root(inside[apart])
         found = _whitened(deviations, root), _shift(deviations), _whitened(values, elsewhere)
         usual = [np.quantile(part, 0.99, axis=0) for part in found]
-        return cls(begin, step, location, scale, root, elsewhere, np.maximum(usual, _TINY))
+        return cls(begin, step, location, scale, root, elsewhere, np.maximum(usual, _TINY), rows)
 
 
 def _step(times: Floats) -> float:
-    """Return the usual time between windows (s), or 1 for a single window."""
-    steps = np.diff(np.unique(np.round(times, 6)))
+    """Return the usual time from one window to the next (s), or 1 for a single window."""
+    steps = np.diff(times)
+    steps = steps[steps > _TINY]
     return float(np.median(steps)) if len(steps) else 1.0
 
 
-def _grouped(values: Floats, numbers: Whole) -> Floats:
-    """Give windows by phase, of the phases that at least half as many have as the most: (phases, most, points,
-    channels), NaN where there are fewer."""
+def _rows(numbers: Whole) -> Whole:
+    """Number the phases that have windows, at least half as many as the one before or behind; -1 for the others."""
     counts = np.bincount(numbers)
-    phases = int(np.argmax(np.append(counts < max(1, counts.max() / 2), True)))
-    kept = numbers < phases
-    values, numbers = values[kept], numbers[kept]
-    order = np.argsort(numbers, kind="stable")
-    first = np.concatenate(([0], np.cumsum(np.bincount(numbers))[:-1]))
-    places = np.arange(len(order)) - first[numbers[order]]
-    grouped = np.full((phases, int(places.max()) + 1, *values.shape[1:]), np.nan)
-    grouped[numbers[order], places] = values[order]
+    beside = np.maximum(np.append(0, counts[:-1]), np.append(counts[1:], 0))
+    enough = counts >= np.maximum(1, beside / 2)
+    return np.where(enough, np.cumsum(enough) - 1, -1)
+
+
+def _grouped(values: Floats, places: Whole) -> Floats:
+    """Give windows by phase: (phases, most, points, channels), NaN where a phase has fewer than the most."""
+    order = np.argsort(places, kind="stable")
+    first = np.concatenate(([0], np.cumsum(np.bincount(places))[:-1]))
+    within = np.arange(len(order)) - first[places[order]]
+    grouped = np.full((int(places.max()) + 1, int(within.max()) + 1, *values.shape[1:]), np.nan)
+    grouped[places[order], within] = values[order]
     return grouped
 
 

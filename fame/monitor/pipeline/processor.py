@@ -31,6 +31,10 @@ from fame.monitor.arrays import Floats
 Type: TypeAlias = Literal["float", "int", "bool", "str", "file", "floats", "strs"]
 
 
+Changes: TypeAlias = tuple[tuple[float, str], ...]
+"""From which stamp (s) which element of the mission was active."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """Samples that arrived on an input, or that were computed.
@@ -38,11 +42,13 @@ class Samples:
     values  (n,) or (n, channels, ...)
     stamps  (n,), s, ascending
     names   of the channels; empty if they have none
+    elements  of the mission that were active in a recorded run; empty if that is not known
     """
 
     values: NDArray[Any]
     stamps: Floats
     names: tuple[str, ...] = ()
+    elements: Changes = ()
 
     def __len__(self) -> int:
         """The number of samples."""
@@ -52,7 +58,8 @@ class Samples:
         self, values: NDArray[Any], stamps: Floats | None = None, names: tuple[str, ...] | None = None
     ) -> Samples:
         """The same with other values and, if given, other stamps and names."""
-        return Samples(values, self.stamps if stamps is None else stamps, self.names if names is None else names)
+        stamps, names = self.stamps if stamps is None else stamps, self.names if names is None else names
+        return Samples(values, stamps, names, self.elements)
 
     def channels(self) -> NDArray[Any]:
         """The values as (n, channels)."""

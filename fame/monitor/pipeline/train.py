@@ -23,10 +23,11 @@ from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import FAR, FEWEST, Calibration, calibrate, false_alarm_rate, read_false_alarms
-from fame.monitor.data_files import RUN, STAMP, Special, hash_files, rate_of, read_runs
+from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, hash_files, rate_of, read_runs
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, detector_names, fit_detector
+from fame.monitor.pipeline.elements import Axis, axis_of, run_times
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.filters import LowPass, Windower
 from fame.monitor.pipeline.phases import Phases, reduced
@@ -43,7 +44,8 @@ class Training:
     files         CSV files of undisturbed runs
     model         where the model is stored
     columns       of the files; default all but stamp, run and label
-    run_column    of the files, which divides them into runs; `time_column` has stamps in s, or dates
+    run_column    of the files, which divides them into runs; `time_column` has stamps in s, or dates, `element_column`
+                  the element of the mission that is active
     detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...
     window        samples per window
     stride        samples from one window to the next, of those that train and of those that are scored
@@ -66,6 +68,7 @@ class Training:
     columns: tuple[str, ...] = ()
     run_column: str = RUN
     time_column: str = STAMP
+    element_column: str = ELEMENT
     detector: str = "autoencoder"
     window: int = 50
     stride: int = 5
@@ -86,7 +89,7 @@ class Training:
     @property
     def special(self) -> Special:
         """The columns that are no channels."""
-        return Special(self.time_column, self.run_column)
+        return Special(self.time_column, self.run_column, self.element_column)
 
 
 ReportProgress = Callable[[str], object]
@@ -134,14 +137,20 @@ def fit(
     }  # fmt: skip
     return replace(
         model, thresholds=calibration.thresholds, metrics=figures, data=data, versions=versions(),
-        calibration=calibration, conditions=conditions, band=Band.of(runs, repeating=repeats(runs)),
+        calibration=calibration, conditions=conditions, band=_band(runs, model.elements),
     )  # fmt: skip
 
 
+def _band(runs: Sequence[Samples], axis: Axis) -> Band:
+    times = [run_times(run, run.stamps, axis) if len(run) else run.stamps for run in runs]
+    return Band.of(runs, times if axis or repeats(runs) else None)
+
+
 def suited_detector(runs: Sequence[Samples]) -> str:
-    """Give the detector for runs of which nothing else is known: ``phase`` for at least `FEWEST` that repeat, else
-    ``mahalanobis``."""
-    return Phases.kind if len(runs) >= FEWEST and repeats(runs) else "mahalanobis"
+    """Give the detector for runs of which nothing else is known: ``phase`` for at least `FEWEST` that repeat or
+    name elements of a mission, else ``mahalanobis``."""
+    repeating = all(run.elements for run in runs) or repeats(runs)
+    return Phases.kind if len(runs) >= FEWEST and repeating else "mahalanobis"
 
 
 def repeats(runs: Sequence[Samples]) -> bool:
@@ -168,12 +177,15 @@ def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedMo
     every = np.concatenate([run.channels() for run in runs])
     mean, scale = every.mean(axis=0), every.std(axis=0)
     scale = np.where(scale > 1e-9 * (1 + np.abs(mean)), scale, 1.0)  # a channel that never moves
-    windows, times = _windows(runs, config, rate)
+    axis = axis_of(runs, config.stride / rate) if Phases.kind in config.detector else {}
+    windows, times = _windows(runs, config, rate, axis)
     windows = (windows - mean) / scale
     detector = fit_detector(config.detector, windows, config, times)
     columns = runs[0].names or tuple(str(index) for index in range(windows.shape[2]))
     nothing = tuple(1.0 for _ in columns)
-    return TrainedModel(columns, config.window, rate, mean, scale, detector, nothing, config.cutoff, config.before)
+    return TrainedModel(
+        columns, config.window, rate, mean, scale, detector, nothing, config.cutoff, config.before, elements=axis
+    )
 
 
 def left_out(
@@ -310,6 +322,7 @@ def _split(calibration: Calibration) -> tuple[int, float, int]:
 def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:
     """The smoothed loss of a run whose data have gone through the low-pass before: values (k, channels)."""
     chain: list[Any] = [Autoencoder(model, stride=stride)]
+    chain[0].elements = run.elements
     if model.cutoff:
         chain.append(LowPass(cutoff=model.cutoff))
     given = {"x": run.replace(run.channels(), names=model.columns)}
@@ -361,6 +374,7 @@ _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "columns": _texts,
     "run_column": ConfigValue.text,
     "time_column": ConfigValue.text,
+    "element_column": ConfigValue.text,
     "window": partial(ConfigValue.integer, minimum=2),
     "hidden": lambda value: tuple(item.integer(minimum=1) for item in _items(value)),
     "activation": partial(ConfigValue.choice, known=ACTIVATIONS, what="an activation"),
@@ -403,17 +417,22 @@ def _check(config: Training, runs: Sequence[Samples]) -> None:
         raise ConfigError("no channel ever moves: nothing to learn", element="Training.files")
 
 
-def _windows(runs: Sequence[Samples], config: Training, rate: float) -> tuple[Floats, Floats]:
-    """Give the windows that train (n, window, channels), and the times of their ends (n,), s since the start.
+def _windows(runs: Sequence[Samples], config: Training, rate: float, axis: Axis) -> tuple[Floats, Floats]:
+    """Give the windows that train (n, window, channels), and the times of their ends (n,), s on the axis of phases; NaN
+    behind the time that half of the runs last.
 
     Phases need the windows of all runs, and by themselves only the reduced ones; of others `samples` are drawn.
     """
     cut = [Windower().feed(run.replace(run.channels()), config.window, config.stride, rate) for run in runs]
     kept: Callable[[Floats], Floats] = reduced if config.detector == Phases.kind else np.asarray
-    pairs = [(kept(part.values), part.stamps - run.stamps[0]) for part, run in zip(cut, runs, strict=True) if len(part)]
+    pairs = [
+        (kept(part.values), run_times(run, part.stamps, axis)) for part, run in zip(cut, runs, strict=True) if len(part)
+    ]
     if not pairs:
         raise ConfigError(f"no run has {config.window} samples at {rate:.3g} Hz in a row", element="Training.window")
     windows, times = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    lasted = np.median([run.stamps[-1] - run.stamps[0] for run in runs if len(run)])
+    times = times if axis else np.where(times <= lasted, times, np.nan)
     if len(windows) <= config.samples or Phases.kind in config.detector:
         return windows, times
     lot = np.sort(np.random.default_rng(config.seed).choice(len(windows), config.samples, replace=False))

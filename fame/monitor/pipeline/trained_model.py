@@ -43,6 +43,7 @@ class TrainedModel(StoredModel):
     metrics      figures of training and validation, by name, each (channels,)
     calibration  what the thresholds promise; None for a model of an earlier version
     conditions   of the training, as plain data: files, runs, settings
+    elements     of the mission, on the axis of phases (`fame.monitor.pipeline.elements`); none: time since the start
     band         of the training runs, in the unit of the data; None of an earlier version, or of an ONNX file
     """
 
@@ -64,6 +65,7 @@ class TrainedModel(StoredModel):
     calibration: Calibration | None = None
     conditions: Mapping[str, Any] = field(default_factory=dict)
     band: Band | None = None
+    elements: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     @property
     def network(self) -> ChannelAutoencoders:
