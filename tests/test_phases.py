@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from monitor_runs import told
+from monitor_runs import STATE, told
 
-from fame.monitor.data_files import LabelledRun
+from fame.clock import SECOND, Scheduler
+from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
+from fame.monitor.data_files import LabelledRun, read_labelled_runs
 from fame.monitor.judge import judge_trained
 from fame.monitor.pipeline import processors
-from fame.monitor.pipeline.elements import active
+from fame.monitor.pipeline.configuration import load
+from fame.monitor.pipeline.elements import STRING, active
 from fame.monitor.pipeline.estimators import Autoencoder
+from fame.monitor.pipeline.node import ProcessingNode
 from fame.monitor.pipeline.phases import Phases
 from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.recording import RecordingNode
 from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
 
@@ -143,3 +152,75 @@ def test_elements_come_from_a_column_of_texts(tmp_path: Path, capsys: pytest.Cap
     code, found = told(capsys, "monitor", "judge", tmp_path / "m.skops", tmp_path / "new.csv")
     assert code == 1
     assert found["runs"][0]["events"][-1]["explanations"][0].startswith("left in work: 1.5 at ")
+
+
+EFFORTS = """Inputs:
+  Efforts: {Topic: joint_states, Field: [effort], MessageType: sensor_msgs/msg/JointState}
+Outputs:
+  Loss: {Topic: loss, Field: [effort], MessageType: sensor_msgs/msg/JointState}
+Processor: {Class: Autoencoder}
+"""
+
+
+class Arm:
+    """A robot on simulated time that publishes a run, and batches of what its mission waits for."""
+
+    def __init__(self, folder: Path) -> None:
+        (folder / "unit.yaml").write_text(EFFORTS)
+        self.configuration = load(folder / "unit.yaml")
+        self.scheduler = Scheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        node = self.middleware.node("engine", "arm")
+        self.states, self.events = node.publisher("joint_states", STATE), node.publisher("bpmn_events", STRING)
+        self.losses: list[Any] = []
+        node.subscription("loss", STATE, self.losses.append)
+
+    def tell(self, batch: int, time: float, element: str, gone: str = "") -> None:
+        token = {"key": element, "path": [element], "element": "inner"}
+        waiting = ["waiting", round(time * SECOND), {"tokens": [token], "gone": [gone]}]
+        begins = {"begins": "Process"} if batch == 1 else {}
+        told = {"batch": batch, "epoch": "1970-01-01T00:00:00Z", "time": round(time * SECOND), "changes": [waiting]}
+        self.events.publish(messages.create(STRING, {"data": json.dumps(told | begins)}))
+
+    def play(self, run: Samples) -> None:
+        changes = list(enumerate(run.elements, start=1))
+        for stamp, effort in zip(run.stamps + 0.02, run.values, strict=True):
+            self.scheduler.run(round(stamp * SECOND))
+            if changes and changes[0][1][0] <= stamp:
+                number, (begin, name) = changes.pop(0)
+                self.tell(number, begin, name, run.elements[number - 2][1] if number > 1 else "")
+            header = {"stamp": float(stamp)}
+            self.states.publish(messages.create(STATE, {"header": header, "name": run.names, "effort": effort}))
+        self.scheduler.run(self.scheduler.now + SECOND)
+
+
+def test_a_node_takes_the_active_element_from_the_events_of_the_robot(tmp_path: Path):
+    arm, run = Arm(tmp_path), mission(70, 3.0, "wait", "sort")
+    made = replace(mission_model(), columns=("Efforts.left", "Efforts.right"))
+    said: list[str] = []
+    node = ProcessingNode(
+        arm.middleware, arm.scheduler, arm.configuration, processors=[Autoencoder(made)], namespace="arm",
+        report=said.append,
+    )  # fmt: skip
+    arm.play(run)
+    node.close()
+    assert arm.losses[-1].header.stamp.sec in (2, 3)  # not judged behind the begin of an element that is not known
+    assert any("no training run had the element sort: not judged" in text for text in said)
+
+
+def test_a_recorder_writes_the_active_element_and_a_lost_batch_makes_it_unknown(tmp_path: Path):
+    arm = Arm(tmp_path)
+    node = RecordingNode(
+        arm.middleware, arm.scheduler, arm.configuration, [tmp_path / "runs.csv"], namespace="arm", elements=True
+    )
+    arm.play(mission(70, 3.0))
+    arm.tell(9, 7.0, "other")
+    arm.scheduler.run(8 * SECOND)
+    state = {"header": {"stamp": 8.0}, "name": ("left", "right"), "effort": (0.0, 0.0)}
+    arm.states.publish(messages.create(STATE, state))
+    arm.scheduler.run(9 * SECOND)
+    node.close()
+    (run,) = read_labelled_runs([tmp_path / "runs.csv"])
+    assert [(round(stamp, 1), name) for stamp, name in run.samples.elements] == [
+        (0.0, "wait"), (3.0, "work"), (8.0, ""),
+    ]  # fmt: skip

@@ -179,6 +179,10 @@ def add_record(commands: Commands) -> None:
         help="FILE.csv, FILE.mcap, a folder (ROS 2 bag), or http://host:8086/database (InfluxDB); repeatable",
     )  # fmt: skip
     parser.add_argument("--bag", type=Path, metavar="BAG", help="read a bag (ROS 1, ROS 2, MCAP) instead of listening")
+    parser.add_argument(
+        "--elements", action="store_true",
+        help="add the active element of the mission (topic bpmn_events) to CSV files, from which phase learns",
+    )  # fmt: skip
     parser.add_argument("--append", action="store_true", help="append the next run to an existing CSV file")
     parser.add_argument(
         "--run-topic",
@@ -204,6 +208,7 @@ def run_record(arguments: Namespace) -> int:
     configuration = load(arguments.configuration)
     options = {
         "namespace": arguments.namespace, "append": arguments.append, "run_topic": arguments.run_topic, "report": note,
+        "elements": arguments.elements,
     }  # fmt: skip
 
     def make(middleware: Middleware, scheduler: Scheduler) -> RecordingNode:

@@ -123,9 +123,9 @@ def read_labelled_runs(
 
 
 def _changes(stamps: Floats, elements: Sequence[str]) -> Changes:
-    """Give the stamps at which another element was active, and which."""
+    """Give the stamps at which another element was active, and which (empty: not known); none without any name."""
     begins = [row for row, name in enumerate(elements) if row == 0 or name != elements[row - 1]]
-    return tuple((float(stamps[row]), elements[row]) for row in begins if elements[row])
+    return tuple((float(stamps[row]), elements[row]) for row in begins) if any(elements) else ()
 
 
 _DAYS = (30_000.0, 60_000.0)

@@ -8,13 +8,25 @@ Which element is active is told by changes, each with the stamp (s) from which o
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fame.iso8601 import parse_datetime
+from fame.middleware.interface import MAX_MESSAGE_SIZE
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.processor import Changes, Samples
+from fame.robot.robot_state import RobotState
+from fame.text import read_json
+
+EVENTS_TOPIC, STRING = "bpmn_events", "std_msgs/msg/String"
+_KEPT = 1000
+"""Changes of the active element that are kept."""
 
 Axis = Mapping[str, tuple[float, ...]]
 """Element -> its begin on the axis and how long it is known, both s; empty: the axis is the time since the start."""
@@ -28,7 +40,8 @@ def axis_of(runs: Sequence[Samples], step: float) -> dict[str, tuple[float, ...]
     for run in runs:
         ends = [*(begin for begin, _ in run.elements[1:]), float(run.stamps[-1])]
         for (begin, name), end in zip(run.elements, ends, strict=True):
-            visits.setdefault(name, []).append(end - begin)
+            if name:
+                visits.setdefault(name, []).append(end - begin)
     axis: dict[str, tuple[float, ...]] = {}
     offset = 0.0
     for name, lengths in visits.items():
@@ -62,3 +75,50 @@ def foreign(stamps: Floats, changes: Changes, axis: Axis) -> NDArray[np.bool_]:
     """Whether the element at each stamp (n,) is one that no training run had."""
     names, _ = active(stamps, changes)
     return np.isin(names, ["", *axis], invert=True) if axis else np.zeros(len(stamps), dtype=bool)
+
+
+class ElementFollower:
+    """Follows a robot's mission by its ``bpmn_events``; `changes` are those of the active element, the last ones.
+
+    The element is that of the mission itself, not one inside what it calls; those active at once are joined by a plus.
+    It is unknown (empty) before the first batch, and after a lost one until a robot gives its whole state again.
+    """
+
+    def __init__(self) -> None:
+        self.changes: Changes = ()
+        self._state: RobotState | None = None
+        self._batch = 0
+
+    def on_message(self, message: Any) -> None:
+        """Take a batch; a message that is none is ignored."""
+        with suppress(ValueError, TypeError, LookupError, AttributeError):
+            self._take(read_json(message.data, MAX_MESSAGE_SIZE))
+
+    def element_at(self, stamp: float) -> str:
+        """Give the active element at a stamp (s), empty if that is not known."""
+        place = bisect_right(self.changes, stamp, key=itemgetter(0))
+        return self.changes[place - 1][1] if place else ""
+
+    def _take(self, batch: Mapping[str, Any]) -> None:
+        begin = parse_datetime(str(batch["epoch"])).timestamp()
+        following, self._batch = batch["batch"] == self._batch + 1, batch["batch"]
+        if "begins" in batch:
+            self._state = RobotState(str(batch["begins"]))
+        elif not following:
+            self._state = None
+        if self._state is None:
+            self._state = RobotState.from_key(batch["key"]) if "key" in batch else None
+        else:
+            for kind, time, data in batch["changes"]:
+                self._state.apply(f"/fame/{kind}", data)
+                self._note(begin + 1e-9 * time)
+        self._note(begin + 1e-9 * batch["time"])
+
+    def _note(self, stamp: float) -> None:
+        tokens = self._state.tokens.values() if self._state is not None else ()
+        name = "+".join(sorted({(*token["path"], token["element"])[0] for token in tokens}))
+        last, before = self.changes[-1] if self.changes else (-np.inf, "")
+        if stamp < last:  # the robot's clock began anew
+            self.changes = ()
+        if name != before:
+            self.changes = (*self.changes[-_KEPT:], (stamp, name))

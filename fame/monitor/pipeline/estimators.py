@@ -54,6 +54,11 @@ class Autoencoder(Processor):
         self._order: dict[tuple[str, ...], list[int]] = {}
         self._begun = self._last = np.inf
 
+    @property
+    def by_elements(self) -> bool:
+        """Whether the model knows phases by the elements of a mission."""
+        return bool(self.trained.elements)
+
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
         samples = self._channels(stacked(inputs))
         if not len(samples):

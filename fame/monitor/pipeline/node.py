@@ -21,6 +21,7 @@ from fame.errors import ConfigError, FameError
 from fame.middleware.interface import Middleware, Node, Publisher, resolve
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.configuration import Configuration, Port
+from fame.monitor.pipeline.elements import EVENTS_TOPIC, STRING, ElementFollower
 from fame.monitor.pipeline.fields import Writer, writer
 from fame.monitor.pipeline.parameters import ParameterServer
 from fame.monitor.pipeline.processor import Samples
@@ -141,6 +142,10 @@ class ProcessingNode:
             self._subscriptions = Subscriptions(middleware, self.node, scheduler, configuration.inputs, self.report)
             self._publications = Publications(self.node, configuration.outputs, self.report)
             self._parameters = ParameterServer(self.node, self.processors, self.report)
+            self._by_elements = [each for each in self.processors if getattr(each, "by_elements", False)]
+            self._follower = ElementFollower()
+            if self._by_elements:
+                self.node.subscription(EVENTS_TOPIC, STRING, self._follower.on_message)
         except BaseException:
             self.node.close()
             raise
@@ -198,6 +203,8 @@ class ProcessingNode:
 
     def _execute(self, inputs: Mapping[str, Samples]) -> None:
         current: Mapping[str, Any] = inputs
+        for processor in self._by_elements:
+            processor.elements = self._follower.changes
         latest = max((float(item.stamps[-1]) for item in inputs.values() if len(item)), default=None)
         stamp = self.scheduler.now / SECOND if latest is None else latest
         for processor in self.processors:

@@ -14,6 +14,7 @@ from fame.errors import ConfigError
 from fame.middleware.interface import Middleware, Node, resolve
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.pipeline.configuration import Configuration, Port
+from fame.monitor.pipeline.elements import EVENTS_TOPIC, STRING, ElementFollower
 from fame.monitor.pipeline.sinks import BagWriter, CsvFile, Influx, Row
 from fame.monitor.pipeline.subscriptions import Subscriptions, ThrottledReport, check_types
 
@@ -39,6 +40,7 @@ class RecordingNode:
     append     go on with a CSV file that is there
     run_topic  a message on it (std_msgs/msg/Empty) begins the next run; one on `end_topic` ends it
     ordered    leave out messages whose stamps do not grow
+    elements   add to CSV files the active element of the mission, by the topic ``bpmn_events`` of the robot
     """
 
     done: bool = False
@@ -62,6 +64,7 @@ class RecordingNode:
         run_topic: str = "",
         end_topic: str = "",
         ordered: bool = True,
+        elements: bool = False,
         report: Callable[[str], object] = lambda text: None,
     ) -> None:
         if not configuration.inputs:
@@ -75,6 +78,7 @@ class RecordingNode:
         topics = [resolve(port.topic, namespace) for port in ports]
         check_types(middleware, list(zip(topics, (port.type for port in ports), strict=True)), [])
         self.node = middleware.node(name or f"{configuration.name}_recorder", namespace)
+        self._follower = ElementFollower() if elements else None
         self._sinks: list[RowSink] = []
         self._bags: list[BagWriter] = []
         try:
@@ -87,6 +91,9 @@ class RecordingNode:
             }
             for topic, port in dict(zip(topics, ports, strict=True)).items() if self._bags else ():
                 self.node.subscription(topic, port.type, partial(self._message, topic), port.qos)
+            if self._follower is not None:
+                watched = self.node.subscription(EVENTS_TOPIC, STRING, self._follower.on_message)
+                self.handlers[watched.topic] = self._follower.on_message
             for topic, handler in ((run_topic, self.begin), (end_topic, self.end)):
                 if topic:
                     self.handlers[self.node.subscription(topic, EMPTY, handler).topic] = handler
@@ -153,7 +160,9 @@ class RecordingNode:
                 spool = configuration.folder / f".{configuration.name}_influx_{place}"
                 self._sinks.append(Influx(str(output), spool, configuration.name, partial(self.report, "influx")))
             elif path.suffix == ".csv":
-                self._sinks.append(CsvFile(path, configuration.inputs, self.report, self._now, append=append))
+                self._sinks.append(CsvFile(
+                    path, configuration.inputs, self.report, self._now, append=append, follower=self._follower
+                ))  # fmt: skip
             elif path.suffix in ("", ".mcap"):
                 self._bags.append(BagWriter(path, configuration.inputs, topics))
             else:
@@ -205,6 +214,7 @@ def record_bag(
     if any(Path(output).suffix != ".csv" and "://" not in str(output) for output in outputs):
         raise ConfigError("with --bag, expected a .csv file or a database as output", file=str(bag))
     topics = {port.topic: port.type for port in configuration.inputs} | ({run_topic: EMPTY} if run_topic else {})
+    topics |= {EVENTS_TOPIC: STRING} if options.get("elements") else {}
     return play(bag, make, {resolve(topic, options.get("namespace", "")): type for topic, type in topics.items()})
 
 

@@ -34,8 +34,9 @@ from typing import Any, NamedTuple
 from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.middleware import codec
-from fame.monitor.data_files import RUN, STAMP
+from fame.monitor.data_files import ELEMENT, RUN, STAMP
 from fame.monitor.pipeline.configuration import Port
+from fame.monitor.pipeline.elements import ElementFollower
 from fame.monitor.pipeline.subscriptions import ThrottledReport
 
 PATIENCE = 10.0
@@ -80,7 +81,8 @@ def cells_of(row: Row) -> list[float]:
 class CsvFile:
     """Writes rows to a file.
 
-    `append` continues a file that has the same columns; `now` gives the time (s), since the stamps of two topics may be
+    `append` continues a file that has the same columns; `follower` knows the active element of the mission, which the
+    last column then has; `now` gives the time (s), since the stamps of two topics may be
     of two clocks.
     """
 
@@ -96,7 +98,9 @@ class CsvFile:
         now: Callable[[], float],
         *,
         append: bool = False,
+        follower: ElementFollower | None = None,
     ) -> None:
+        self._follower = follower
         self.path, self.rows, self._report, self._now, self._since = path, 0, report, now, 0.0
         self._topics = list(dict.fromkeys(port.topic for port in ports))
         self._waiting: list[Row] | None = []
@@ -147,16 +151,18 @@ class CsvFile:
         for topic in self._topics:
             if topic not in of_topics:
                 self._report(f"silent column {topic}", f"{topic}: silent for {PATIENCE:g} s; it has no columns")
-        header = _header(name for names in of_topics.values() for name in names)
+        element = [ELEMENT] if self._follower is not None else []
+        header = _header([*(name for names in of_topics.values() for name in names), *element])
         if self._header and self._header != header:
             text = f"has the columns {self._header.strip()}; now there are {header.strip()}"
             raise ConfigError(text, file=str(self.path))
         if not self._header:
             self._lines.append(header)
         before, total = 0, sum(map(len, of_topics.values()))
+        end = "\n" if self._follower is None else ",%s\n"
         for topic, names in of_topics.items():
             after = total - before - len(names)
-            line = "%.9f,%d" + "," * before + ",%.16g" * len(names) + "," * after + "\n"
+            line = "%.9f,%d" + "," * before + ",%.16g" * len(names) + "," * after + end
             self._places[topic] = (names, line)
             before += len(names)
         for row in waiting:
@@ -169,7 +175,8 @@ class CsvFile:
         if len(cells) != len(names):
             self._report(f"columns {topic}", f"{topic}: left out: {len(cells)} values for {len(names)} columns")
             return
-        self._lines.append(line % (row.stamp, row.run + self.first_run, *cells))
+        element = [self._follower.element_at(row.stamp)] if self._follower is not None else []
+        self._lines.append(line % (row.stamp, row.run + self.first_run, *cells, *element))
         self.rows += 1
 
 
