@@ -23,7 +23,7 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
-from fame.monitor.pipeline.processor import Changes, Samples
+from fame.monitor.pipeline.processor import ActiveElements, Samples
 
 STAMP, RUN, LABEL, ELEMENT = "stamp", "run", "label", "element"
 
@@ -122,7 +122,7 @@ def read_labelled_runs(
     return runs
 
 
-def _changes(stamps: Floats, elements: Sequence[str]) -> Changes:
+def _changes(stamps: Floats, elements: Sequence[str]) -> ActiveElements:
     """Give the stamps at which another element was active, and which (empty: not known); none without any name."""
     begins = [row for row, name in enumerate(elements) if row == 0 or name != elements[row - 1]]
     return tuple((float(stamps[row]), elements[row]) for row in begins) if any(elements) else ()

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from fame.iso8601 import parse_datetime
 from fame.middleware.interface import MAX_MESSAGE_SIZE
 from fame.monitor.arrays import Floats
-from fame.monitor.pipeline.processor import Changes, Samples
+from fame.monitor.pipeline.processor import ActiveElements, Samples
 from fame.robot.robot_state import RobotState
 from fame.text import read_json
 
@@ -51,14 +51,14 @@ def axis_of(runs: Sequence[Samples], step: float) -> dict[str, tuple[float, ...]
     return axis
 
 
-def active(stamps: Floats, changes: Changes) -> tuple[NDArray[np.str_], Floats]:
+def active(stamps: Floats, changes: ActiveElements) -> tuple[NDArray[np.str_], Floats]:
     """Give the active element at each stamp (n,), empty before the first one, and the stamp at which it began."""
     begins, names = zip(*((-np.inf, ""), *changes), strict=True)
     place = np.searchsorted(begins[1:], stamps, side="right")
     return np.array(names)[place], np.array(begins)[place]
 
 
-def phase_times(stamps: Floats, changes: Changes, axis: Axis) -> Floats:
+def phase_times(stamps: Floats, changes: ActiveElements, axis: Axis) -> Floats:
     """Give the place of each stamp (n,) on the axis; NaN in no known phase."""
     names, begins = active(stamps, changes)
     places = np.array([axis.get(name, (0.0, -1.0)) for name in names]).reshape(-1, 2)
@@ -71,7 +71,7 @@ def run_times(run: Samples, stamps: Floats, axis: Axis) -> Floats:
     return phase_times(stamps, run.elements, axis) if axis else stamps - run.stamps[0]
 
 
-def foreign(stamps: Floats, changes: Changes, axis: Axis) -> NDArray[np.bool_]:
+def foreign(stamps: Floats, changes: ActiveElements, axis: Axis) -> NDArray[np.bool_]:
     """Whether the element at each stamp (n,) is one that no training run had."""
     names, _ = active(stamps, changes)
     return np.isin(names, ["", *axis], invert=True) if axis else np.zeros(len(stamps), dtype=bool)
@@ -85,7 +85,7 @@ class ElementFollower:
     """
 
     def __init__(self) -> None:
-        self.changes: Changes = ()
+        self.changes: ActiveElements = ()
         self._state: RobotState | None = None
         self._batch = 0
 

@@ -12,7 +12,7 @@ from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.elements import active, foreign, phase_times
 from fame.monitor.pipeline.filters import Windower
-from fame.monitor.pipeline.processor import Changes, Parameter, Processor, Result, Samples, stacked
+from fame.monitor.pipeline.processor import ActiveElements, Parameter, Processor, Result, Samples, stacked
 from fame.monitor.pipeline.trained_model import TrainedModel
 
 _METHODS = ("predict", "transform", "decision_function", "score_samples", "predict_proba")
@@ -42,7 +42,7 @@ class Autoencoder(Processor):
     stride: int
     gap: float
 
-    elements: Changes = ()
+    elements: ActiveElements = ()
 
     def __init__(self, model: str | Path | TrainedModel = "", **values: Any) -> None:
         super().__init__(**values)

@@ -31,7 +31,7 @@ from fame.monitor.arrays import Floats
 Type: TypeAlias = Literal["float", "int", "bool", "str", "file", "floats", "strs"]
 
 
-Changes: TypeAlias = tuple[tuple[float, str], ...]
+ActiveElements: TypeAlias = tuple[tuple[float, str], ...]
 """From which stamp (s) which element of the mission was active."""
 
 
@@ -48,7 +48,7 @@ class Samples:
     values: NDArray[Any]
     stamps: Floats
     names: tuple[str, ...] = ()
-    elements: Changes = ()
+    elements: ActiveElements = ()
 
     def __len__(self) -> int:
         """The number of samples."""
