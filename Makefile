@@ -8,9 +8,10 @@
 # make attack  attacks on live engines: each has to be held
 # make lint    style, format and types
 # make test-fastdds   the tests beside rclpy on Fast DDS, the default of ROS 2, which PyPI has for Python 3.12
+# make test-python   the fast tests with another Python: VERSION=3.13, INTERPRETER names it
 # make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
 #
-# The last four end with an error if a test is skipped. What fails in processes is repeated once, alone (.ci/stage.py).
+# The last five end with an error if a test is skipped. What fails in processes is repeated once, alone (.ci/stage.py).
 # PYTEST has further options for pytest, such as PYTEST=--last-failed.
 # Everything is installed into a virtual environment of its own on first use. PYTHON names another interpreter.
 
@@ -35,7 +36,13 @@ FASTDDS := ros-rclpy==7.1.6 ros-rmw-fastrtps-cpp==8.4.3 ros-fastrtps==2.14.5 ros
 	ros-geometry-msgs==5.3.6 ros-sensor-msgs==5.3.6 ros-nav-msgs==5.3.6 ros-test-msgs==2.0.3
 FASTDDS_TESTS := $(addprefix tests/,test_fastdds.py test_middleware_contract.py)
 
-.PHONY: demo test torture fuzz test-processes test-browser test-node test-fastdds test-ros attack lint clean
+# Another Python, and tests of what differs between versions: parsing of scripts, generators, regular expressions, dates.
+VERSION ?= 3.13
+INTERPRETER ?= python$(VERSION)
+FAST_TESTS := $(addprefix tests/,test_reader.py test_scripts.py test_script_budget.py test_variables.py test_expressions.py test_feel.py \
+	test_clock.py test_messages.py test_journal.py test_transforms.py test_small_missions.py)
+
+.PHONY: demo test torture fuzz test-processes test-browser test-node test-fastdds test-python test-ros attack lint clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/ground_vehicles.yaml --picture $(DEMO).png --animate $(DEMO).gif \
@@ -79,6 +86,14 @@ test-fastdds: .venv-fastdds/installed
 	.venv-fastdds/bin/pip install --quiet --disable-pip-version-check $(FASTDDS) --editable '.[sim,dds,view]' 'cryptography>=42' 'pytest>=8'
 	@touch $@
 
+test-python: .venv-$(VERSION)/installed
+	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-$(VERSION)/bin/python .ci/stage.py $@-$(VERSION) --no-skips -- $(FAST_TESTS) $(PYTEST)
+
+.venv-$(VERSION)/installed: pyproject.toml
+	$(INTERPRETER) -m venv .venv-$(VERSION)
+	.venv-$(VERSION)/bin/pip install --quiet --disable-pip-version-check --editable '.[sim,test]'
+	@touch $@
+
 test-ros: $(ROS_PYTHON)
 	cmake -S tests/ros_workspace/farm_msgs -B out/ros/build -DCMAKE_INSTALL_PREFIX=$(CURDIR)/out/ros/install
 	cmake --build out/ros/build --target install
@@ -91,7 +106,7 @@ lint: $(VENV)/dev.installed
 	$(BIN)/mypy --strict fame robots sim2d
 
 clean:
-	rm -rf $(VENV) .venv-ros .venv-fastdds out dist
+	rm -rf $(VENV) .venv-* out dist
 
 $(VENV)/%.installed: pyproject.toml | $(BIN)/python
 	$(PIP) install --editable '.[$*]'
