@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import pytest
 import fame
 from fame.bpmn import read
 from fame.bpmn.draw.diagram import draw
-from fame.cli import main
+from fame.cli import main, parser
 from fame.scenario.exploration import explore
 
 ROOT = Path(__file__).parent.parent
@@ -82,6 +83,17 @@ def test_its_picture_is_that_of_the_model_and_stands_on_its_page_and_in_the_list
     assert f"](../examples/cookbook/{pattern}/mission.svg)" in (ROOT / "docs" / "cookbook.md").read_text(
         encoding="utf-8"
     )
+
+
+def test_the_commands_on_the_pages_exist() -> None:
+    pages = [ROOT / "docs" / "cookbook.md", *COOKBOOK.glob("*/README.md")]
+    found = [
+        one for page in pages for one in re.findall(r"^fame .*|(?<=`)fame [^`]+", page.read_text("utf-8"), re.MULTILINE)
+    ]
+    assert len(found) > 40
+    commands = parser()
+    for command in found:
+        assert commands.parse_args(shlex.split(command, comments=True)[1:]).command, command
 
 
 def test_their_tests_pass_and_cover_them() -> None:
