@@ -12,7 +12,7 @@ from urllib.request import urlopen
 
 import pytest
 from bpmn_text import process
-from view_page import READY, eventually, until
+from view_page import READY, beyond, eventually, until, violations
 
 from fame.bpmn import read_text
 from fame.bpmn.difference import difference
@@ -163,7 +163,12 @@ def test_the_page_asks_before_code_runs(chromium: Browser, team: Team, tmp_path:
             "document.querySelector('.ghost') && !fame.mission.change.asking",
         )
         until(page, "fame.mission.control.includes('migrate')")
+        for width, theme in ((1440, "light"), (390, "dark")):
+            page.set_viewport_size({"width": width, "height": 800})
+            page.evaluate(f"fame.setTheme('{theme}')")
+            assert (beyond(page), violations(page)) == ([], [])
         page.get_by_role("button", name="Migrate …").click()
+        assert violations(page) == []
         assert "n = 2" in page.locator("dialog.ask").inner_text()
         page.get_by_role("button", name="Migrate", exact=True).click()
         assert page.locator("dialog.ask").is_visible()  # nobody has said that it may run

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from bpmn_text import process
-from view_page import opened, until
+from view_page import beyond, opened, until, violations
 
 import fame
 from fame.bpmn import read_text
@@ -110,3 +110,7 @@ def test_the_page_colours_the_diagram_and_lists_runs(chromium: Browser, heat: He
         until(page, "[...document.querySelectorAll('.badge.heat')].map((one) => one.textContent).includes('6 s')")
         page.locator("[data-id=Rest]").first.click()
         until(page, "document.querySelector('#inspector').innerText.includes('b.mcap')")
+        for width, theme in ((1440, "light"), (390, "dark")):
+            page.set_viewport_size({"width": width, "height": 800})
+            page.evaluate(f"fame.setTheme('{theme}')")
+            assert (beyond(page), violations(page)) == ([], [])

@@ -82,7 +82,7 @@ export class Heat {
   hottest() {
     const plane = this.app.diagram.current, text = MEASURES[this.measure][2];
     const found = [...(plane?.shapes.keys() ?? [])].filter((number) => this.value(number) > 0).sort((a, b) => this.value(b) - this.value(a)).slice(0, HOTTEST);
-    return found.length ? [h("h4", null, "Most in this diagram"), this.table(found.map((number) => [this.app.inspector.element(number), text(this.value(number)), number]))]
+    return found.length ? [h("h2", null, "Most in this diagram"), this.table(found.map((number) => [this.app.inspector.element(number), text(this.value(number)), number]))]
       : h("p", { cls: "quiet" }, "Nothing in this diagram.");
   }
 
@@ -96,7 +96,7 @@ export class Heat {
     const facts = Object.entries(MEASURES).filter(([key]) => found[key] !== null).map(([key, [name, , text]]) => [name, text(found[key]), key]);
     return [h("div", { cls: "card" }, h("div", { cls: "head" }, h("b", null, element.name || element.id), h("span", { cls: "quiet" }, element.tag.replace(/([A-Z])/g, " $1").toLowerCase())), this.table(facts),
       element.inside >= 0 ? h("button", { cls: "text", onclick: () => this.app.diagram.open(element.inside, number) }, "Open") : null),
-    h("h4", null, "Runs"), this.runs.rows === null ? h("p", { cls: "quiet" }, "…") : this.list()];
+    h("h2", null, "Runs"), this.runs.rows === null ? h("p", { cls: "quiet" }, "…") : this.list()];
   }
 
   /** Ask for the runs of an element. */
