@@ -223,7 +223,8 @@ export class Diagram {
     for (const [number, group] of groups) if (!group.classList.contains("frame")) group.append(s("title", null, elements[number]?.name || elements[number]?.id || ""));
     const shapes = new Map(Object.entries(data.shapes).map(([number, box]) => [Number(number), box]));
     const [, ...shift] = /translate\(([-\d.]+)[ ,]([-\d.]+)/.exec(drawing.firstElementChild?.getAttribute("transform")) ?? [0, 0, 0];
-    return { drawing, groups, shapes, names: new Names({ drawing, groups, shapes, shift: shift.map((one) => -one) }), pins: new Pins({ groups, shapes }), level: 1, under: s("g", { cls: "under" }), over: s("g", { cls: "over" }), width: data.width, height: data.height,
+    const pins = new Pins({ groups, shapes });
+    return { drawing, groups, shapes, pins, names: new Names({ drawing, groups, shapes, pins, shift: shift.map((one) => -one) }), level: 1, under: s("g", { cls: "under" }), over: s("g", { cls: "over" }), width: data.width, height: data.height,
       edges: new Map(Object.entries(data.edges).map(([number, points]) => [Number(number), points])), classes: new Map(), marks: new Map(), shown: "" };
   }
 

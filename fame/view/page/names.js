@@ -4,6 +4,7 @@ import { s } from "./dom.js";
 
 const LEAST = 9, DOT = 8; // px of a name, and of a shape that is more than a dot
 const SIGN = 18, BARE = 6, MOST = 2.2; // units of a pictogram, px of one that is shown; how many times a name beside a shape may grow
+const BAND = 30; // units of the name of a pool or lane
 const LEADING = 1.2, PAD = 4, CORNER = 20, FOOT = 18; // of a line; room beside a text, for a pictogram, for a marker
 const ruler = document.createElement("canvas").getContext("2d");
 ruler.font = '100px Arial, Helvetica, "Liberation Sans", sans-serif';
@@ -58,12 +59,12 @@ function begins({ owner, at: [, y, , height], lines }, size) {
 
 export class Names {
   /** The names of a plane: a text is inside its shape, or beside it with a halo; pools and lanes are named by pins. */
-  constructor({ drawing, groups, shapes, shift }) {
+  constructor({ drawing, groups, shapes, shift, pins }) {
+    this.bands = pins.frames.map(({ box }) => moved(box, shift));
     this.shapes = [...shapes].filter(([number]) => groups.has(number) && !groups.get(number).classList.contains("frame")).map(([number, box]) => [groups.get(number), moved(box, shift)]);
     this.names = [];
     for (const node of drawing.querySelectorAll("text")) {
       const group = node.parentNode.closest("[data-element]") ?? s("g"), box = shapes.get(Number(group.dataset.element)), owner = box && moved(box, shift);
-      if (group.isConnected && group !== node.parentNode) continue;
       const kept = [...node.childNodes], size = Number(node.getAttribute("font-size")), lines = kept.map((one) => one.textContent);
       const [corner, foot] = [-1, 1].map((side) => Number([...group.querySelectorAll(":scope > g")].some((sign) => owner && side * (heightOf(sign) - owner[1] - owner[3] / 2) > 0)));
       const halo = node.hasAttribute("paint-order") || !owner, [x, first] = ["x", "y"].map((name) => Number(kept[0].getAttribute(name)));
@@ -92,7 +93,9 @@ export class Names {
   /** The first place at or around its own where a name is on nothing else: {lines, top, x}; null if there is none. */
   beside(name, size, taken, shapes) {
     const { lines } = name, grown = size > name.size, width = Math.max(...lines.map((line) => wide(line, size))), tall = lines.length * size * LEADING;
-    const left = name.x - width / 2, top = grown ? begins(name, size) : name.at[1], aside = width / 2 + size;
+    const top = grown ? begins(name, size) : name.at[1], aside = width / 2 + size;
+    const bands = this.bands.filter(([x, y, wideAs, high]) => name.x > x && name.x < x + wideAs && top > y && top < y + high).map(([x]) => x + BAND);
+    const left = Math.max(name.x - width / 2, ...(grown ? bands : [])); // not under the name of a pool
     if (size > MOST * name.size) return null;
     const box = [[0, 0], [0, tall], [0, -tall], [aside, 0], [-aside, 0]].map(([dx, dy]) => [left + dx, top + dy, width, tall])
       .find((one) => taken.every((other) => apart(spaced(one, size), other)) && shapes.every((other) => apart(one, other)));
@@ -118,7 +121,7 @@ export class Pins {
 
   place(x, y, scale, height, chosen) {
     this.node.replaceChildren(...this.frames.flatMap(({ number, text, box: [left, top, width, tall], depth }) => {
-      const band = 30 * scale, wideAs = Math.max(band, 20), from = Math.max(depth * 20, x + left * scale + band - wideAs), above = Math.max(0, y + top * scale), below = Math.min(height, y + (top + tall) * scale);
+      const band = BAND * scale, wideAs = Math.max(band, 20), from = Math.max(depth * 20, x + left * scale + band - wideAs), above = Math.max(0, y + top * scale), below = Math.min(height, y + (top + tall) * scale);
       const size = Math.min(Math.max(12 * scale, 11), 16), shown = cut(text, below - above - 6, size);
       if (from + wideAs > x + (left + width) * scale || below - above < 2 * LEAST) return [];
       return s("g", { cls: number === chosen ? "pin on" : "pin", dataset: { element: number } }, s("title", null, text), s("rect", { x: from, y: above, width: wideAs, height: below - above }),
