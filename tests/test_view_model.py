@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from view_page import eventually, opened, until
+from view_page import eventually, opened, until, violations
 
 from fame.errors import ConfigError
 from fame.view import ModelWatch
@@ -84,6 +84,7 @@ def test_the_page_marks_the_element_and_follows_the_file(chromium: Browser, watc
         until(page, "document.querySelector('.badge.error title') !== null")
         assert "Nowhere" in page.evaluate("document.querySelector('.badge.error title').textContent")
         assert "Nowhere" in page.locator("#inspector").inner_text()
+        assert violations(page) == []
         model.write_bytes((MODELS / "ground_vehicles.bpmn").read_bytes())
         until(page, "document.querySelector('.badge.error') === null")
 
