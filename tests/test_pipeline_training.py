@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from zipfile import ZipFile
@@ -12,6 +13,7 @@ from monitor_runs import write_runs
 
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
+from fame.imports import fame_version
 from fame.monitor.calibration import MARGIN
 from fame.monitor.data_files import hash_files, read_runs
 from fame.monitor.pipeline.detectors import ChannelAutoencoders
@@ -370,8 +372,15 @@ def test_a_run_that_is_unlike_the_others_is_refused_unless_kept(
     assert "run 2: its left-out loss of" in error
     assert error.count("\n") == 1
     assert not (tmp_path / "model.skops").exists()
-    assert main(["monitor", "train", str(tmp_path / "c.yaml"), "--keep"]) == 0
+    assert "their median" in (tmp_path / "model.refused.html").read_text()
+    for _ in range(2):
+        assert main(["monitor", "train", str(tmp_path / "c.yaml"), "--keep"]) == 0
     assert "warning: run 2: its left-out loss" in capsys.readouterr().err
+    card = json.loads((tmp_path / "model.card.json").read_text())
+    made, data = card["Model"]["made on"], card["Data"]["sha256"]
+    assert card["Model"]["predecessor"].startswith(f"of {made[:11]}")
+    assert card["Model"]["predecessor"].endswith(f"trained on data {data[:12]}")
+    assert card["Versions"]["FAME"] == fame_version()
 
 
 def test_a_detector_that_knows_its_own_runs_only_is_refused_unless_kept(

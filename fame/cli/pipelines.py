@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentTypeError, Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -299,7 +299,8 @@ def run_train(arguments: Namespace) -> int:
         if compared and not arguments.json:
             print(_comparison(compared))
         if not arguments.keep:
-            _refuse_doubtful(model, file)
+            _refuse_doubtful(model, file, training, path)
+        model = replace(model, conditions={**model.conditions, **_origin(path)})
         model.save(path)
         write_card(model, path)
     if arguments.onnx is not None:
@@ -358,17 +359,60 @@ def _compare(training: Training, report: Callable[[str], object]) -> list[Compar
     )
 
 
-def _refuse_doubtful(model: TrainedModel, file: str) -> None:
-    """Raise ConfigError for a detector that knows its own runs only, or runs that are unlike the others."""
-    from fame.errors import ConfigError
+def _origin(path: Path) -> dict[str, str]:
+    """Give the date of a model that is stored now, and what it replaces."""
+    from datetime import UTC, datetime
+
+    from fame.errors import FameError
+    from fame.monitor.model_card import load_any
+
+    found = {"made": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")}
+    if not path.exists():
+        return found
+    try:
+        old = load_any(path)
+    except FameError:
+        return found | {"predecessor": "a file that is no model of this version"}
+    made = getattr(old, "conditions", {}).get("made", "an unknown date")
+    return found | {"predecessor": f"of {made}, trained on data {old.data[:12]}"}
+
+
+def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: Path) -> None:
+    """Raise ConfigError for a detector that knows its own runs only, or runs that are unlike the others: these are
+    drawn on a page beside the model, if matplotlib is there."""
+    from contextlib import suppress
+
+    from fame.errors import ConfigError, UnavailableError
     from fame.monitor.pipeline.train import memorised, outliers
 
     if text := memorised(model):
         mend = "record more or longer runs, take another Detector (--compare) or a shorter Window"
         raise ConfigError(f"{text}: {mend}, or train with --keep", file=file, element="Training")
     if strange := outliers(model):
-        text = f"{'; '.join(strange)}; look at these runs and leave them out, or train with --keep"
+        page = path.with_suffix(".refused.html")
+        drawn = ""
+        with suppress(UnavailableError):
+            _draw_refused(model, training, strange, page)
+            drawn = f" ({page})"
+        text = f"{'; '.join(strange.values())}; look at these runs{drawn} and leave them out, or train with --keep"
         raise ConfigError(text, file=file, element="Training.Files")
+
+
+def _draw_refused(model: TrainedModel, training: Training, strange: Mapping[int, str], page: Path) -> None:
+    """Draw strange runs of the training in the band of the others."""
+    from dataclasses import replace
+
+    from fame.monitor.data_files import read_labelled_runs
+    from fame.monitor.judge import judge_trained
+    from fame.monitor.judge_report import write_refused
+    from fame.monitor.pipeline.train import band_of
+
+    read = read_labelled_runs(training.files, training.columns, training.special)
+    runs = [run for run in read if len(run.samples)]
+    others = [run.samples for number, run in enumerate(runs) if number not in strange]
+    judging = replace(model, band=band_of(others, model.elements))
+    shown = judge_trained(judging, [runs[number] for number in strange], str(page), labelled=False).runs
+    write_refused(shown, list(strange.values()), page)
 
 
 def _comparison(compared: Sequence[Compared]) -> str:

@@ -48,10 +48,40 @@ def write_report(judgement: JudgedRuns, card: dict[str, Any], path: str | Path) 
         _run_plots(judgement.runs),
         "<h2>Model card</h2>", _card(card),
     ]  # fmt: skip
+    _write_page(f"{Path(judgement.model).name}: judged runs", parts, path)
+
+
+def write_refused(runs: Sequence[JudgedRun], reasons: Sequence[str], path: str | Path) -> None:
+    """Write a page of runs that a training refused, with reasons, in the band of the others; raises as above."""
+    parts = ["<h1>Runs that the training refused</h1>"]
+    for run, reason in zip(runs, reasons, strict=True):
+        shown = _farthest(run)
+        plot = _svg(9, 0.5 + 1.5 * len(shown), _draw_refused, run, shown, rows=len(shown))
+        parts.append(f"<h2>{escape(reason)}</h2>{plot}")
+    _write_page("Runs that the training refused", parts, path)
+
+
+def _farthest(run: JudgedRun) -> list[int]:
+    """Give the channels that lie farthest outside of the band, relative to its mean width."""
+    assert run.samples is not None
+    assert run.band is not None
+    low, _, high = run.band.at(run.times)
+    outside = np.nan_to_num(np.maximum(low - run.samples.values, run.samples.values - high)).max(axis=0)
+    order = np.argsort(-outside / np.maximum(np.nan_to_num(high - low).mean(axis=0), 1e-12))
+    return [int(channel) for channel in order[:BANDS]]
+
+
+def _draw_refused(axes: Any, run: JudgedRun, channels: Sequence[int]) -> None:
+    every = np.atleast_1d(axes)
+    for each, channel in zip(every, channels, strict=True):
+        _draw_in_band(each, run, channel)
+    every[-1].set_xlabel("time in s")
+
+
+def _write_page(title: str, parts: Sequence[str], path: str | Path) -> None:
     text = (
         '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>{escape(Path(judgement.model).name)}: judged runs</title><style>{_STYLE}</style>"
-        f"<body>{''.join(parts)}</body></html>\n"
+        f"<title>{escape(title)}</title><style>{_STYLE}</style><body>{''.join(parts)}</body></html>\n"
     )
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)

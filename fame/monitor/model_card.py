@@ -55,7 +55,8 @@ def _of_windows(model: TrainedModel) -> Card:
     largest = model.metrics["training_max"]
     return {
         "Model": {
-            "made by": model.maker, "detector": detector_name(model.detector), "channels": len(model.columns),
+            "made by": model.maker, "made on": conditions.get("made"), "predecessor": conditions.get("predecessor"),
+            "detector": detector_name(model.detector), "channels": len(model.columns),
             "window": f"{model.window} samples, {window}", "rate": f"{model.rate:.4g} Hz",
         },
         "Data": {

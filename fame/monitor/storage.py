@@ -23,6 +23,7 @@ from zipfile import BadZipFile, ZipFile, ZipInfo
 import numpy as np
 
 from fame.errors import ConfigError, UnavailableError
+from fame.imports import fame_version
 from fame.monitor.arrays import Floats, Whole
 
 _INFLATION, _SLACK = 10, 10_000_000
@@ -41,8 +42,8 @@ _HOLD_DATA = (
 
 
 def versions() -> dict[str, str]:
-    """Give the versions of the packages that a stored model depends on."""
-    return {name: version(name) for name in _PACKAGES}
+    """Give the versions of FAME and of the packages that a stored model depends on."""
+    return {"FAME": fame_version()} | {name: version(name) for name in _PACKAGES}
 
 
 def write_artefact(content: Any, path: str | Path) -> None:

@@ -137,11 +137,12 @@ def fit(
     }  # fmt: skip
     return replace(
         model, thresholds=calibration.thresholds, metrics=figures, data=data, versions=versions(),
-        calibration=calibration, conditions=conditions, band=_band(runs, model.elements),
+        calibration=calibration, conditions=conditions, band=band_of(runs, model.elements),
     )  # fmt: skip
 
 
-def _band(runs: Sequence[Samples], axis: Axis) -> Band:
+def band_of(runs: Sequence[Samples], axis: Axis) -> Band:
+    """Give the band of runs, over the axis of phases if they repeat."""
     times = [run_times(run, run.stamps, axis) if len(run) else run.stamps for run in runs]
     return Band.of(runs, times if axis or repeats(runs) else None)
 
@@ -257,7 +258,7 @@ def warnings_of(model: TrainedModel) -> list[str]:
     late, expected, exceed = _split(model.calibration)
     if exceed:
         notes.append(f"{exceed} of the last {late} runs exceed thresholds by the runs before; expected: {expected:.2g}")
-    notes += [text] if (text := memorised(model)) else outliers(model)
+    notes += [text] if (text := memorised(model)) else outliers(model).values()
     if longest > UNLIKE * shortest:
         notes.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
     return notes
@@ -279,11 +280,11 @@ def _least(loss: Any) -> Any:
     return np.maximum(loss, 1e-4)  # losses are of scaled channels: less than this is nothing
 
 
-def outliers(model: TrainedModel) -> list[str]:
-    """Name the runs whose left-out loss is far above those of the other runs, or of the training, a line each."""
+def outliers(model: TrainedModel) -> dict[int, str]:
+    """Name the runs whose left-out loss is far above those of the others, or of the training: number, and a line."""
     if model.calibration is None:
-        return []
-    scores, lines = model.calibration.scores, []
+        return {}
+    scores, lines = model.calibration.scores, dict[int, str]()
     for number, row in enumerate(scores):
         usual = np.minimum(
             np.median(np.delete(scores, number, axis=0), axis=0), np.array(model.metrics["training_max"])
@@ -291,7 +292,7 @@ def outliers(model: TrainedModel) -> list[str]:
         times = row / _least(usual)
         worst = int(times.argmax())
         if times[worst] > OUTLIER:
-            lines.append(
+            lines[number] = (
                 f"run {number}: its left-out loss of {model.columns[worst]} is {times[worst]:.0f} times the usual"
             )
     return lines
