@@ -345,7 +345,7 @@ class App {
     const begun = performance.now(), moved = this.player.frame(now), { time } = this.player;
     this.state = this.store.stateAt(time);
     if (moved) this.saveLink();
-    if (this.player.playing || this.player.following) this.redraw();
+    if (this.player.playing && !this.player.following) this.redraw(); // the end of a run that is followed moves with the news
     const jumped = this.missing !== null;
     if (this.isMissing(begun)) { // it comes soon: whatever is drawn meanwhile would delay it
       this.timeline.point(time);
