@@ -206,7 +206,7 @@ class Drone:
         self._node = node = world.middleware.node("robot", config.name)
         self._flight = flight = Flight(world.space, Pose(*config.at, config.heading), p)
         self.body, self.outline = flight.body, flight.outline
-        self._odometer = Odometer(node, p.odom, world.random(config.name, "odom"), flies=True)
+        self._odometer = Odometer(node, p.odom, world.random(config.name, "odom"), world.middleware.warn, flies=True)
         self._camera = Camera(node, p.camera, world.random(config.name, "camera"), world.weeds)
         self._battery, self._charging = Battery(node, p.battery), world.charging
         self._every = tuple(period(rate, world.step) for rate in (p.odom.rate, p.camera.rate, p.battery.rate))

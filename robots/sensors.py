@@ -24,8 +24,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.clock import SECOND
 from fame.config.values import parameter
+from fame.errors import MissingTypeError
 from fame.middleware import messages
-from fame.middleware.interface import AnyMessage, Node
+from fame.middleware.interface import AnyMessage, EndpointWarning, Node, Publisher
 from sim2d.randomness import Noise
 from sim2d.robot import MEASUREMENT, Cone, Pose
 
@@ -225,13 +226,19 @@ class OdometerParameters:
 
 
 class Odometer:
-    """Publishes `odom` in the frame `map`, and its pose on `/tf`.
+    """Publishes `odom` in the frame `map`, and its pose on `/tf`; `warn` is called if ROS has no type for that.
 
     If the robot `flies`, height, climb and sideways speed are noisy too.
     """
 
     def __init__(
-        self, node: Node, parameters: OdometerParameters, random: np.random.Generator, *, flies: bool = False
+        self,
+        node: Node,
+        parameters: OdometerParameters,
+        random: np.random.Generator,
+        warn: Callable[[EndpointWarning], object],
+        *,
+        flies: bool = False,
     ) -> None:
         p, aloft = parameters, float(flies)
         self._noise = Noise(random, 8)
@@ -242,7 +249,11 @@ class Odometer:
         self._fresh = tuple(fresh * deviation for deviation in sigma)
         self._error = [deviation * draw for deviation, draw in zip(sigma, self._noise.row(), strict=False)]
         self._publisher = node.publisher("odom", ODOMETRY, MEASUREMENT)
-        self._transforms = node.publisher("/tf", TRANSFORMS)
+        self._transforms: Publisher | None = None
+        try:
+            self._transforms = node.publisher("/tf", TRANSFORMS)
+        except MissingTypeError as error:
+            warn(EndpointWarning("/tf", f"{node.namespace} publishes no transforms: {error}", "backend"))
         self._frame = f"{node.namespace}/base_link"
         self._make, self._header = _odometry_maker(sigma, self._speed_sigma), header_maker("map")
 
@@ -257,7 +268,8 @@ class Odometer:
         place = pose.x + dx, pose.y + dy, altitude + dz
         message = self._make(self._header(now), self._frame, place, pose.heading + turn, measured)
         self._publisher.publish(message)
-        self._transforms.publish(_transforms(message))
+        if self._transforms is not None:
+            self._transforms.publish(_transforms(message))
 
 
 def _transforms(odometry: AnyMessage) -> AnyMessage:

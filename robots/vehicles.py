@@ -174,7 +174,7 @@ class Vehicle:
         self.node = node = world.middleware.node("robot", config.name)
         self.drive = drive = Drive(world.space, Pose(*config.at, config.heading), p)
         self.body, self.outline = drive.body, drive.outline
-        self._odometer = Odometer(node, p.odom, world.random(config.name, "odom"))
+        self._odometer = Odometer(node, p.odom, world.random(config.name, "odom"), world.middleware.warn)
         self._ultrasonic = Ultrasonic(
             node, p.range, world.random(config.name, "range"), world.space, drive.filter, p.length / 2
         )

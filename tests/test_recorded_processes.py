@@ -23,7 +23,7 @@ def test_a_run_over_dds_is_logged_drawn_and_recorded(tmp_path: Path) -> None:
     files = [tmp_path / name for name in ("run.mcap", "run.jsonl", "run.png")]
     command = [
         *(sys.executable, "-m", "fame", "run", "examples/ground_vehicles.yaml"),
-        *("--middleware", "dds", "--speed", "10", "--duration", "15"),
+        *("--middleware", "dds", "--speed", "4", "--duration", "15"),
         *("--log", files[0], "--log", files[1], "--picture", files[2]),
     ]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(PROCESSES + 1)}
