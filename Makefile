@@ -91,7 +91,7 @@ test-python: .venv-$(VERSION)/installed
 
 .venv-$(VERSION)/installed: pyproject.toml
 	$(INTERPRETER) -m venv .venv-$(VERSION)
-	.venv-$(VERSION)/bin/pip install --quiet --disable-pip-version-check --editable '.[sim,test]'
+	.venv-$(VERSION)/bin/pip install --quiet --disable-pip-version-check --editable '.[sim,test]' joblib
 	@touch $@
 
 test-ros: $(ROS_PYTHON)
