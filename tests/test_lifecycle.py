@@ -120,6 +120,32 @@ def test_deactivation_suspends_and_activation_goes_on() -> None:
     assert not robot.engines["p"].running.engine.instances
 
 
+def active(*robots: str) -> Managed:
+    """Robots whose mission runs."""
+    team = Managed(*robots)
+    team.deploy(patrol(1), robots=robots, patience=60.0)
+    assert team.change("configure", *robots)
+    assert team.change("activate", *robots)
+    team.pass_time(1)
+    return team
+
+
+def test_a_person_who_suspends_an_inactive_robot_is_not_overruled_by_its_activation() -> None:
+    robot = active("p")
+    assert robot.change("deactivate", "p")
+    assert robot.ask("p", "suspend").answer == "suspended"
+    assert robot.change("activate", "p")
+    assert robot.engines["p"].state == "suspended"
+    assert robot.ask("p", "continue").answer == "continued"
+
+
+def test_a_transition_that_fails_in_any_way_leaves_the_state_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = active("p")
+    monkeypatch.setattr(robot.engines["p"].running.suspension, "suspend", lambda who: 1 / 0)
+    assert not robot.change("deactivate", "p")
+    assert robot.state("p") == "active"
+
+
 def test_a_manager_sees_what_it_can_do() -> None:
     robot = Managed("A")
     listed = robot.call("A", "get_available_transitions", "GetAvailableTransitions").available_transitions

@@ -157,6 +157,8 @@ def test_other_ends_are_refused_in_one_line(run: Path, capsys: pytest.CaptureFix
     assert main(["log", "convert", str(run / "run.mcap"), "-o", str(run / "x.txt")]) == 2
     expected = "ends in one of .jsonl, .csv, .xes, .ocel.json, or the name of a folder for a bag of ROS 2, got 'x.txt'"
     assert expected in capsys.readouterr().err
+    assert main(["log", "convert", str(run / "run.mcap"), "-o", str(run / "run.jsonl" / "bag")]) == 2
+    assert "Traceback" not in capsys.readouterr().err
     assert main(["log", "convert", str(run / "run.jsonl"), "-o", str(run / "y.csv")]) == 2
     assert "is not an MCAP file" in capsys.readouterr().err
     assert not (run / "y.csv").exists()

@@ -15,11 +15,11 @@ from monitor_runs import STATE, told
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.data_files import LabelledRun, read_labelled_runs
+from fame.monitor.data_files import LabelledRun, Special, _read_parquet, read_labelled_runs
 from fame.monitor.judge import judge_trained
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.configuration import load
-from fame.monitor.pipeline.elements import STRING, active
+from fame.monitor.pipeline.elements import STRING, ElementFollower, active
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.node import ProcessingNode
 from fame.monitor.pipeline.phases import Phases
@@ -27,6 +27,7 @@ from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.recording import RecordingNode
 from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.robot.robot_state import RobotState
 
 RATE, RUNS = 50.0, 12
 CONFIG = Training(detector="phase", window=20, stride=5, false_alarms="0.1 per run")
@@ -224,3 +225,17 @@ def test_a_recorder_writes_the_active_element_and_a_lost_batch_makes_it_unknown(
     assert [(round(stamp, 1), name) for stamp, name in run.samples.elements] == [
         (0.0, "wait"), (3.0, "work"), (8.0, ""),
     ]  # fmt: skip
+
+
+def test_after_a_broken_batch_the_element_is_unknown():
+    follower, begin = ElementFollower(), {"epoch": "1970-01-01T00:00:00Z"}
+    key = RobotState("p").to_key()
+    for batch in ({"batch": 1, "time": 0, "key": key, "changes": []}, {"batch": 2, "time": 1, "changes": [["enter"]]}):
+        follower.on_message(messages.create(STRING, json.dumps(begin | batch)))
+    assert follower._state is None
+
+
+def test_a_missing_element_in_parquet_is_not_known(tmp_path: Path):
+    frame = pytest.importorskip("pandas").DataFrame({"stamp": [0.0, 1.0], "v": [1.0, 2.0], "element": ["work", None]})
+    frame.to_parquet(tmp_path / "run.parquet")
+    assert _read_parquet(tmp_path / "run.parquet", Special()).elements == ("work", "")

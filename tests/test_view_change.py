@@ -6,6 +6,7 @@ import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -21,6 +22,7 @@ from fame.deploy import EngineNode
 from fame.errors import FameError
 from fame.middleware.local import LocalMiddleware
 from fame.view import Server, TeamView
+from fame.view.change import ModelChange, _Examination
 from fame.view.people import Person
 
 if TYPE_CHECKING:
@@ -56,6 +58,26 @@ def test_a_changed_script_has_both_texts() -> None:
     old, new = read_text(OLD, file="old"), read_text(model("Cut", "n = 3"), file="new")
     (one,) = difference(old, new)
     assert (one.how, one.what, one.old_texts, one.new_texts) == ("changed", ("script",), ("n = 1",), ("n = 3",))
+
+
+def test_robots_that_run_different_versions_show_the_code_that_is_new_to_each() -> None:
+    runs = {"A": model("Cut", "n = 1"), "B": model("Cut", "n = 2"), "C": model("Cut", "n = 2")}
+    change = ModelChange(lambda *_: None, runs.__getitem__)
+    envelopes = dict.fromkeys(runs, SimpleNamespace(model=model("Cut", "n = 3")))
+    about = _Examination(dry=SimpleNamespace(envelopes=envelopes))  # type: ignore[arg-type]
+    change._compare(about)
+    change.close()
+    assert [(one.old_texts, robots) for one, robots in about.changes] == [(("n = 1",), ["A"]), (("n = 2",), ["B", "C"])]
+
+
+def test_an_error_that_nobody_foresaw_is_told_and_the_next_model_is_examined(team: Team, monkeypatch: Any) -> None:
+    monkeypatch.setattr(team.view, "_running", lambda robot: 1 / 0)
+    monkeypatch.setattr(team.change, "_running", lambda robot: 1 / 0)
+    team.propose(NEW)
+    eventually(lambda: "ZeroDivisionError" in team.change.mission()["change"]["error"])
+    monkeypatch.undo()
+    team.propose(model("Mow", "n = 4"))
+    assert team.shown()["error"] == ""
 
 
 class Team:

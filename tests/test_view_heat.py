@@ -98,6 +98,18 @@ def test_a_percentile_is_a_value_that_was_seen() -> None:
     assert percentile([], 0.5) is None
 
 
+def test_what_cannot_be_read_is_told_and_counts_as_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record(tmp_path / "a.mcap", 3)
+    record(tmp_path / "c.mcap", 3)
+    (tmp_path / "b.mcap").write_text("nothing")
+    add = HeatMap._add
+    monkeypatch.setattr(HeatMap, "_add", lambda self, run, replay: 1 / 0 if run == 2 else add(self, run, replay))
+    with HeatMap(tmp_path) as heat:
+        heat.wait()
+        assert heat.mission()["chips"][0][0] == "1 of 3 runs"
+        assert ["b.mcap" in heat.notices[0], "c.mcap" in heat.notices[1]] == [True, True]
+
+
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="has no recordings"):
         HeatMap(tmp_path)

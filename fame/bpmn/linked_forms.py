@@ -13,7 +13,7 @@ from fame.bpmn.reader.dialects.forms import form_js
 
 
 def linked_form(definitions: Definitions, id: str) -> str:
-    """The JSON of the form with an id in a file beside a model; empty if there is none, or the model has no place."""
+    """The JSON of the form with this id in a `.form` file beside the model; empty if no file has it."""
     folder = definitions.path.parent if id and definitions.path is not None else None
     for path in sorted(folder.glob("*.form")) if folder is not None else ():
         with suppress(OSError, ValueError, RecursionError):

@@ -305,7 +305,7 @@ def value(text: str) -> tuple[str, Any]:
 
 def request(arguments: Namespace) -> int:
     """Ask a robot to do something (`fame.deploy.requests.TaskRequest`), and print its answer."""
-    with _asking(arguments) as robot:
+    with _robot_client(arguments) as robot:
         return _tell(arguments, robot.answer(arguments.act))
 
 
@@ -317,13 +317,14 @@ def take_over(arguments: Namespace) -> int:
     from fame.scenario.process import signals_call
 
     ended, topic = list[bool](), f"/{arguments.robot}/cmd_vel_manual"
-    with _asking(arguments) as robot, signals_call(lambda *_: ended.append(True)):
+    with _robot_client(arguments) as robot, signals_call(lambda *_: ended.append(True)):
         late = True
-        while late:  # a first answer may take longer than a lease lasts, until all ends are connected
+        while late and not ended:  # a first answer may take longer than a lease lasts, until all ends are connected
             begun, lease = robot.scheduler.now, uuid.uuid4().hex
             report = robot.answer("take_over", lease)
             late = report.answer != "refused" and robot.scheduler.now - begun > LEASE
-        code = _tell(arguments, report)
+        taken = report.answer != "refused"
+        code = 0 if taken and arguments.json else _tell(arguments, report)  # JSON is one document, of the end
         if not code:
             note_ready(f"publish geometry_msgs/msg/Twist on {topic}, at least every 0.3 s, to steer it")
         while not code and not wait_until(robot.scheduler, lambda: ended, _PROLONG):
@@ -345,19 +346,20 @@ def _tell(arguments: Namespace, report: Report) -> int:
 
 
 @contextmanager
-def _asking(arguments: Namespace) -> Iterator[_Asking]:
+def _robot_client(arguments: Namespace) -> Iterator[RobotClient]:
     with connected(arguments) as (scheduler, middleware):
-        asking = _Asking(arguments, scheduler, middleware)
+        client = RobotClient(arguments, scheduler, middleware)
         try:
-            yield asking
+            yield client
         finally:
-            asking.close()
+            client.close()
 
 
-class _Asking:
-    """Asks the robot that a command names. Raises DeploymentError if there is none."""
+class RobotClient:
+    """Sends requests to the robot that a command names. Raises DeploymentError if no such engine is found."""
 
     def __init__(self, arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> None:
+        from fame.clock import SECOND
         from fame.deploy import engines
         from fame.errors import DeploymentError
 
@@ -369,7 +371,7 @@ class _Asking:
         if not wait_until(scheduler, lambda: robot in engines(middleware), arguments.wait):
             there = ", ".join(engines(middleware)) or "none"
             raise DeploymentError(f"no engine of a robot named {robot}; there are {there}")
-        self._patience = arguments.wait - (scheduler.now - begun) / 1e9
+        self._patience = arguments.wait - (scheduler.now - begun) / SECOND
 
     def answer(self, act: str, lease: str = "") -> Report:
         """Return the answer of the robot. Raises DeploymentError if it does not answer."""

@@ -25,7 +25,7 @@ from fame.deploy.envelope import (
     engines,
     read_envelope,
 )
-from fame.deploy.lifecycle import WHO as LIFECYCLE, Lifecycle
+from fame.deploy.lifecycle import Lifecycle
 from fame.deploy.loading import LEAVING, LoadedCandidate, LoadingTask, Work, load
 from fame.deploy.machine import ProtocolMachine, unexpected
 from fame.deploy.migration import Foreseen, foresee, migrate_robot
@@ -185,7 +185,7 @@ class EngineNode:
         if self._options.lifecycle:
             acts = {"configure": self._expect_process, "activate": self._activate, "deactivate": self._deactivate}
             self._lifecycle = Lifecycle(
-                self.node, {**acts, "shutdown": self.stop}, now=lambda: self._time.now, note=self._note
+                self.node, {**acts, "shutdown": self._shut_down}, now=lambda: self._time.now, note=self._note
             )
         self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
         self._resume()
@@ -340,23 +340,33 @@ class EngineNode:
     def _activate(self) -> None:
         """Let what runs go on, and promise to start what is loaded. Raises FameError."""
         self._expect_process()
-        if self.running is not None and self.running.suspension.by == LIFECYCLE:
-            self.running.suspension.go_on(LIFECYCLE)
+        if self.running is not None and (person := self.running.suspension.activate()):
+            self._note(f"its mission stays suspended by {person}: fame continue {self.robot}")
         if self._waits_for_activation:
             self._perform(Promise())
 
-    def _deactivate(self) -> None:
-        """Suspend what runs. Raises DeploymentError while a deployment is decided."""
+    def _refuse_promised(self) -> None:
+        """Raise DeploymentError while a deployment is decided."""
         candidate = self._protocol.state.candidate
         if candidate is not None and candidate.has_promised:
             raise DeploymentError("a deployment is under way, which it has promised to start")
+
+    def _shut_down(self) -> None:
+        """End what runs, in the safe state. Raises DeploymentError."""
+        self._refuse_promised()
+        if self.stop():
+            self._note("scripts that cannot be interrupted have not ended yet")
+
+    def _deactivate(self) -> None:
+        """Suspend what runs. Raises DeploymentError."""
+        self._refuse_promised()
         if self.running is not None:
-            self.running.suspension.suspend(LIFECYCLE)
+            self.running.suspension.deactivate()
 
     def _suspend_inactive(self, process: RobotNode) -> None:
         """What begins without an activation is suspended: what ran, or was promised, before this engine started."""
         if not self._is_active:
-            process.suspension.suspend(LIFECYCLE)
+            process.suspension.deactivate()
 
     def _refuse(self, deployment: str, reason: str, cause: str) -> None:
         """Refuse a message. One about a deployment that is known here may be forged: it is no answer to the sender."""

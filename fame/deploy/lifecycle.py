@@ -11,12 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+from fame.deploy.machine import unexpected
 from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, Node
 
-WHO = "the lifecycle"
-"""The author of a suspension by ``deactivate``."""
 _STATES = {
     1: "unconfigured", 2: "inactive", 3: "active", 4: "finalized", 10: "configuring", 11: "cleaningup",
     12: "shuttingdown", 13: "activating", 14: "deactivating", 15: "errorprocessing",
@@ -95,11 +94,12 @@ class Lifecycle:
             return {"success": False}
         transition, reason = _TRANSITIONS[number], ""
         self._publish(number, transition.label, transition.start, transition.during)
-        self._state = transition.goal
+        self._state = transition.goal  # acts ask for it
         try:
             self._acts.get(transition.label, lambda: None)()
-        except FameError as error:
-            self._state, reason = transition.start, str(error)
+        except Exception as error:  # no request ends an engine, or leaves it in a state that it is not in
+            reason = str(error) if isinstance(error, FameError) else unexpected(error)
+            self._state = transition.start
         result = "failure" if reason else "success"
         self._publish(transition.ended + bool(reason), f"transition_{result}", transition.during, self._state)
         self._note(f"cannot {transition.label}: {reason}" if reason else f"is {self.state}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from time import monotonic
 from typing import TYPE_CHECKING
 
 from fame.deploy.envelope import STATES, Report
@@ -33,9 +34,10 @@ class Metrics:
 
     def __init__(self) -> None:
         self._report: Report | None = None
+        self._heard = 0.0
 
     def __call__(self, report: Report) -> None:
-        self._report = report
+        self._report, self._heard = report, monotonic()
 
     def collect(self) -> Iterator[Metric]:
         """Give all metrics; those of a robot that has not reported have no samples."""
@@ -45,6 +47,11 @@ class Metrics:
         if report is None:
             return
         labels = [report.robot]
+        age = GaugeMetricFamily(
+            "fame_report_age_seconds", "Since when all this holds: over 5 s is silence.", labels=["robot"]
+        )
+        age.add_metric(labels, monotonic() - self._heard)
+        yield age
         state = StateSetMetricFamily("fame_mission_state", "State of the engine and its mission.", labels=["robot"])
         state.add_metric(labels, {name: name == report.state for name in STATES})
         yield state

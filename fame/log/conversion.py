@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
+from shutil import rmtree
 
 from fame.bpmn.model import Definitions
 from fame.clock import EPOCH, date_text
@@ -89,17 +90,22 @@ def convert(
 
 def _write_bag(recording: Recording, target: Path) -> None:
     """Write the messages of the robots' topics, without FAME's own channels, as ``ros2 bag`` does."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 
     if target.exists():
         raise ConfigError("expected a new folder: it exists already", file=str(target))
     types = {name: topic.type for name, topic in recording.topics.items() if topic.encoding == "cdr"}
-    with Writer(target, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-        ends = {
-            name: bag.add_connection(name, type, typestore=recording.typestore(type)) for name, type in types.items()
-        }
-        for message in recording.messages(types):
-            bag.write(ends[message.topic], message.time, message.data)
+    if not types:
+        raise ConfigError("has no messages of topics: record them (--log-topics all)", file=recording.file)
+    try:
+        with Writer(target, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+            store = recording.typestore
+            ends = {name: bag.add_connection(name, type, typestore=store(type)) for name, type in types.items()}
+            for message in recording.messages(types):
+                bag.write(ends[message.topic], message.time, message.data)
+    except (OSError, WriterError) as error:
+        rmtree(target, ignore_errors=True)
+        raise ConfigError(f"cannot be written: {getattr(error, 'strerror', None) or error}", file=str(target)) from None
 
 
 def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProgress = lambda done: None) -> list[str]:

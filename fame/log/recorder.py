@@ -22,7 +22,7 @@ from fame.middleware.interface import ENGINE
 from fame.robot.changes import ChangeTracker
 from fame.robot.events import Event, Observer
 from fame.robot.robot_state import RobotState
-from fame.scripting.transforms import TOPICS as TRANSFORMS
+from fame.scripting.transforms import TOPICS as TF_TOPICS
 
 if TYPE_CHECKING:
     from fame.robot import RobotNode
@@ -77,7 +77,7 @@ class TopicRecorder:
     def _is_signal(self, topic: str) -> bool:
         """Whether a topic is no sensor or motor: in a robot's namespace, none but engines have an endpoint on it."""
         info = self._middleware.topics[topic].info()
-        if topic in TRANSFORMS:
+        if topic in TF_TOPICS:
             return False
         if topic.split("/")[1] not in self._robots:
             return True

@@ -22,7 +22,7 @@ from fame.log.recording_file import Sink
 from fame.middleware.interface import ENGINE, LATCHED, MAX_MESSAGE_SIZE, AnyMessage, Middleware, QoS, TopicInfo
 from fame.middleware.qos import requested_of
 from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE, nanoseconds
-from fame.scripting.transforms import TOPICS as TRANSFORMS
+from fame.scripting.transforms import TOPICS as TF_TOPICS
 from fame.text import read_json
 
 WORLD_SCENE, WORLD_GROUND = "/world_scene", "/world_ground"
@@ -193,7 +193,7 @@ class TeamRecorder(Closing):
         first, last = info.name.split("/")[1], info.name.rpartition("/")[2]
         if not info.publishers or not info.types or "/msg/" not in info.types[0]:
             return False
-        if last in _INTERNAL or info.name in _GENERAL or (info.name in TRANSFORMS and not self._every):
+        if last in _INTERNAL or info.name in _GENERAL or (info.name in TF_TOPICS and not self._every):
             return False
         ends = (*info.publishers, *info.subscribers)
         engines = sum(name.endswith(f"/{ENGINE}") for name in ends)

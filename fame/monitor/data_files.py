@@ -231,7 +231,9 @@ def _read_parquet(path: Path, special: Special) -> CsvTable:
 
     try:
         frame = pd.read_parquet(path)
-        elements = tuple(map(str, frame.pop(special.element))) if special.element in frame else ()
+        elements = (
+            tuple(frame.pop(special.element).astype(object).fillna("").astype(str)) if special.element in frame else ()
+        )
         dated = frame.select_dtypes(include=["datetime", "datetimetz"]).columns
         for name in dated:
             frame[name] = (frame[name].dt.tz_localize(None) - pd.Timestamp(0)) / pd.Timedelta(seconds=1)

@@ -19,6 +19,8 @@ from fame.middleware.interface import resolve
 if TYPE_CHECKING:
     from fame.robot.node import RobotNode
 
+LIFECYCLE = "the lifecycle"
+"""The author of a suspension by the manager of a node's lifecycle; a person's takes its place."""
 SUSPENDED = "a person"
 """Why a robot holds while a person has suspended its mission."""
 TAKEN_OVER = "taken_over"
@@ -78,6 +80,16 @@ class Suspension:
         self._end(f"continued by {who}")
         self._node.release(SUSPENDED)
 
+    def deactivate(self) -> None:
+        """Suspend the mission for the manager of a node's lifecycle."""
+        self.suspend(LIFECYCLE)
+
+    def activate(self) -> str:
+        """Let continue what `deactivate` suspended; the person by whom the mission stays suspended, else empty."""
+        if self.by == LIFECYCLE:
+            self.go_on(LIFECYCLE)
+        return self.by
+
     def fail(self, element: str, who: str, lease: str = "") -> None:
         """Raise the error `TAKEN_OVER` at an element, and let the mission continue.
 
@@ -108,9 +120,9 @@ class Suspension:
         self._check_holder(who, lease)
 
     def _begin(self, who: str, text: str) -> None:
-        """Hold the mission, and report it; who suspended it first stays its author."""
+        """Hold the mission, and report it; the person who suspended it first stays its author."""
         node = self._node
-        if not self.by:
+        if self.by in ("", LIFECYCLE):
             self.by, self.since = who, node.scheduler.now
         self._label()
         node.note("", text)

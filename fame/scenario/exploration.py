@@ -138,9 +138,9 @@ def explore_found(definitions: Definitions, library: Library, found: Mapping[str
 
 
 def objection(explored: Exploration, *, partial: bool = False) -> str:
-    """Why a team should not go over to a state that was explored: the first error, or that the search is not whole.
+    """Why a team should not migrate to the explored state: the first error, or a search that was cut; else empty.
 
-    Empty if there is no reason; `partial`: that it is not whole is none.
+    With `partial` a search that was cut is accepted.
     """
     errors = [one.text for one in explored.findings if one.level == "error"]
     return errors[0] if errors else explored.partly() if explored.status == "partial" and not partial else ""

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from fame.clock import SECOND
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, QoS
+from fame.middleware.simulated_time import nanoseconds
 
 TF = "tf2_msgs/msg/TFMessage"
 TOPICS = {"/tf": QoS(), "/tf_static": QoS(durability="transient_local")}
@@ -100,7 +101,7 @@ class TransformBuffer:
             frame = self._frames.get(child)
             if frame is None or (frame.parent, frame.static) != (parent, static):
                 frame = self._frames[child] = _Frame(parent, static)
-            frame.add(_nanoseconds(each.header.stamp), Transform((place.x, place.y, place.z), rotation))
+            frame.add(nanoseconds(each.header.stamp), Transform((place.x, place.y, place.z), rotation))
 
     def lookup(self, target: str, source: str, at: Any = None) -> AnyMessage | None:
         """The pose of frame `source` in frame `target`, as geometry_msgs/msg/TransformStamped.
@@ -114,7 +115,7 @@ class TransformBuffer:
             return None
         down, up = down[: down.index(above)], up[: up.index(above)]
         moving = [self._frames[name].times[-1] for name in (*down, *up) if not self._frames[name].static]
-        time = min(moving, default=0) if at is None else _nanoseconds(at)
+        time = min(moving, default=0) if at is None else nanoseconds(at)
         below, beside = self._pose(down, time), self._pose(up, time)
         if below is None or beside is None:
             return None
@@ -145,10 +146,6 @@ class TransformBuffer:
                 return None
             pose = outer @ pose
         return pose
-
-
-def _nanoseconds(stamp: Any) -> int:
-    return int(stamp.sec) * SECOND + int(stamp.nanosec)
 
 
 def _turn(rotation: tuple[float, ...], vector: tuple[float, float, float]) -> tuple[float, float, float]:

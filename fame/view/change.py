@@ -50,7 +50,7 @@ class _Examination:
     asking: bool = False
     error: str = ""
     dry: Deployment | None = None
-    changes: dict[str, tuple[ElementChange, list[str]]] = field(default_factory=dict)
+    changes: list[tuple[ElementChange, list[str]]] = field(default_factory=list)
     exploration: Exploration | None = None
     unexplored: str = ""
 
@@ -96,6 +96,8 @@ class ModelChange(ModelWatch):
             self._examine(about)
         except FameError as error:
             about.error = str(error)
+        except Exception as error:  # the next model is examined all the same
+            about.error = f"it could not be examined: {type(error).__name__}: {error}"
         about.asking = False
         self._version += 1
 
@@ -128,19 +130,14 @@ class ModelChange(ModelWatch):
             runs, new = self._running(robot), read_text(envelope.model, file=robot)
             old = read_text(runs, file=f"{robot} now") if runs else Definitions(file=robot, source=b"")
             for change in difference(old, new):
-                known = about.changes.setdefault(change.element.id, (change, []))
-                known[1].append(robot)
+                alike = (robots for one, robots in about.changes if _is_alike(one, change))
+                if (robots := next(alike, None)) is None:  # robots that run different versions get different code
+                    about.changes.append((change, robots := []))
+                robots.append(robot)
 
     def _explore(self, about: _Examination) -> None:
-        from fame.scenario.exploration import explore_migrated
-
         assert about.dry is not None
-        assert about.model is not None
-        try:
-            pools, foreseen = about.dry.pools, about.dry.foreseen
-            about.exploration = explore_migrated(about.model, about.library, pools, foreseen, seconds=BUDGET)
-        except FameError as error:
-            about.unexplored = f"the migrated state cannot be explored: {error}"
+        about.exploration, about.unexplored = _explored(about, about.dry.pools, about.dry.foreseen)
 
     # ---- for the page ------------------------------------------------------------------------------------------------
 
@@ -150,7 +147,7 @@ class ModelChange(ModelWatch):
         return {**super().mission(), "control": can, "change": self._change_json(about), "version": self._version}
 
     def _change_json(self, about: _Examination) -> dict[str, Any]:
-        rows = [self._row(change, robots) for change, robots in about.changes.values()]
+        rows = [self._row(change, robots) for change, robots in about.changes]
         rows.sort(key=lambda row: _STRONGEST.index(row["how"]))
         return {
             "hash": about.hash,
@@ -207,14 +204,14 @@ class ModelChange(ModelWatch):
 
     def _ghosts(self, about: _Examination) -> list[dict[str, Any]]:
         """Where removed shapes were, in the drawing of the mission."""
-        gone = {id: one.element for id, (one, _) in about.changes.items() if one.how == "removed"}
+        gone = {one.element.id: one.element for one, _ in about.changes if one.how == "removed"}
         if not gone or about.model is None or not self._now.catalogue.drawings:
             return []
         boxes = self._now.catalogue.drawings[0].boxes
         same = (one for one in about.model.shapes if one.element in boxes and not one.plane)
         shifts = ((boxes[one.element][0] - one.bounds.x, boxes[one.element][1] - one.bounds.y) for one in same)
         dx, dy = next(shifts, (0.0, 0.0))
-        files = filter(None, {self._running(robot) for _, robots in about.changes.values() for robot in robots})
+        files = filter(None, {self._running(robot) for _, robots in about.changes for robot in robots})
         shapes = {one.element: one for text in files for one in read_text(text, file="now").shapes if not one.plane}
         return [
             {"name": element.label, "box": [box.x + dx, box.y + dy, box.width, box.height]}
@@ -253,15 +250,28 @@ class ModelChange(ModelWatch):
         """Explore the state that robots have when they are held: it may be another one than that of the dry run."""
 
         def approve(pools: Any, foreseen: Any) -> str:
-            from fame.scenario.exploration import explore_migrated, objection
+            from fame.scenario.exploration import objection
 
-            assert about.model is not None
-            try:
-                return objection(explore_migrated(about.model, about.library, pools, foreseen, seconds=BUDGET))
-            except FameError as error:
-                return f"the migrated state cannot be explored: {error}"
+            explored, why = _explored(about, pools, foreseen)
+            return objection(explored) if explored is not None else why
 
         return approve
+
+
+def _is_alike(one: ElementChange, other: ElementChange) -> bool:
+    same = one.element.id == other.element.id and (one.how, one.what) == (other.how, other.what)
+    return same and (one.old_texts, one.new_texts) == (other.old_texts, other.new_texts)
+
+
+def _explored(about: _Examination, pools: Any, foreseen: Any) -> tuple[Exploration | None, str]:
+    """The exploration of what robots would have after a migration, or why there is none."""
+    from fame.scenario.exploration import explore_migrated
+
+    assert about.model is not None
+    try:
+        return explore_migrated(about.model, about.library, pools, foreseen, seconds=BUDGET), ""
+    except FameError as error:
+        return None, f"the migrated state cannot be explored: {error}"
 
 
 def _hash(model: Definitions, library: Library) -> str:

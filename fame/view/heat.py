@@ -153,7 +153,7 @@ class HeatMap(Closing):
         self._missions: defaultdict[str, list[int]] = defaultdict(list)  # hash -> runs
         self._found: defaultdict[_Place, dict[int, ElementHeat]] = defaultdict(dict)
         self._pages: dict[int, str] = {}  # run -> address of its page
-        self._read = 0
+        self._read = self._runs = 0  # recordings that were read, and those with a run
         self._lock = threading.Lock()
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._read_all, name="fame view: heat", daemon=True)
@@ -178,6 +178,8 @@ class HeatMap(Closing):
                     self._add(run, replay)
             except FameError as error:
                 self.notices.append(str(error))
+            except Exception as error:  # the others are read all the same
+                self.notices.append(f"{self._name(run)}: it could not be read: {type(error).__name__}: {error}")
             self._read += 1
 
     def _add(self, run: int, replay: Replay) -> None:
@@ -187,6 +189,7 @@ class HeatMap(Closing):
         found, files = heat_of(replay.blocks, replay.catalogue), replay.catalogue.files
         hashes = [model_hash(each.source) for each in files]
         with self._lock:
+            self._runs += 1
             self.notices += [f"{self._name(run)}: {text}" for text in replay.notices]
             fresh = {hash: each for hash, each in zip(hashes, files, strict=True) if hash not in self._numbers}
             self._numbers |= {hash: number for number, hash in enumerate(fresh, len(self._numbers))}
@@ -210,7 +213,13 @@ class HeatMap(Closing):
                 self._folder.resolve().name,
                 self.catalogue,
                 (),
-                chips=[(f"{self._read} runs", "", f"recordings below {self._folder}")],
+                chips=[
+                    (
+                        f"{self._runs} of {self._read} runs" if self._runs < self._read else f"{self._runs} runs",
+                        "",
+                        f"recordings below {self._folder}",
+                    )
+                ],
                 notices=[*([f"{left} recordings are still to be read"] if left else []), *self.notices],
                 control=["runs", *(["show"] if self._show is not None else [])],
                 heat=self._heat(),

@@ -234,11 +234,14 @@ class TeamView(PageSink, Closing):
         def act() -> None:
             try:
                 answer.set_result(action())
-            except FameError as error:
+            except Exception as error:  # who asked is told
                 answer.set_exception(error)
 
         self._scheduler.soon(act)
-        return answer.result(_ANSWER)
+        try:
+            return answer.result(_ANSWER)
+        except NoAnswer:
+            raise FameError(f"the network has not answered within {_ANSWER:g} s") from None
 
     def _running(self, robot: str) -> str:
         """The file that a robot runs, with all that it calls; empty if it runs nothing."""

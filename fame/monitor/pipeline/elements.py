@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from operator import itemgetter
 from typing import Any
 
@@ -90,9 +89,11 @@ class ElementFollower:
         self._batch = 0
 
     def on_message(self, message: Any) -> None:
-        """Take a batch; a message that is none is ignored."""
-        with suppress(ValueError, TypeError, LookupError, AttributeError):
+        """Take a batch; any other message is ignored."""
+        try:
             self._take(read_json(message.data, MAX_MESSAGE_SIZE))
+        except (ValueError, TypeError, LookupError, AttributeError):
+            self._state, self._batch = None, -1  # what it had taken is half of a batch
 
     def element_at(self, stamp: float) -> str:
         """Give the active element at a stamp (s), empty if that is not known."""

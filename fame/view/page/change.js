@@ -46,7 +46,7 @@ export class Change {
     const key = `${this.app.mission.version}|${this.app.diagram.plane}|${plane.level}`, { changes, ghosts } = this.data;
     if (plane.change === key) return;
     plane.change = key;
-    const how = new Map(changes.map((one) => [one.element, one.how]));
+    const how = new Map(changes.map((one) => [one.element, one.how]).reverse()); // the strongest, where versions differ
     for (const [number, group] of plane.groups) for (const name of Object.keys(SIGNS)) group.classList.toggle(`is-${name}`, how.get(number) === name);
     show(plane.over, this.app.diagram.plane === 0 ? ghosts.map(({ name, box: [x, y, width, height] }) => s("g", { cls: "ghost" }, s("title", null, `removed: ${name}`), s("rect", { x, y, width, height, rx: 8 }), s("text", { x: x + width / 2, y: y + height / 2 + 4 }, name))) : [],
       [...how].filter(([number]) => plane.shapes.has(number)).map(([number, name]) => {
@@ -78,7 +78,7 @@ export class Change {
   }
 
   changes() {
-    const rows = this.data.changes.map((one) => h("li", { cls: `found differs ${one.how}`, dataset: { key: one.id } },
+    const rows = this.data.changes.map((one) => h("li", { cls: `found differs ${one.how}`, dataset: { key: `${one.id} ${one.robots.join()}` } },
       h("div", null, h("b", null, WORDS[one.how]), " ", one.element >= 0 ? this.app.inspector.element(one.element) : one.name, h("span", { cls: "quiet" }, ` ${one.robots.join(", ")}`)),
       one.what.length ? h("div", null, one.what.join(", ")) : null, this.code(one)));
     return rows.length ? h("ul", { cls: "findings" }, rows) : h("p", { cls: "quiet" }, this.data.asking ? "…" : "Nothing.");
@@ -92,7 +92,7 @@ export class Change {
   async send(act) {
     const { data } = this, code = data.changes.filter(({ code: [, fresh] }) => fresh.length), hash = data.hash.slice(0, 12), robots = data.robots.map(({ robot }) => robot).join(", ");
     const text = [h("p", null, act === "migrate" ? `What ${robots} run goes over to ${hash}.` : `What runs on ${robots} is cancelled; ${hash} begins.`),
-      code.length ? [h("p", null, h("b", null, "Code that is new, and will run on the robots:")), code.map((one) => [h("p", null, one.name), this.code(one)])] : h("p", null, "No script or expression is new."),
+      code.length ? [h("p", null, h("b", null, "Code that is new, and will run on the robots:")), code.map((one) => [h("p", null, `${one.name} (${one.robots.join(", ")})`), this.code(one)])] : h("p", null, "No script or expression is new."),
       act === "migrate" && data.objection ? h("p", { cls: "found error" }, data.objection) : []];
     const fields = [{ key: "agreed", label: `I have read it: ${hash} may run`, kind: "checkbox", required: true }];
     if (act === "migrate" && data.objection) fields.push({ key: "force", label: "Migrate although this may fail", kind: "checkbox", required: true });
