@@ -2,7 +2,7 @@
 # make test    run the tests; what needs a browser, npm or ROS is skipped where that is missing
 # make test-processes   the tests of teams in real processes: whole missions, killed, repaired, migrated, in lockstep
 # make test-browser     the tests of the page of `fame view`; needs chromium
-# make test-node        the README's tutorial in Camunda Modeler, and what its parts read; needs npm and chromium
+# make test-node        the tutorial in Camunda Modeler, and what its parts read; needs npm and chromium
 # make torture    100,000 simulated teams under faults, each decided by its seed; TORTURE has other options (--seed N)
 # make fuzz       an hour of damaged input for every reader; FUZZ has other options (--minutes N, --target NAME)
 # make attack  attacks on live engines: each has to be held

@@ -1,4 +1,4 @@
-"""The README's walk: deploy and record again and again, train, monitor; in simulated time."""
+"""docs/tutorial_monitor.md: deploy and record again and again, train, monitor; in simulated time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RUNS, LENGTH = 3, 27.0
 
 
 class Cell:
-    """The arm of the README with its engine: a world and an engine that stay, and get one deployment after another."""
+    """The arm of the tutorial with its engine: both stay, and get one deployment after another."""
 
     def __init__(self, seed: int = 1) -> None:
         config, _ = read_scenario_world(ROOT / "examples" / "reassembly.yaml")

@@ -1,4 +1,4 @@
-"""What the README says is true: its commands exist, its Python runs, its links lead somewhere."""
+"""What README and docs say is true: commands exist, Python runs, links lead somewhere."""
 
 from __future__ import annotations
 
@@ -18,24 +18,28 @@ from fame.cli import COMMANDS, parser
 from sim2d.robot import BUILT_IN
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = sorted([ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("examples/*.md")])
 
 
-def blocks(language: str) -> list[str]:
-    """The code blocks at the margin of the page."""
-    found = re.findall(r"^```(\w*)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+def read(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def blocks(name: str, language: str) -> list[str]:
+    """The code blocks at the margin of a page."""
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", read(name), re.MULTILINE | re.DOTALL)
     return [text for kind, text in found if kind == language]
 
 
-def commands(page: str = README) -> list[str]:
+def commands(page: str) -> list[str]:
     lines = [line.strip() for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL) for line in block.splitlines()]
-    return [re.sub(r"( &)?( +#.*)?$", "", line).replace(".venv/bin/", "") for line in lines if "fame " in line]
+    return [re.sub(r"( &)?( +#.*)?$", "", line) for line in lines if line.startswith("fame ")]
 
 
-def test_the_commands_are_those_that_exist() -> None:
-    assert len(commands()) >= 3
-    for command in commands():
+@pytest.mark.parametrize("name", ["README.md", "docs/tutorial.md", "docs/tutorial_monitor.md"])
+def test_the_commands_are_those_that_exist(name: str) -> None:
+    assert len(commands(read(name))) >= 2
+    for command in commands(read(name)):
         assert parser().parse_args(shlex.split(command)[1:]).command
 
 
@@ -52,19 +56,19 @@ def test_the_commands_of_the_deployment_page_exist_and_so_do_their_files() -> No
 
 
 def test_the_reference_lists_every_command_and_every_option_of_run() -> None:
-    (listed,) = [block for block in blocks("") if block.startswith("fame new")]
+    (listed,) = [block for block in blocks("docs/commands.md", "") if block.startswith("fame new")]
     told = [line.split()[1] for line in listed.splitlines()]
     assert list(dict.fromkeys(told)) == [name for name in COMMANDS if name != "team"]
     usage = parser().parse_args(["run", "x.bpmn"])
-    told = set(re.findall(r"^\| `--([a-z-]+)", README, re.MULTILINE)) | {"json", "quiet"}
+    told = set(re.findall(r"^\| `--([a-z-]+)", read("docs/commands.md"), re.MULTILINE)) | {"json", "quiet"}
     assert told == {name.replace("_", "-") for name in vars(usage)} - {"command", "scenario", "leaf"}
 
 
-def test_the_python_of_the_readme_runs_and_gives_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_python_of_the_page_runs_and_gives_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    (code,) = blocks("python")
+    (code,) = blocks("docs/python.md", "python")
     names: dict = {}
-    exec(compile(code, "README.md", "exec"), names)
+    exec(compile(code, "python.md", "exec"), names)
     (instance,) = names["sim"].instances
     assert (instance.status, instance.error, names["sim"].now) == ("running", None, 1.0)
     assert instance.variables["x_target"] == 2.0
@@ -75,7 +79,7 @@ def test_the_python_of_the_readme_runs_and_gives_what_it_says(monkeypatch: pytes
 def test_the_tree_of_errors_is_that_of_the_code() -> None:
     import fame.errors
 
-    (tree,) = [block for block in blocks("") if block.startswith("FameError")]
+    (tree,) = [block for block in blocks("docs/python.md", "") if block.startswith("FameError")]
     assert tree.splitlines() == [
         line[4:] for line in (fame.errors.__doc__ or "").split("::\n\n")[1].partition("\n\n")[0].splitlines()
     ]
@@ -86,8 +90,7 @@ def test_the_walk_of_learned_models_works_as_written(tmp_path: Path) -> None:
     """From the folder of FAME; fewer runs, a shorter training, and another folder `monitor`."""
     pytest.importorskip("cyclonedds")
     pytest.importorskip("skops")
-    section = README.split("## Learned models on the data of robots")[1].split("\n## ")[0]
-    (block,) = re.findall(r"```sh\n(.*?)```", section, re.DOTALL)
+    (block,) = blocks("docs/tutorial_monitor.md", "sh")
     text = re.sub(r" +#.*", "", block).replace("in 1 2 3 4 5 6 7 8 9 10;", "in 1 2;")
     lines = [re.sub(r"(?<= )monitor(?=/|$)", str(tmp_path / "monitor"), line) for line in text.splitlines()]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROS_DOMAIN_ID": str(DOMAIN)}
@@ -129,15 +132,32 @@ def test_the_walk_of_learned_models_works_as_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
-        assert target.startswith("https://") or (page.parent / target).exists(), target
+    for link in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+        name, _, anchor = link.partition("#")
+        target = page.parent / name if name else page
+        assert link.startswith("https://") or target.exists(), link
+        assert not anchor or target.suffix != ".md" or anchor in anchors(target), link
 
 
-def test_the_mission_that_the_readme_draws_completes(tmp_path: Path) -> None:
+def test_pages_that_code_names_exist() -> None:
+    for path in (path for folder in ("fame", "robots", "sim2d") for path in ROOT.glob(f"{folder}/**/*.py")):
+        for name, anchor in re.findall(r"(docs/\w+\.md)(?:#([\w-]+))?", path.read_text(encoding="utf-8")):
+            if name != "docs/design.md":  # of rmw_zenoh
+                assert not anchor or anchor in anchors(ROOT / name), (path, name, anchor)
+                assert (ROOT / name).exists(), (path, name)
+
+
+def anchors(page: Path) -> list[str]:
+    """The anchors of a page's headings, as GitHub makes them."""
+    titles = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
+
+
+def test_the_mission_that_the_tutorial_draws_completes(tmp_path: Path) -> None:
     """The files that somebody gets who follows its steps."""
     from fame.cli import main
 
-    (scenario,) = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
+    (scenario,) = re.findall(r"```yaml\n(.*?)```", read("docs/tutorial.md"), re.DOTALL)
     (tmp_path / "patrol.yaml").write_text(re.sub(r"^   ", "", scenario, flags=re.MULTILINE))
     (tmp_path / "patrol.bpmn").write_text(PATROL)
     assert main(["check", str(tmp_path / "patrol.bpmn")]) == 0

@@ -1,4 +1,4 @@
-"""docs/testing.md is true: its three tests run on the mission of the README's tutorial, and the third fails first."""
+"""docs/testing.md is true: its three tests run on the mission of docs/tutorial.md, and the third fails first."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from fame.testing import MissionLoader
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "testing.md").read_text(encoding="utf-8")
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 TESTS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)[0]
-WORLD = next(text for text in re.findall(r"```yaml\n(.*?)```", README, re.DOTALL) if "patrol.bpmn" in text)
+WORLD = next(text for text in re.findall(r"```yaml\n(.*?)```", TUTORIAL, re.DOTALL) if "patrol.bpmn" in text)
 MODEL = """<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL"
   xmlns:camunda="http://camunda.org/schema/1.0/bpmn" targetNamespace="t"><collaboration id="c">
 <participant id="A" name="SCOUT" processRef="P"/><participant id="B" name="HELPER" processRef="Q"/></collaboration>
@@ -43,8 +43,8 @@ def properties(**named: str) -> str:
 
 
 def tutorial(*, mended: bool) -> str:
-    """The mission of the README, and with the change that docs/testing.md describes."""
-    (light,) = re.findall(r"```python\n(.*?)```", README.split("## Draw a mission of your own")[1], re.DOTALL)[:1]
+    """The mission of the tutorial, and with the change that docs/testing.md describes."""
+    (light,) = re.findall(r"```python\n(.*?)```", TUTORIAL, re.DOTALL)
     red = re.search(r"script\s+`(robot\.publish\([^`]*r=1\.0\))`", PAGE)
     assert red is not None
     model = MODEL.replace("MENDED", MENDED.replace("RED", red[1]) if mended else "").replace("LIGHT", light.strip())

@@ -1,4 +1,4 @@
-"""The tutorial of the README, walked in a real browser as somebody would who reads it: `make test-node`."""
+"""docs/tutorial.md, walked in a real browser as somebody would who reads it: `make test-node`."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-TUTORIAL = README.split("## Draw a mission of your own")[1].split("\n## ")[0]
+TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -30,7 +29,7 @@ def modeler(chromium: Browser, node_modules: Path, tmp_path: Path) -> Iterator[M
         yield Modeler(page, node_modules / "camunda-bpmn-js" / "dist", templates)
 
 
-def test_the_mission_that_somebody_draws_who_follows_the_readme_runs(modeler: Modeler, tmp_path: Path) -> None:
+def test_the_mission_that_somebody_draws_who_follows_the_tutorial_runs(modeler: Modeler, tmp_path: Path) -> None:
     start = modeler.begun_with()
     scout = modeler.create("Create pool/participant", 500, 250)
     helper = modeler.create("Create pool/participant", 500, 600)
