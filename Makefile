@@ -6,6 +6,7 @@
 # make torture    100,000 simulated teams under faults, each decided by its seed; TORTURE has other options (--seed N)
 # make fuzz       an hour of damaged input for every reader; FUZZ has other options (--minutes N, --target NAME)
 # make attack  attacks on live engines: each has to be held
+# make docs    the pages as a site, from fame/site/docs/index.html on
 # make lint    style, format and types
 # make test-fastdds   the tests beside rclpy on Fast DDS, the default of ROS 2, which PyPI has for Python 3.12
 # make test-python   the fast tests with another Python: VERSION=3.13, INTERPRETER names it
@@ -42,7 +43,7 @@ INTERPRETER ?= python$(VERSION)
 FAST_TESTS := $(addprefix tests/,test_reader.py test_scripts.py test_script_budget.py test_variables.py test_expressions.py test_feel.py \
 	test_clock.py test_messages.py test_journal.py test_transforms.py test_small_missions.py)
 
-.PHONY: demo test torture fuzz test-processes test-browser test-node test-fastdds test-python test-ros attack lint clean
+.PHONY: demo docs test torture fuzz test-processes test-browser test-node test-fastdds test-python test-ros attack lint clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/ground_vehicles.yaml --picture $(DEMO).png --animate $(DEMO).gif \
@@ -51,6 +52,9 @@ demo: $(VENV)/sim.installed
 
 test: $(VENV)/dev.installed
 	$(BIN)/python .ci/stage.py $@ -- -n 3 --dist worksteal -m "not processes" $(PYTEST)
+
+docs: $(VENV)/docs.installed
+	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d out/doctrees . fame/site
 
 torture: $(VENV)/dev.installed
 	$(BIN)/python -m tests.torture --jobs 2 $(or $(TORTURE),--seeds 1:100000)
@@ -106,7 +110,7 @@ lint: $(VENV)/dev.installed
 	$(BIN)/mypy --strict fame robots sim2d
 
 clean:
-	rm -rf $(VENV) .venv-* out dist
+	rm -rf $(VENV) .venv-* out dist fame/site
 
 $(VENV)/%.installed: pyproject.toml | $(BIN)/python
 	$(PIP) install --editable '.[$*]'

@@ -18,7 +18,6 @@ from fame.cli import COMMANDS, parser
 from sim2d.robot import BUILT_IN
 
 ROOT = Path(__file__).parent.parent
-PAGES = sorted([ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("examples/*.md")])
 
 
 def read(name: str) -> str:
@@ -128,29 +127,6 @@ def test_the_walk_of_learned_models_works_as_written(tmp_path: Path) -> None:
         for process in begun:
             process.kill()
             process.communicate()
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_lead_somewhere(page: Path) -> None:
-    for link in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
-        name, _, anchor = link.partition("#")
-        target = page.parent / name if name else page
-        assert link.startswith("https://") or target.exists(), link
-        assert not anchor or target.suffix != ".md" or anchor in anchors(target), link
-
-
-def test_pages_that_code_names_exist() -> None:
-    for path in (path for folder in ("fame", "robots", "sim2d") for path in ROOT.glob(f"{folder}/**/*.py")):
-        for name, anchor in re.findall(r"(docs/\w+\.md)(?:#([\w-]+))?", path.read_text(encoding="utf-8")):
-            if name != "docs/design.md":  # of rmw_zenoh
-                assert not anchor or anchor in anchors(ROOT / name), (path, name, anchor)
-                assert (ROOT / name).exists(), (path, name)
-
-
-def anchors(page: Path) -> list[str]:
-    """The anchors of a page's headings, as GitHub makes them."""
-    titles = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
 
 
 def test_the_mission_that_the_tutorial_draws_completes(tmp_path: Path) -> None:

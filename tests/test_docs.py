@@ -1,0 +1,57 @@
+"""Pages: their links lead somewhere, and the site has all of them."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")})
+LINK = r"\]\(([^()# ]*)(?:#([^()]*))?\)"
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+@cache
+def prose(page: Path) -> str:
+    """The text of a page without its code blocks."""
+    return re.sub(r"^( *)```.*?^\1```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+@cache
+def anchors(target: Path) -> set[str]:
+    """What a link to a file can name: the headings of a page, functions and classes of a module."""
+    if target.suffix == ".py":
+        return set(re.findall(r"^(?:def|class) (\w+)", target.read_text(encoding="utf-8"), re.MULTILINE))
+    seen: Counter[str] = Counter()
+    for heading in re.findall(r"^#+ (.*)$", prose(target), re.MULTILINE):
+        slug = re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+        seen[slug] += 1
+    return {f"{slug}-{number}" if number else slug for slug, count in seen.items() for number in range(count)}
+
+
+@each_page
+def test_links_lead_somewhere(page: Path) -> None:
+    for target, anchor in re.findall(LINK, prose(page)):
+        if not target.startswith("https://"):
+            path = page.parent / target if target else page
+            assert path.exists(), target
+            assert not anchor or anchor in anchors(path), f"{target}#{anchor}"
+
+
+def test_pages_that_code_names_exist() -> None:
+    for path in (path for folder in ("fame", "robots", "sim2d") for path in ROOT.glob(f"{folder}/**/*.py")):
+        for name, anchor in re.findall(r"(docs/\w+\.md)(?:#([\w-]+))?", path.read_text(encoding="utf-8")):
+            if name != "docs/design.md":  # of rmw_zenoh
+                assert (ROOT / name).exists(), (path, name)
+                assert not anchor or anchor in anchors(ROOT / name), (path, name, anchor)
+
+
+def test_the_index_lists_every_page() -> None:
+    """A page that is in no list of docs/index.md is not in the navigation of the site."""
+    index = ROOT / "docs" / "index.md"
+    listed = {(index.parent / target).resolve() for target, _ in re.findall(LINK, prose(index))}
+    assert sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")} - listed - {index}) == []
