@@ -57,7 +57,6 @@ def convert(definitions: Definitions, *, semantics: Semantics | None = None) -> 
 
 
 def _rewrite(context: Context, root: Node, element: Node) -> None:
-    """Rewrite the extension elements of one element."""
     for name in ("scriptFormat", "language"):
         if (element.get(name) or "").strip().lower() in ("js", "javascript()", "javascript"):
             element.set(name, "javascript")

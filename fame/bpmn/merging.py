@@ -340,6 +340,5 @@ def _holders(element: Node, node: FlowNode, count: int) -> list[Node]:
 
 
 def has_property(element: Node, name: str) -> bool:
-    """Whether the extension elements of the element have a property of that name."""
     extensions = element.find(EXTENSION_ELEMENTS)
     return extensions is not None and any(one.get("name") == name for one in extensions.iter("*"))

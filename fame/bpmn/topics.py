@@ -51,7 +51,6 @@ class TopicUse:
 
     @property
     def type(self) -> str:
-        """The message type."""
         return self.declared or EMPTY_TYPE
 
     @property

@@ -60,7 +60,6 @@ class ContractEndpoint:
         return f"{self.file}: contract: {self.robot} {self.direction} {', '.join(parts)}"
 
     def to_json(self) -> dict[str, object]:
-        """Return the endpoint, JSON-serialisable."""
         profile = qos_text(self.qos) if self.qos is not None else None
         text = {"robot": self.robot, "direction": self.direction, "name": self.full_name, "type": self.type}
         return {**text, "qos": profile, "file": self.file}

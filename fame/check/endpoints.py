@@ -38,7 +38,6 @@ class TopicEndpoint:
     tries: bool = False
 
     def finding(self, level: Level, text: str) -> Finding:
-        """A finding at this endpoint."""
         return self.process.finding(level, text, self.node, self.line)
 
 

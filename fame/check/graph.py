@@ -87,7 +87,6 @@ class FlowGraph:
 
 
 def graph_of(body: Body) -> FlowGraph:
-    """The graph of one scope."""
     following: dict[str, list[str]] = {node.id: [] for node in body.nodes}
     ending = {node.id for node in body.nodes if node.place == "end"}
     for flow in body.flows:

@@ -50,7 +50,6 @@ def check_effects(scope: CheckScope) -> Iterator[Finding]:
 
 
 def check_guidelines(scope: CheckScope) -> Iterator[Finding]:
-    """Find deviations from the guidelines."""
     yield from _pools(scope)
     for process in scope.processes:
         for node in process.nodes():

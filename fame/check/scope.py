@@ -78,7 +78,6 @@ class CheckedProcess:
 
     @property
     def file(self) -> str:
-        """The name of the file."""
         return self.definitions.file
 
     def finding(self, level: Level, text: str, element: Element, line: int = 0) -> Finding:
@@ -133,7 +132,6 @@ class CheckScope:
     remote_types: bool = False
 
     def has_pool(self, process: CheckedProcess) -> bool:
-        """Whether a pool of the file has this process."""
         return process.definitions is self.definitions and process.bpmn.id in self.pools
 
     def called(self) -> set[CheckedProcess]:
@@ -141,7 +139,6 @@ class CheckScope:
         return {callee for process in self.processes for _, callee in process.calls if callee is not None}
 
     def named(self, finding: Finding) -> Finding:
-        """The finding with the name of its element."""
         name = finding.name or self._names.get(finding.file, {}).get(finding.element, "")
         return replace(finding, name=name)
 

@@ -58,7 +58,6 @@ _COLLECT_EXAMPLES = (
 
 
 def _add_collect(parts: Commands) -> None:
-    """Declare the part."""
     parser = command(
         parts,
         "collect",
@@ -105,7 +104,6 @@ def run_collect(arguments: Namespace) -> int:
 
 
 def _add_learn(parts: Commands) -> None:
-    """Declare the part."""
     parser = command(
         parts, "learn", run_learn,
         examples=("fame monitor adm learn examples/adm_learn.yaml -o best.skops --plots out/adm",),
@@ -202,7 +200,6 @@ _OPERATE_EXAMPLES = (
 
 
 def _add_operate(parts: Commands) -> None:
-    """Declare the part."""
     parser = command(
         parts,
         "operate",

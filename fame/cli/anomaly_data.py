@@ -88,7 +88,6 @@ def drive(arguments: Namespace, make: Callable[[Middleware, Scheduler], Playing]
 
 
 def add_labelled_files(parts: Commands) -> None:
-    """Declare the parts."""
     merging = command(
         parts, "merge", merge, examples=("fame monitor adm merge benign.csv outside.csv -o training.csv",),
         help="join labelled CSV files into one",

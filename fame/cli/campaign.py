@@ -24,7 +24,6 @@ _EXAMPLES = (
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "campaign", run, examples=_EXAMPLES,
         help="run a scenario many times with other seeds and values: success rate, causes of failures",

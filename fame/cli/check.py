@@ -30,7 +30,6 @@ _EXAMPLES = ("fame check models/ground_vehicles.bpmn", "fame check models/*.bpmn
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "check", run, examples=_EXAMPLES,
         help="report errors and likely mistakes in models and scenarios before anything moves",

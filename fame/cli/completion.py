@@ -57,7 +57,6 @@ _SHELLS = {
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "completion", run, help="print a script that completes the command line in bash, zsh or fish",
         examples=("fame completion bash > ~/.local/share/bash-completion/completions/fame",
@@ -68,7 +67,6 @@ def add(commands: Commands) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Print the script."""
     from fame.cli import parser
 
     script, case = _SHELLS[arguments.shell]

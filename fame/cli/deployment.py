@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
 
 def add_deploy(commands: Commands) -> None:
-    """Declare the command."""
     examples = (
         "fame deploy models/ground_vehicles.bpmn",
         "fame deploy models/other.bpmn --to Tractor_2",
@@ -178,7 +177,6 @@ def _print_json(deployment: Deployment, migrated: migration.Migration, failures:
 
 
 def add_splitter(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "splitter", run_splitter, examples=("fame splitter", "fame splitter --library behaviours"),
         help="deploy the models that are published on /collaboration_diagram, also to robots that join late",
@@ -217,7 +215,6 @@ def run_splitter(arguments: Namespace) -> int:
 
 
 def add_keys(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "keys", run_keys,
         examples=(

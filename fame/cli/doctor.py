@@ -62,7 +62,6 @@ class Finding(NamedTuple):
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "doctor", run,
         examples=(

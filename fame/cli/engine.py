@@ -32,7 +32,6 @@ STUCK = 10.0
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "engine", run,
         examples=(

@@ -276,7 +276,6 @@ def _summary(result: Exploration, hidden: int) -> str:
 
 
 def as_json(result: Exploration) -> dict[str, Any]:
-    """The result as plain data."""
     return {
         "file": result.file,
         "status": result.status,
@@ -310,7 +309,6 @@ def _without_judged(search: dict[str, Any]) -> dict[str, Any]:
 
 
 def finding_as_json(finding: Finding) -> dict[str, Any]:
-    """A finding as plain data."""
     return {
         "kind": finding.kind,
         "level": finding.level,

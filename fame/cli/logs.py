@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
     parser = group(
         commands, "log", help="record a team on the network; merge, convert and judge recordings",
         examples=("fame log record -o run.mcap", "fame log convert run.mcap -o run.xes"),
@@ -149,14 +148,12 @@ def record(arguments: Namespace) -> int:
 
 
 def convert(arguments: Namespace) -> int:
-    """Convert a recording."""
     from fame.log.conversion import convert as convert_recording
 
     return _write("converting", partial(convert_recording, arguments.recording, level=arguments.level), arguments)
 
 
 def merge(arguments: Namespace) -> int:
-    """Merge recordings."""
     from fame.log.conversion import merge as merge_recordings
 
     return _write("merging", partial(merge_recordings, arguments.recordings), arguments)

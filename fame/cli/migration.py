@@ -27,7 +27,6 @@ _OPTIONS = ("plan", "dry_run", "force")
 
 
 def add_options(parser: Parser) -> None:
-    """Declare them."""
     parser.add_argument(
         "--migrate", action="store_true",
         help="migrate running instances to this model instead of cancelling them: all robots or none "
@@ -100,7 +99,6 @@ class Migration:
         return "completed" if not deployment.failed else "partial" if self._partial else "failed"
 
     def exit_code(self, deployment: Deployment) -> int:
-        """The exit code of the command."""
         return {"completed": 0, "failed": 1, "partial": NOT_KNOWN}[self.status(deployment)]
 
     def explain(self) -> None:

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 
 def add_split(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "split", run_split, examples=("fame split models/ground_vehicles.bpmn -o out/split",),
         help="write one self-contained, executable .bpmn file per pool of a collaboration",
@@ -57,7 +56,6 @@ _CONVERT_EXAMPLES = (
 
 
 def add_convert(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "convert", run_convert, examples=_CONVERT_EXAMPLES,
         help="convert a model of the original FaMe, Camunda 8 or Flowable to FAME's form, with the same behaviour",
@@ -97,7 +95,6 @@ _DRAW_EXAMPLES = (
 
 
 def add_draw(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "draw", run_draw, examples=_DRAW_EXAMPLES,
         help="draw a model as SVG, with a log the path of that run; or a recording as a film",
@@ -183,7 +180,6 @@ _WIDTH = 110
 
 
 def add_library_command(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "library", run_library, examples=("fame library", "fame library my_behaviours --json"),
         help="list the behaviours that a model can call: inputs, topics, description",
@@ -230,7 +226,6 @@ def paragraphs(documentation: str) -> list[str]:
 
 
 def add_templates(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "templates", run_templates, examples=("fame templates -o .camunda/element-templates",),
         help="write element templates for Camunda Modeler: message types, payloads and behaviours to choose from",

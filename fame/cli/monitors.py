@@ -27,7 +27,6 @@ _JUDGE_EXAMPLES = (
 
 
 def add_judge(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "judge", run_judge, examples=_JUDGE_EXAMPLES,
         help="judge recorded runs by a model, with the same code as live: verdicts, events, rates, and a report",

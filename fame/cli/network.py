@@ -213,7 +213,6 @@ def _run_router(arguments: Namespace) -> int:
 
 
 def _address(interface: str) -> str:
-    """The address of a network interface."""
     with suppress(ValueError):
         return str(ipaddress.ip_address(interface))
     import fcntl

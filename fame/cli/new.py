@@ -23,7 +23,6 @@ DEMO = "ground_vehicles"
 
 
 def add_new(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "new", run_new, help="write a project: a mission of two robots, its world, tests, and fame.yaml",
         examples=("fame new hospital", "fame new --from example warehouse", "fame new dock --from timeout_and_retry"),
@@ -38,7 +37,6 @@ def add_new(commands: Commands) -> None:
 
 
 def add_demo(commands: Commands) -> None:
-    """Declare the command."""
     command(
         commands, "demo", run_demo, examples=("fame demo",),
         help="write a project of two cars that seek a target, and run it: picture, film, recording",

@@ -167,7 +167,6 @@ class ProgressLine:
         self._clock.start()
 
     def show(self, progress: Progress) -> None:
-        """Show the progress of a run."""
         self.write(progress_text(progress))
 
     def count_frames(self, drawn: int, frames: int) -> None:

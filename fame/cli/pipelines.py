@@ -36,7 +36,6 @@ _PROCESS_EXAMPLES = (
 
 
 def add_process(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "process", run_process, examples=_PROCESS_EXAMPLES,
         help="run processing nodes: filters and learned models between topics",
@@ -74,8 +73,6 @@ def assignment(text: str) -> tuple[str, Any]:
 
 
 class Nodes:
-    """Several nodes in one process."""
-
     def __init__(self, nodes: list[Any]) -> None:
         self.nodes = nodes
 
@@ -84,7 +81,6 @@ class Nodes:
         return False
 
     def close(self) -> None:
-        """Close all endpoints."""
         for node in self.nodes:
             node.close()
 
@@ -168,7 +164,6 @@ _RECORD_EXAMPLES = (
 
 
 def add_record(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "record", run_record, examples=_RECORD_EXAMPLES,
         help="record the inputs of a configuration as CSV, MCAP, ROS 2 bag or into InfluxDB",
@@ -233,7 +228,6 @@ def run_record(arguments: Namespace) -> int:
 
 
 def add_train(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "train", run_train,
         examples=(

@@ -39,7 +39,6 @@ HEADS = ("robot", "state", "model", "instances", "token at", "since", "waits for
 
 
 def add_status(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "status", run_status,
         examples=("fame status", "fame status --json", "fame status --why REX", "fame status --why REX Event_Order"),
@@ -198,7 +197,6 @@ def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
 
 
 def add_requests(commands: Commands) -> None:
-    """Declare the commands."""
     completing = _add_request(
         commands, "complete", element="id of the task; fame status shows where tokens wait",
         examples=("fame complete REX Task_Inspect", "fame complete REX Task_Release --value approved=true"),
@@ -404,7 +402,6 @@ class RobotClient:
         return self._answers[0]
 
     def close(self) -> None:
-        """Close the endpoints."""
         if self._client is not None:
             self._client.close()
 

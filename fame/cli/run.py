@@ -38,7 +38,6 @@ _SPARE = ("process", "model", "publishers", "instances", "since", "token at")
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "run", run, examples=_EXAMPLES,
         help="run a scenario (world, robots and model) or a model alone, in simulated time",

@@ -18,7 +18,6 @@ _EXIT = {0: 0, 4: 2, 5: 2}
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "test", run, examples=_EXAMPLES,
         help="run tests of missions with pytest; --cov-model: coverage of the models",

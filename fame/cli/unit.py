@@ -39,7 +39,6 @@ WantedBy=multi-user.target
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "unit", run,
         examples=(

@@ -40,7 +40,6 @@ _EXAMPLES = (
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "view", run, examples=_EXAMPLES,
         help="show a mission in the browser: a recording, a model while you draw it, a running team",

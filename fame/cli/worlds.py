@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 
 def add_world(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "world", run_world,
         examples=("fame world examples/ground_vehicles.yaml", "fame world examples/agriculture.yaml --speed 4 --pause"),
@@ -85,7 +84,6 @@ _PATIENCE = 5.0
 
 
 def add_time(commands: Commands) -> None:
-    """Declare the commands."""
     pausing = command(
         commands, "pause", pause, examples=("fame pause",),
         help="pause the time of a running world (/clock), and thereby its missions",

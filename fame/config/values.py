@@ -71,7 +71,6 @@ class ConfigValue:
         return self.source.columns.get(self.path, 0)
 
     def error(self, text: str) -> ConfigError:
-        """An error about this value."""
         return self.source.error(self.path, text)
 
     def expected(self, what: str) -> ConfigError:

@@ -62,7 +62,6 @@ def flag(value: Any) -> bool:
 
 
 def robot(value: Any) -> bool:
-    """The namespace of a robot."""
     return isinstance(value, str) and len(value) <= 200 and is_ros_name(f"/{value}")
 
 
@@ -118,7 +117,6 @@ def first_invalid(found: Mapping[str, Any], checks: Mapping[str, FieldCheck]) ->
 
 
 def is_object(value: Any) -> bool:
-    """An object of any content."""
     return isinstance(value, dict)
 
 

@@ -118,8 +118,6 @@ class SplitterStatusReceived:
 
 @dataclass(frozen=True, slots=True)
 class Beat:
-    """A heartbeat."""
-
     now: int
 
 

@@ -77,7 +77,6 @@ class Lifecycle:
 
     @property
     def state(self) -> str:
-        """The name of its state."""
         return _STATES[self._state]
 
     def _possible(self) -> list[int]:
@@ -124,7 +123,6 @@ def _state(number: int) -> dict[str, Any]:
 
 
 def _described(numbers: Iterable[int]) -> dict[str, Any]:
-    """The response of GetAvailableTransitions."""
     descriptions = [
         {
             "transition": {"id": number, "label": _label(number)},

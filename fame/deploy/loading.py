@@ -305,7 +305,6 @@ class Peers:
         ]
 
     def ask(self) -> None:
-        """Ask all of them."""
         proof = asdict(self._envelope) | {"model": ""} if self._envelope.signature else {}
         for robot, out in self._out.items():
             question = Envelope(
@@ -319,7 +318,6 @@ class Peers:
             out.publish(messages.create(STRING, question.to_json()))
 
     def close(self) -> None:
-        """Close all endpoints."""
         for subscription in self._in:
             subscription.close()
         for publisher in self._out.values():

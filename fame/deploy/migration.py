@@ -106,7 +106,6 @@ class Foreseen:
         return f"the state does not fit the new model: {reasons}" if reasons else ""
 
     def to_json(self) -> dict[str, Any]:
-        """The form in a report."""
         tokens, gone = (
             [{**asdict(token), "others": list(token.others)} for token in found] for found in (self.tokens, self.gone)
         )

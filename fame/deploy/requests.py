@@ -118,7 +118,6 @@ class TaskServer:
         self._end.on_dropped = lambda warning: report("refused", "", str(warning), cause=warning.kind)
 
     def close(self) -> None:
-        """Close the endpoint."""
         self._end.close()
 
     def _on_request(self, message: Any) -> None:
@@ -208,7 +207,6 @@ class TaskClient:
         self._next: Entry = scheduler.after(round(SETTLE * SECOND), self._ask, Kind.TIMER)
 
     def close(self) -> None:
-        """Close all endpoints."""
         self._next.cancel()
         self._out.close()
         self._end.close()
@@ -263,7 +261,6 @@ class AbortClient:
         self._in = node.subscription(f"/{robot}/bpmn_status", STRING, self._on_status, STATUS_QOS)
 
     def close(self) -> None:
-        """Close all endpoints."""
         if self._next is not None:
             self._next.cancel()
         self._in.close()

@@ -138,7 +138,6 @@ class Deployment:
         again: Collection[str],
         library: Library,
     ) -> dict[str, Envelope]:
-        """The envelope with the model of each robot."""
         parts = {part.name: part.source.decode() for part in split(definitions, library)}
         promised = promises(definitions, pools, library)
         caught = receivers(definitions, pools, library)
@@ -182,7 +181,6 @@ class Deployment:
 
     @property
     def done(self) -> bool:
-        """Whether it is over."""
         return self._protocol.state.phase == "over"
 
     @property

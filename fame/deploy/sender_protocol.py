@@ -100,8 +100,6 @@ class SenderState:
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """The deployment begins."""
-
     now: int
 
 

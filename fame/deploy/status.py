@@ -203,7 +203,6 @@ class StatusPublisher:
         self._out.publish(messages.create(STRING, report.to_json(key)))
 
     def close(self) -> None:
-        """Stop the heartbeat."""
         self._pulse.cancel()
         self._garbage.close()
 

@@ -39,7 +39,6 @@ def compile_program(
 
 
 def make(context: ScopeCompiler, element: model.FlowNode) -> None:
-    """Make the nodes of one element."""
     if isinstance(element, model.Event):
         _EVENTS[element.place](context, element)
     elif isinstance(element, model.Gateway):

@@ -138,7 +138,6 @@ class Contents:
         return self.changed(content.number, tuple([(name, fresh.get(name)) for name in changed]))
 
     def is_empty(self, number: int) -> bool:
-        """Return whether a content has no variables."""
         return not self._contents[number].codes
 
     def codes(self, number: int, names: Sequence[str]) -> tuple[Hashable | None, ...]:

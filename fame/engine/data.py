@@ -127,7 +127,6 @@ Correlate = Callable[[Sequence[str], str, Any], dict[str, tuple[str, ...]]]
 
 
 def is_variable(name: str) -> bool:
-    """Return whether a variable may have this name."""
     return name.isidentifier() and not name.startswith("__")
 
 

@@ -65,7 +65,6 @@ def multiple(context: ScopeCompiler, event: model.Event) -> None:
 
 
 def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
-    """Make an event-based gateway."""
     node = context.node(gateway, choose)
     node.slot, node.catch = context.slot(gateway.id), triggers.catching()
     context.watch(node)
@@ -76,7 +75,6 @@ def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
 
 
 def _alternatives(context: ScopeCompiler, event: model.Event, owner: Node, slot: int) -> list[Node]:
-    """Make one node for each definition of an event."""
     nodes = []
     for number, definition in enumerate(event.definitions):
         catch = triggers.part_of_event(fire_alternative)

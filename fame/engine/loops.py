@@ -113,7 +113,6 @@ def whole_number(found: Any) -> int:
 
 
 def begin_instance(engine: EngineState, whole: Scope, node: Node) -> None:
-    """Start one more instance."""
     loop, items = node.spec, whole.items
     items["started"] += 1
     number, variables = items["started"], whole.variables

@@ -244,7 +244,6 @@ class _Migration:
     # ---- the new state -----------------------------------------------------------------------------------------------
 
     def result(self) -> Data:
-        """Return the new state."""
         data = self._data
         waits = [self._wait(item) for item in data["waits"] if item["key"] not in self._gone]
         kept_waits = {item["key"] for item in waits if item["node"] is not None}

@@ -274,5 +274,4 @@ class Program:
 
     @cached_property
     def by_key(self) -> dict[str, Node]:
-        """Its nodes by key."""
         return {node.key: node for node in self.nodes}

@@ -155,7 +155,6 @@ class ScopeCompiler:
     # ---- texts ---------------------------------------------------------------------------------------
 
     def expression(self, expression: model.Expression, element: model.Element) -> Compiled:
-        """Compile a condition or value."""
         return self.compiler.host.compile(expression, element=element.id, file=self.file)
 
     def optional(self, expression: model.Expression | None, element: model.Element) -> Compiled | None:
@@ -165,7 +164,6 @@ class ScopeCompiler:
     def assignments(
         self, pairs: Iterable[tuple[str, model.Expression]], element: model.Element
     ) -> tuple[tuple[str, Compiled], ...]:
-        """Compile assignments."""
         return tuple((name, self.expression(source, element)) for name, source in pairs)
 
     def refuse(self, text: str, element: model.Element) -> NoReturn:
@@ -236,7 +234,6 @@ class ScopeCompiler:
             self.append(element.id, last)
 
     def append(self, element: str, last: Node) -> None:
-        """Append a node to an element."""
         self.link(self.exits[element], last)
         self.exits[element] = [last]
 
@@ -304,7 +301,6 @@ class ScopeCompiler:
     # ---- start ---------------------------------------------------------------------------------------
 
     def none_starts(self) -> list[model.Event]:
-        """Return the none start events of the body."""
         return [event for event in self.content.events("start") if not event.definitions]
 
     def begin(self) -> Node:
@@ -348,7 +344,6 @@ def _attach(activity: Node, nodes: list[Node]) -> None:
 
 
 def _armed(nodes: list[Node]) -> tuple[Node, ...]:
-    """Return the nodes with a stimulus."""
     return tuple(node for node in nodes if node.catch is not None)
 
 

@@ -18,7 +18,6 @@ Cancelling = tuple[int, ...]
 
 
 def open_child(engine: EngineState, parent: Scope, node: Node, body: Body | None, variables: dict[str, Any]) -> Scope:
-    """Open a scope inside another."""
     scope = Scope(engine.new_key(), parent, node, body, variables)
     parent.children[scope] = None
     parent.instance.scopes += 1
@@ -186,7 +185,6 @@ def notify_cancelled(engine: EngineState, scope: Scope) -> None:
 
 
 def cancel_wait(engine: EngineState, wait: Wait) -> Cancelling:
-    """Cancel a waiting token."""
     cancelling = cancel_script(engine, wait) if wait.started and not wait.paused else ()
     if wait.token and wait.node.plain_step is not None:
         engine.notify(wait.scope, (wait.node.id, "cancel", None))

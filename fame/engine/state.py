@@ -201,7 +201,6 @@ class Instance:
 
     @property
     def process(self) -> str:
-        """The id of its process."""
         return self.program.process
 
     @property

@@ -126,7 +126,6 @@ SCRIPT = Trigger("script", arm=nothing, disarm=_forget_script, suspend=nothing, 
 
 
 def make(context: ScopeCompiler, task: model.Task) -> Node:
-    """Make the node of a task, by its kind."""
     if task.script is not None:
         return _script(context, task, task.script)
     match task.kind:

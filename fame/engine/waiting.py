@@ -40,7 +40,6 @@ def arm_all(engine: EngineState, nodes: tuple[Node, ...], scope: Scope, owner: S
 
 
 def arm(engine: EngineState, wait: Wait) -> None:
-    """Arm a wait by its trigger."""
     wait.catch.trigger.arm(engine, wait)
 
 
@@ -221,13 +220,11 @@ def open_mailbox(engine: EngineState, node: Node, scope: Scope) -> Mailbox:
 
 
 def close_mailbox(engine: EngineState, box: Mailbox) -> None:
-    """Close a queue."""
     box.alive = False
     _remove_listener(engine, box.catch.topic, box)
 
 
 def _remove_listener(engine: EngineState, topic: str, listener: Listener) -> None:
-    """Remove a listener, and its topic with the last one."""
     listeners = engine.listeners.get(topic)
     if listeners is not None:
         listeners.pop(listener, None)
@@ -239,7 +236,6 @@ def _remove_listener(engine: EngineState, topic: str, listener: Listener) -> Non
 
 
 def set_timer(engine: EngineState, wait: Wait) -> None:
-    """Set a timer of the host."""
     catch = wait.catch
     engine.waits[wait.key] = wait
     try:
@@ -249,7 +245,6 @@ def set_timer(engine: EngineState, wait: Wait) -> None:
 
 
 def cancel_timer(engine: EngineState, wait: Wait) -> None:
-    """Cancel a timer of the host."""
     if engine.waits.pop(wait.key, None) is not None:
         engine.host.cancel_timer(wait.key)
 
@@ -272,7 +267,6 @@ def watch_condition(engine: EngineState, wait: Wait) -> None:
 
 
 def ignore_condition(engine: EngineState, wait: Wait) -> None:
-    """Stop evaluating a condition."""
     engine.conditions.pop(wait, None)
 
 

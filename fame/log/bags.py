@@ -24,7 +24,6 @@ from fame.text import read_json
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a folder is a bag."""
     return (path / "metadata.yaml").is_file()
 
 

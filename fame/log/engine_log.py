@@ -105,7 +105,6 @@ class EngineLog(Closing):
                 self._give_up(error)
 
     def _finish(self) -> None:
-        """Finish the file."""
         if self._file is not None:
             file, self._file = self._file, None
             try:

@@ -74,7 +74,6 @@ class _Lines(Observer):
         return self._now[1]
 
     def _find(self, mark: Mark) -> bytes:
-        """The formatted mark."""
         return encoded(self._what(mark, self._elements.get(mark[0], UNKNOWN)))
 
 

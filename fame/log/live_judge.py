@@ -65,7 +65,6 @@ class LiveJudge(Sink):
             self._sink.put(PROPERTIES, self._last, data)
 
     def on_model(self, robot: str, model: Mapping[str, Any]) -> None:
-        """Take what a robot runs."""
         if self._ready and robot in self._processes:
             return
         self._processes.setdefault(robot, str(model.get("process", "")))

@@ -93,7 +93,6 @@ class LiveTeam(Closing):
 
     @property
     def state(self) -> TeamState:
-        """The state of the team."""
         return self._writer.state
 
     @property
@@ -110,7 +109,6 @@ class LiveTeam(Closing):
         return self._sources[robot].until if robot in self._sources else 0
 
     def feed(self, robot: str, batch: Mapping[str, Any]) -> None:
-        """Take a batch of a robot."""
         with suppress(*_STRANGE):
             self._take(robot, self._sources.setdefault(robot, _Source()), batch)
 

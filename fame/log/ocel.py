@@ -133,7 +133,6 @@ class _Log:
         return id
 
     def robot(self, name: str, time: int) -> str:
-        """The object of a robot."""
         return self.object(f"robot:{name}", "robot", time, {})
 
     def instance(self, robot: str, number: int, time: int, attributes: Mapping[str, str]) -> str:
@@ -141,7 +140,6 @@ class _Log:
         return self.object(f"instance:{robot}/{number}", "instance", time, attributes, robot=self.robot(robot, time))
 
     def to_json(self) -> dict[str, Any]:
-        """The whole log."""
         types = {**_EVENT_TYPES, **dict.fromkeys(self.labels, _ELEMENT)}
         return {
             "objectTypes": [_type(name, attributes) for name, attributes in _OBJECT_TYPES.items()],

@@ -312,7 +312,6 @@ class Recording(Closing):
         return found
 
     def close(self) -> None:
-        """Close the file."""
         self._stream.close()
 
 

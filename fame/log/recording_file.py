@@ -101,5 +101,4 @@ class RecordingFile(Sink):
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
-        """Write the index."""
         self._writer.finish()  # type: ignore[no-untyped-call]

@@ -138,7 +138,6 @@ class _Log(Observer):
 
 @contextmanager
 def _written(file: _File, form: _Form, files: Iterable[Definitions]) -> Iterator[Observer]:
-    """An observer that overwrites a file."""
     with _emptied(file) as stream, form(stream, element_info(files)) as write:
         yield write
 

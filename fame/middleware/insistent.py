@@ -45,7 +45,6 @@ class InsistentRequests:
                     self._scheduler.after(delay, partial(self._send, number))
 
     def clear(self) -> None:
-        """Give up all requests."""
         self._open.clear()
 
     def _send(self, number: int) -> None:

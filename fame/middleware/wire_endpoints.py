@@ -96,8 +96,6 @@ class WireTopicEndpoint(WireEndpoint):
 
 
 class WirePublisher(WireTopicEndpoint):
-    """A publisher."""
-
     @abstractmethod
     def publish(self, message: AnyMessage) -> None:
         """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""

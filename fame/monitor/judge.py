@@ -88,7 +88,6 @@ class JudgedRun:
 
     @property
     def anomalous(self) -> bool:
-        """Whether there was an alarm."""
         return bool(self.events)
 
     @property
@@ -185,7 +184,6 @@ def _rate(count: int, total: int) -> dict[str, Any]:
 
 
 def shown(value: Any) -> str:
-    """Give a figure as text."""
     if isinstance(value, dict) and "interval" in value:
         low, high = value["interval"]
         centre = value.get("rate", value.get("value"))

@@ -39,7 +39,6 @@ def load_any(path: str | Path) -> TrainedModel | Model:
 
 
 def card_of(model: TrainedModel | Model) -> Card:
-    """Give the card of a model."""
     from fame.monitor.pipeline.trained_model import TrainedModel
 
     return _of_windows(model) if isinstance(model, TrainedModel) else _of_points(model)
@@ -131,7 +130,6 @@ def _measured(calibration: Calibration) -> dict[str, Any]:
 
 
 def to_markdown(card: Card, title: str = "Model card") -> str:
-    """Give a card as Markdown."""
     lines = [f"# {title}", ""]
     for name, section in card.items():
         if isinstance(section, Mapping):

@@ -108,7 +108,6 @@ class PropertyWatch:
         """Never give results: the watch does not end by itself."""
 
     def close(self) -> None:
-        """Close all endpoints."""
         self._found.cancel()
         self._recorder.close()
         if self._entry is not None:

@@ -48,7 +48,6 @@ class _NodeService:
         """Never give results: the node does not end by itself."""
 
     def close(self) -> None:
-        """Close the node."""
         self._node.close()
 
 

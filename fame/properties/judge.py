@@ -67,7 +67,6 @@ class Judgement:
         return f"property {self.name} {verb}{self.verdict}: {self.text or self.sentence}"
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, JSON-serialisable."""
         return {
             "property": self.name,
             "sentence": self.sentence,

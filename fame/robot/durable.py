@@ -173,7 +173,6 @@ class DurableRecorder:
         return self._epoch + self.node.scheduler.now
 
     def instance_ended(self, instance: Any) -> None:
-        """Record the end of an instance."""
         self._ended[str(instance.key)], self._has_ended = instance_data(instance, instance.program), True
         for key in list(self._ended)[:-_ENDED]:
             del self._ended[key]

@@ -214,22 +214,18 @@ class RobotNode:
 
     @property
     def started(self) -> int:
-        """Number of started instances."""
         return self.host.started
 
     @property
     def completed(self) -> int:
-        """Number of completed instances."""
         return self.host.completed
 
     @property
     def failed(self) -> int:
-        """Number of failed instances."""
         return self.host.failed
 
     @property
     def elements(self) -> int:
-        """Number of completed elements."""
         running = self.engine.instances.values()
         return self.host.elements_done + sum(sum(instance.counts[1:]) for instance in running)
 

@@ -97,7 +97,6 @@ class Scripts:
             variables.pop("__builtins__", None)
 
     def close(self) -> None:
-        """Close all scripts that wait."""
         self.javascript.close()
         self.runner.close()
 

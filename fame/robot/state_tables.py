@@ -168,7 +168,6 @@ class _VariableTable:
         self._known = {}
 
     def begin(self) -> None:
-        """Begin a snapshot."""
         self._seen = {}
 
     def number(self, variables: dict[str, Any]) -> int:

@@ -397,7 +397,6 @@ class Folder:
         return list(found.values())
 
     def add(self, row: _Row) -> None:
-        """Write a row."""
         with (self.path / ROWS).open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
 

@@ -404,7 +404,6 @@ class Subprocesses:
         thread.start()
 
     def pid(self, name: str) -> int:
-        """Return the process id."""
         return self._processes[name].pid
 
     def ended(self) -> dict[str, str]:

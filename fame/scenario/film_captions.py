@@ -60,7 +60,6 @@ class Captions:
             self._set(0, robot, text)
 
     def add(self, event: Event) -> None:
-        """Update the captions with an event."""
         active = self._active.setdefault(event.robot, {})
         key = (event.instance, event.scope, event.element)
         if event.what == "enter" and event.element in self._phrases:

@@ -216,7 +216,6 @@ class RunWatches(Observer):
     def start(
         self, middleware: LocalMiddleware, world: World | None, context: ServiceContext, variables: Mapping[str, Any]
     ) -> RunningService:
-        """Start the service."""
         from fame.monitor.property_watch import Alarm
 
         alarm = Alarm(context, variables)

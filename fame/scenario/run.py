@@ -332,7 +332,6 @@ class Run:
         self.progress(Progress(self.scheduler.now / SECOND, self.scenario.duration, at))
 
     def inject(self, fault: Fault) -> None:
-        """Inject a fault."""
         self.reports.append(Event(self.scheduler.now, fault.robot, 0, 0, "", "report", f"fault: {fault.kind}"))
         if fault.kind != "engine":
             assert self.world is not None
@@ -367,7 +366,6 @@ class Run:
         node.close()
 
     def close(self) -> None:
-        """Close nodes and world."""
         self._seeded.close()
         for node in self.nodes:
             node.close()

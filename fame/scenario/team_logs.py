@@ -60,7 +60,6 @@ class TeamLogs:
                 convert(self._path, log)
 
     def close(self) -> None:
-        """Close the recording."""
         self._stack.close()
 
 

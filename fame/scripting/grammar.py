@@ -212,14 +212,12 @@ class ExpressionParser:
 
     @property
     def token(self) -> Token:
-        """The next token."""
         return self._tokens[self._index]
 
     def _at_end(self) -> bool:
         return self.token.kind == "end"
 
     def advance(self) -> Token:
-        """Take the next token."""
         token = self._tokens[self._index]
         self._index += token.kind != "end"
         return token
@@ -354,7 +352,6 @@ def _then(evaluate: Evaluate, after: Callable[[Any], Any]) -> Evaluate:
 
 
 def constant(value: Any) -> Evaluate:
-    """A constant."""
     return lambda variables: value
 
 

@@ -311,7 +311,6 @@ class Inbox:
             listener.put(message)
 
     def close(self) -> None:
-        """Close all subscriptions and clients."""
         for listener in self._listeners.values():
             if listener.subscription is not None:
                 listener.subscription.close()

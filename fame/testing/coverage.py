@@ -61,7 +61,6 @@ class Coverage:
     _tests: defaultdict[tuple[str, str], dict[str, None]] = field(default_factory=lambda: defaultdict(dict))
 
     def add(self, mission: MissionUnderTest, test: str) -> None:
-        """Add what a mission has covered in a test."""
         definitions = mission.scenario.definitions
         closures = [
             mission.scenario.library.closure(definitions, pool.process) for pool in mission.scenario.cast.values()

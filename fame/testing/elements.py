@@ -22,7 +22,6 @@ class ModelElement:
 
     @property
     def shown(self) -> str:
-        """Its label and id."""
         return display_name(self.element.id, self.element.name)
 
 

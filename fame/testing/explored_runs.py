@@ -42,7 +42,6 @@ class MethodCall:
     comment: str = ""
 
     def make(self, mission: MissionByHand) -> None:
-        """Call the method."""
         more = {"raises": self.raises} if self.raises else {}
         getattr(mission, self.method)(*self.arguments, **more)
 

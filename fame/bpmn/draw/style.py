@@ -312,5 +312,4 @@ def is_visited(ink: Ink) -> bool:
 
 
 def text_colour(ink: Ink) -> str:
-    """The colour of text on these colours."""
     return INK if is_visited(ink) else ink[0]

@@ -47,7 +47,6 @@ def number(value: float) -> str:
 
 
 def text(content: str) -> str:
-    """Escaped text content."""
     return escape(_NOT_XML.sub("", content))
 
 
@@ -261,7 +260,6 @@ def place_labels(
 
 
 def overlap(a: Bounds, b: Bounds) -> bool:
-    """Whether two boxes overlap."""
     across = min(a.x + a.width, b.x + b.width) - max(a.x, b.x)
     return across > 0 and min(a.y + a.height, b.y + b.height) - max(a.y, b.y) > 0
 

@@ -51,7 +51,6 @@ def read_activity(node: NodeReader) -> dict[str, Any]:
 
 
 def read_task(node: NodeReader, kind: TaskKind) -> Task:
-    """Read a task of any kind."""
     found = node.extensions
     if kind == "business_rule" and not found.operation and not found.script:
         found.refused = found.refused or _NO_RULES

@@ -96,7 +96,6 @@ def _belongs_to_scope(one: Node) -> bool:
 
 
 def read_data_objects(context: Context, parts: Parts) -> tuple[DataObject, ...]:
-    """Read the data objects of one scope."""
     objects = {one.get("id"): one for one in parts.get("dataObject", ())}
     referred = {one.get("dataObjectRef") for one in parts.get("dataObjectReference", ())}
     found = [_data_object(context, one, objects) for one in parts.get("dataObjectReference", ())]

@@ -88,5 +88,4 @@ def read_node(process: ProcessContext, element: Node, wiring: Connections) -> No
 
 
 def documentation(element: Node) -> str:
-    """The text of the documentation elements."""
     return "\n".join(text_of(one).strip() for one in children(element, "documentation"))

@@ -84,7 +84,6 @@ def _embedding_elements(element: Node) -> list[Node]:
 
 
 def _parse_embedded(context: Context, holder: Node, text: str) -> tuple[Node, list[Node]]:
-    """The process and its diagrams."""
     namespaces = " ".join(f'xmlns:{prefix}="{uri}"' for prefix, uri in _PREFIXES.items())
     text = text[text.index("?>") + 2 :] if text.startswith("<?") and "?>" in text else text
     source = f'<definitions xmlns="{BPMN}" {namespaces}>{text}</definitions>'.encode()

@@ -128,7 +128,6 @@ def attributes(element: Node) -> list[str]:
 
 
 def text_of(element: Node) -> str:
-    """The text of an element and all its descendants."""
     return element.text or "" if not len(element) else "".join(str(piece) for piece in element.itertext())
 
 

@@ -197,7 +197,6 @@ class Local:
         return self.host.engine
 
     def revived(self, state: int) -> Engine:
-        """An engine in a state."""
         form, timers = self.states.all[state]
         self.host.reset()
         host: Host = self.host

@@ -294,7 +294,6 @@ class Product:
         return state >> self.top == BEYOND or CUT in self.locals_of(state)
 
     def locals_of(self, state: int) -> list[int]:
-        """The local state of each robot."""
         return [state >> (robot * BITS) & MASK for robot in range(self.count)]
 
     def fault_of(self, state: int) -> Fault:

@@ -70,7 +70,6 @@ class Watch:
 
     @property
     def topic(self) -> str:
-        """The topic of its signal."""
         return f"/violated/{self.monitor.spec.name}"
 
     @property

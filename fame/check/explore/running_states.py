@@ -128,7 +128,6 @@ class _Translation:
         return key not in self._gone
 
     def result(self) -> Data:
-        """The snapshot."""
         data = self._data
         left_out = self._inside | self._steps.keys()
         self._gone: set[int] = self._inside | self._incidents | {

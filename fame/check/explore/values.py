@@ -93,7 +93,6 @@ class Unknown:
 
 
 def is_unknown(value: object) -> bool:
-    """Whether a value is not known."""
     return value.__class__ is Unknown
 
 
@@ -146,7 +145,6 @@ class Values:
 
     @property
     def unknown(self) -> Unknown:
-        """A value that is not known."""
         return Unknown(self.choose)
 
     def __len__(self) -> int:

@@ -75,7 +75,6 @@ class NodeEntry:
 
     @property
     def gids(self) -> frozenset[bytes]:
-        """The gids of its endpoints."""
         return frozenset((*self.readers, *self.writers))
 
 
@@ -146,7 +145,6 @@ class Discovery:
         return [endpoint for endpoint in self.all_endpoints() if endpoint.topic == topic]
 
     def all_nodes(self) -> list[NodeEntry]:
-        """The nodes of all participants."""
         with self._lock:
             return [node for nodes in self.nodes.values() for node in nodes]
 

@@ -42,8 +42,6 @@ _LONGEST = 10 * SECOND
 
 
 class DdsPublisher(WirePublisher):
-    """A publisher."""
-
     def __init__(self, node: DdsNode, topic: str, type: str, qos: QoS) -> None:
         super().__init__(node, topic, type, qos)
         self._participant = participant = node.participant

@@ -103,8 +103,6 @@ class DdsMiddleware(WireMiddleware):
 
 
 class DdsNode(WireNode):
-    """A node of the participant."""
-
     publishers: list[DdsPublisher]
     subscriptions: list[DdsSubscription]
     services: list[DdsService | DdsClient]

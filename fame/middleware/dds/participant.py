@@ -84,7 +84,6 @@ class Participant:
     # ---- for nodes and endpoints -------------------------------------------------------------------------------------
 
     def announce(self, nodes: Iterable[NodeEntry]) -> None:
-        """Announce to the domain which nodes the participant has."""
         self.discovery.set_nodes(nodes)
         self._thread.wake()
 

@@ -191,7 +191,6 @@ class Entities:
             raise _refused(topic, type, error) from None
 
     def topic(self, name: str, type: str, header: bool) -> Topic[Any]:
-        """The topic of that name and type."""
         key = name, type, header
         if key not in self._topics:
             self._topics[key] = Topic(self.participant, name, declared(type, header))

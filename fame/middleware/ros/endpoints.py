@@ -76,7 +76,6 @@ def from_ros(message: Any, type: str) -> AnyMessage:
 
 
 def profile(qos: QoS) -> QoSProfile:
-    """The QoS profile of an endpoint."""
     return QoSProfile(
         history=HistoryPolicy[qos.history.upper()],
         depth=qos.depth,

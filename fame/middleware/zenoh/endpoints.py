@@ -89,8 +89,6 @@ class _Declared:
 
 
 class ZenohPublisher(WirePublisher):
-    """A publisher."""
-
     node: ZenohNode
 
     def __init__(self, node: ZenohNode, topic: str, type: str, qos: QoS) -> None:

@@ -116,7 +116,6 @@ class Graph:
             return list(self._names.get((name, kind), {}).values())
 
     def publisher(self, gid: bytes) -> Entity | None:
-        """The publisher of that gid."""
         if gid not in self._publishers:
             self._update()
         return self._publishers.get(gid)
@@ -317,8 +316,6 @@ class ZenohMiddleware(WireMiddleware):
 
 
 class ZenohNode(WireNode):
-    """A node of the session."""
-
     middleware: ZenohMiddleware
     publishers: list[ZenohPublisher]
     subscriptions: list[ZenohSubscription]

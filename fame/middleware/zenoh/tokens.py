@@ -110,7 +110,6 @@ def node_token(domain: int, session: str, node_id: int, namespace: str, name: st
 
 
 def endpoint_token(node: str, kind: EntityKind, id: int, name: str, type: str, type_hash: str, qos: QoS) -> str:
-    """The token of an endpoint, from that of its node."""
     parts = node.split("/")
     parts[4:6] = str(id), kind
     return "/".join((*parts, name.replace("/", "%"), dds_type(type), type_hash, qos_text(qos)))

@@ -138,11 +138,9 @@ class AnomalyDetector:
             fit(detector, data)
 
     def classify_unsupervised(self, data: Recording) -> dict[str, Any]:
-        """Labels (points,) by each."""
         return {name: detector.predict(data) for name, detector in self._unsupervised.items()}
 
     def classify_supervised(self, data: Recording) -> dict[str, Any]:
-        """Labels (points,) by each."""
         return {name: detector.predict(data) for name, detector in self._supervised.items()}
 
     def evaluate(self, data: Recording) -> dict[str, ConfusionMatrix]:
@@ -261,7 +259,6 @@ class Evaluation:
 
     @property
     def benign(self) -> tuple[float, ...]:
-        """The scores of benign runs."""
         return tuple(score for score, label in zip(self.scores, self.labels, strict=True) if label == BENIGN)
 
 

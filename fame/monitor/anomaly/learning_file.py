@@ -95,8 +95,6 @@ DEFAULTS = (
 
 @dataclass(frozen=True, slots=True)
 class Learning:
-    """A learning file."""
-
     file: Path
     fit: DataFile | None
     unsupervised: DataFile | None

@@ -64,12 +64,10 @@ class RunNode(RecordingNode):
         )  # fmt: skip
 
     def begin(self, message: Any = None) -> None:
-        """Begin a run."""
         self._runs.begin()
         self._update()
 
     def end(self, message: Any = None) -> None:
-        """End the current run."""
         self._runs.end()
         self._update()
 

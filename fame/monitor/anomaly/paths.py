@@ -340,7 +340,6 @@ def directions(places: Floats, slow: float = PathParameters().slow) -> Floats:
 
 
 def join_paths(paths: Sequence[Paths]) -> Paths:
-    """All points of several paths."""
     arrays = {name: np.concatenate([getattr(path, name) for path in paths]) for name in _ARRAYS}
     return Paths(**arrays, arrival=min(path.arrival for path in paths))
 

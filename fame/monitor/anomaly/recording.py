@@ -191,12 +191,10 @@ class Recording:
         return int(self.runs[-1]) + 1 if len(self.runs) else 0
 
     def slices(self) -> list[slice]:
-        """The rows of each run."""
         bounds = [0, *(np.flatnonzero(np.diff(self.runs)) + 1).tolist(), len(self.runs)]
         return [slice(first, last) for first, last in pairwise(bounds)] if len(self.runs) else []
 
     def run_labels(self) -> list[int]:
-        """The label of each run."""
         return [int(self.labels[rows.start]) for rows in self.slices()]
 
     def __iter__(self) -> Iterator[Recording]:

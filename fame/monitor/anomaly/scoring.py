@@ -37,8 +37,6 @@ BENIGN_POINT = PointVerdict(False)
 
 
 class Scorer:
-    """Scores points one by one."""
-
     def reset(self) -> None:
         """The next run begins."""
 

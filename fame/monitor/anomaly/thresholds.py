@@ -43,7 +43,6 @@ def _calibrated(
 
 
 def _threshold(candidate: CandidateClassifier, whole: Recording, held: Evaluation | None) -> tuple[float, str]:
-    """The threshold, and what is wrong with it."""
     if candidate.threshold != "auto":
         return float(candidate.threshold or 0.0), ""
     if held is None or len(set(held.labels)) < 2:

@@ -44,8 +44,6 @@ _RIDGE = 1e-5
 
 
 class FittedDetector(Protocol):
-    """A fitted detector."""
-
     kind: ClassVar[str]
 
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:

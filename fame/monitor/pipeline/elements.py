@@ -66,7 +66,6 @@ def phase_times(stamps: Floats, changes: ActiveElements, axis: Axis) -> Floats:
 
 
 def run_times(run: Samples, stamps: Floats, axis: Axis) -> Floats:
-    """Give the place of stamps of a run on the axis."""
     return phase_times(stamps, run.elements, axis) if axis else stamps - run.stamps[0]
 
 

@@ -221,8 +221,6 @@ class _Slot:
 
 @dataclass(frozen=True, slots=True)
 class Writer:
-    """Makes messages of a type."""
-
     type: str
     stamped: bool
     slots: tuple[_Slot, ...]

@@ -34,8 +34,6 @@ _LAST_SECOND = 2.0**31
 
 @dataclass(frozen=True, slots=True)
 class _Publication:
-    """One topic."""
-
     ports: tuple[Port, ...]
     publisher: Publisher
     writer: Writer
@@ -159,11 +157,9 @@ class ProcessingNode:
 
     @property
     def published(self) -> int:
-        """Messages."""
         return self._publications.count
 
     def close(self) -> None:
-        """Close all endpoints and processors."""
         for entry in self._entries:
             entry.cancel()
         self._subscriptions.close()

@@ -27,8 +27,6 @@ _MAX_LINE = 1 << 16  # bytes of a line, at most
 
 
 class Connection(Protocol):
-    """What gives lines."""
-
     def read(self) -> bytes:
         """Give what has arrived since the last call, b"" for nothing. Raises OSError if the machine is unreachable."""
 
@@ -59,7 +57,6 @@ class Machine(Processor):
         return None if answer is None else self._by_name(answer)
 
     def close(self) -> None:
-        """Close the connection."""
         if self._connection is not None:
             self._connection.close()
             self._connection = None

@@ -26,8 +26,6 @@ EMPTY = "std_msgs/msg/Empty"
 
 
 class RowSink(Protocol):
-    """A destination of rows."""
-
     def put(self, row: Row) -> None: ...
     def flush(self) -> None: ...
     def close(self) -> None: ...
@@ -115,7 +113,6 @@ class RecordingNode:
             self._scheduler.after(round(seconds * SECOND), partial(self._look, self.rows, seconds), Kind.TIMER)
 
     def begin(self, message: Any = None) -> None:
-        """Begin the next run."""
         self.run += self._begun
         self._begun = False
 

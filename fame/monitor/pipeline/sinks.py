@@ -54,7 +54,6 @@ class Row(NamedTuple):
 
 
 def columns_of(row: Row) -> list[str]:
-    """The names of its columns."""
     found: list[str] = []
     for port, value, names in zip(row.ports, row.values, row.names, strict=True):
         if value.__class__ is float:
@@ -279,7 +278,6 @@ class Influx:
         self._thread.start()
 
     def put(self, row: Row) -> None:
-        """One more row."""
         fields = ",".join(
             f"{_escape(name)}={value!r}" for name, value in zip(columns_of(row), cells_of(row), strict=True)
         )

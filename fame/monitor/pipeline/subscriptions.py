@@ -177,7 +177,6 @@ class Subscriptions:
             stream.silence.close()
 
     def on_message(self, stream: _Stream, message: Any) -> None:
-        """Take a message of a stream."""
         now, topic = self._scheduler.now / SECOND, stream.topic
         stream.silence.on_message()
         stamp = (stamp_of(message) if stream.stamped else 0.0) or now

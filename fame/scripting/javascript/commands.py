@@ -73,7 +73,6 @@ class HostApi:
                 realm.close()
 
     def close(self) -> None:
-        """Close all realms."""
         for realm in list(self.realms):
             realm.close()
 
@@ -108,7 +107,6 @@ def advertise(realm: Realm, run: ScriptRun, type: str, topic: str) -> None:
 
 
 def publish(realm: Realm, run: ScriptRun, type: str, topic: str, message: Any) -> None:
-    """publish: send a message."""
     realm.robot.publish(topic, type, message)
 
 

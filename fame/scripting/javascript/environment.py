@@ -84,7 +84,6 @@ class Environment:
         return values, kept
 
     def _collections(self, view: dict[str, Any]) -> dict[str, str]:
-        """The texts of changed collections."""
         texts = self._texts
         found: dict[str, str] = {}
         for name, mark in [*self._watched.items()]:

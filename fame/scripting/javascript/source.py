@@ -114,7 +114,6 @@ class SourceText:
 
     @property
     def body(self) -> str:
-        """The body of a function."""
         return f"{{return ({self.text}\n)}}" if self.mode == "expression" else f"{{{self.text}\n}}"
 
     @property
@@ -124,7 +123,6 @@ class SourceText:
 
     @property
     def last(self) -> int:
-        """Its last line."""
         return self.line + self.text.count("\n")
 
 

@@ -44,7 +44,6 @@ REFUSED: Mapping[str, str] = {
 
 
 def element(context: Context, node: Node, found: Extensions) -> None:
-    """Read an extension element."""
     name = local_name(node)
     read = _ELEMENTS.get(name)
     if read is not None:

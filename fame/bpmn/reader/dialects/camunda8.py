@@ -20,7 +20,6 @@ IGNORED: Set[str] = {
 
 
 def element(context: Context, node: Node, found: Extensions) -> None:
-    """Read an extension element."""
     name = local_name(node)
     read = _ELEMENTS.get(name)
     if read is not None:
