@@ -1,5 +1,5 @@
 # An engine, a world or any other command of FAME: docker run fame engine REX. Built for amd64; on arm64 it communicates
-# over Zenoh (--middleware zenoh), since Cyclone DDS has no wheel there (docs/deployment.md#containers).
+# over Zenoh (--middleware zenoh), since Cyclone DDS has no wheel there (docs/robot_computers.md#containers).
 FROM debian:bookworm-slim AS build
 # hadolint ignore=DL3008
 RUN apt-get update && apt-get install --yes --no-install-recommends python3-venv && rm -rf /var/lib/apt/lists/*

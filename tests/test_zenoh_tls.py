@@ -154,7 +154,7 @@ def test_two_processes_talk_over_tls(depot: Depot) -> None:
         echo.wait()
 
 
-# ---- rights of each robot, as docs/deployment.md writes them ---------------------------------------------------------
+# ---- rights of each robot, as docs/network.md writes them ------------------------------------------------------------
 
 
 class Base:
@@ -164,8 +164,8 @@ class Base:
         self._folder, self._port, authority = folder, free_port(), Authority(folder)
         for name in ("router", "operator", "REX", "DINGO"):
             authority.certify(name)
-        page = (ROOT / "docs" / "deployment.md").read_text()
-        section = page.partition("### Over Zenoh, each robot with a certificate")[2]
+        page = (ROOT / "docs" / "network.md").read_text()
+        section = page.partition("## A certificate for each robot")[2]
         router, robot = re.findall(r"```json5\n(.*?)```", section, re.DOTALL)[:2]
         self._write("router", router)
         for name in ("operator", "REX", "DINGO"):
