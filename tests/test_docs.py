@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from fame.cli import main
+
 ROOT = Path(__file__).parent.parent
 PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")})
 LINK = r"\]\(([^()# ]*)(?:#([^()]*))?\)"
@@ -48,6 +50,22 @@ def test_pages_that_code_names_exist() -> None:
             if name != "docs/design.md":  # of rmw_zenoh
                 assert (ROOT / name).exists(), (path, name)
                 assert not anchor or anchor in anchors(ROOT / name), (path, name, anchor)
+
+
+def test_fame_docs_gives_the_address_of_a_page_of_the_site(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr("fame.cli.docs._SITE", tmp_path)
+    assert main(["docs", "--no-open"]) == 2
+    assert capsys.readouterr().err == f"fame: error: {tmp_path}: the site is not built; make docs builds it\n"
+    (tmp_path / "docs").mkdir()
+    for name in ("index", "semantics"):
+        (tmp_path / "docs" / f"{name}.html").touch()
+    assert main(["docs", "semantisc", "--no-open"]) == 2
+    assert capsys.readouterr().err == "fame: error: unknown page 'semantisc'; did you mean 'semantics'?\n"
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    assert main(["docs"]) == 0
+    assert capsys.readouterr().out == f"file://{tmp_path}/docs/index.html\n"
+    assert opened == [f"file://{tmp_path}/docs/index.html"]
 
 
 def test_the_index_lists_every_page() -> None:

@@ -82,6 +82,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "param": "ros.add_param",
         "unit": "unit.add",
         "completion": "completion.add",
+        "docs": "docs.add",
     },
 }
 """The function that declares each command, by group. A module is imported when one of its commands is asked for: an
