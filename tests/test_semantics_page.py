@@ -1,6 +1,6 @@
-"""docs/semantics.md is true: its rules link to tests that exist, its tables say what the engine executes and refuses.
+"""The pages on semantics are true: rules have tests that exist, tables say what the engine executes and refuses.
 
-After a change of the engine, change the page: a test that fails here names the row or the message.
+After a change of the engine, change the pages: a test that fails here names the row or the message.
 """
 
 from __future__ import annotations
@@ -18,9 +18,19 @@ from fame.check import check
 from fame.errors import ModelError
 
 ROOT = Path(__file__).parent.parent
-PAGE = (ROOT / "docs" / "semantics.md").read_text(encoding="utf-8")
+RULES, ACTIVITY_RULES, SIGNAL_RULES, EVENT_RULES, TABLES, TESTS = (
+    (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+    for name in (
+        "semantics",
+        "semantics_activities",
+        "signals",
+        "semantics_events",
+        "semantics_tables",
+        "semantics_tests",
+    )
+)
 CONFORMANCE = sorted((ROOT / "tests" / "conformance").glob("test_*.py"))
-LINKS = re.findall(r"\]\(\.\./(tests/[^)#]+)#(\w+)\)", PAGE)
+LINKS = re.findall(r"\]\(\.\./(tests/[^)#]+)#(\w+)\)", TESTS + TABLES)
 
 # ---- links -----------------------------------------------------------------------------------------------------------
 
@@ -44,14 +54,16 @@ def test_every_conformance_test_is_linked() -> None:
 
 
 def test_every_rule_is_linked() -> None:
-    """A rule is an item of a list with a bold name; the end of its section lists the tests under the same names."""
-    sections = re.split(r"^## ", PAGE.partition("## What is executed")[0], flags=re.MULTILINE)[1:]
-    rules = [re.findall(r"^- \*\*(.+?)\.\*\*", section, re.MULTILINE) for section in sections]
+    """A rule is an item of a list with a bold name; docs/semantics_tests.md lists its tests under the same name."""
+    rules = [
+        re.findall(r"^- \*\*(.+?)\.\*\*", page, re.MULTILINE)
+        for page in (RULES, ACTIVITY_RULES, SIGNAL_RULES, EVENT_RULES)
+    ]
     assert sum(map(len, rules)) > 110
-    for section, named in zip(sections, rules, strict=True):
-        tests = re.findall(r"^- ([^*:]+): (.*)", section.partition("<details>")[2], re.MULTILINE)
+    for section, named in zip(TESTS.split("\n## ")[1:], rules, strict=True):
+        tests = re.findall(r"^- ([^*:]+): (.*)", section, re.MULTILINE)
         assert [name for name, _ in tests] == named
-        assert [name for name, links in tests if "#test_" not in links and name != "Stimulus"] == []
+        assert [name for name, links in tests if "](../tests/" not in links and name != "Stimulus"] == []
 
 
 # ---- models ----------------------------------------------------------------------------------------------------------
@@ -167,7 +179,7 @@ def gateway(kind: str, how: str) -> str:
 
 def table(corner: str) -> Iterator[tuple[str, str, str]]:
     """(row, column, what the cell says) of the table whose first column has that title."""
-    lines = iter(PAGE.partition(f"\n| {corner} |")[2].splitlines())
+    lines = iter(TABLES.partition(f"\n| {corner} |")[2].splitlines())
     columns = [cell.strip() for cell in next(lines).strip(" |").split("|")]
     next(lines)
     for line in lines:
@@ -192,7 +204,7 @@ def refusal(content: str) -> str:
     return ""
 
 
-MESSAGES = dict(re.findall(r"^\| ([a-z]) \| [^|]+ \| (.+) \|$", PAGE, re.MULTILINE))
+MESSAGES = dict(re.findall(r"^\| ([a-z]) \| [^|]+ \| (.+) \|$", TABLES, re.MULTILINE))
 """What is said of the cells with a letter."""
 
 
@@ -298,7 +310,7 @@ def test_what_it_says_is_refused_is_refused(message: str, content: str) -> None:
 
 
 def test_it_tells_every_refusal() -> None:
-    told = re.findall(r"^\| [a-z]? ?\| [^|]+ \| (.+) \|$", PAGE.partition("### What is refused")[2], re.MULTILINE)
+    told = re.findall(r"^\| [a-z]? ?\| [^|]+ \| (.+) \|$", TABLES.partition("### What is refused")[2], re.MULTILINE)
     assert [one.replace("known are: none", "known are: wave") for one in told[1:]] == list(REFUSED)
 
 

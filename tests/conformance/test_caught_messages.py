@@ -1,4 +1,4 @@
-"""What a caught message does to the variables (docs/semantics.md, section 6)."""
+"""What a caught message does to the variables (docs/signals.md)."""
 
 from __future__ import annotations
 

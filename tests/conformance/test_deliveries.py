@@ -1,4 +1,4 @@
-"""No message is delivered twice, and none is lost that the rules keep (docs/semantics.md, sections 6 and 7).
+"""No message is delivered twice, and none is lost that the rules keep (docs/signals.md).
 
 Every trigger, with and without queue and correlation, at every place, from outside and from the own robot, and every
 order of arrival and arming. `expected` says by the rules, without an engine, what each event takes.

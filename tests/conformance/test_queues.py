@@ -1,4 +1,4 @@
-"""``queue=N``: a catching event that keeps messages (docs/semantics.md, section 6)."""
+"""``queue=N``: a catching event that keeps messages (docs/signals.md)."""
 
 from __future__ import annotations
 
