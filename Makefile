@@ -43,6 +43,9 @@ INTERPRETER ?= python$(VERSION)
 FAST_TESTS := $(addprefix tests/,test_reader.py test_scripts.py test_script_budget.py test_variables.py test_expressions.py test_feel.py \
 	test_clock.py test_messages.py test_journal.py test_transforms.py test_small_missions.py)
 
+# The files with a word, one that marks the tests of a stage: to collect all files takes longer than some stages.
+tests_with = $(shell grep -lrw --include='test_*.py' $(1) tests)
+
 .PHONY: demo docs test torture fuzz test-processes test-browser test-node test-fastdds test-python test-ros attack lint clean
 
 demo: $(VENV)/sim.installed
@@ -63,13 +66,13 @@ fuzz: $(VENV)/dev.installed
 	$(BIN)/python -m tests.fuzz $(or $(FUZZ),--minutes 60)
 
 test-processes: $(VENV)/dev.installed
-	$(BIN)/python .ci/stage.py $@ --no-skips -- -n 2 --dist worksteal -m "processes and not browser and not ros" $(PYTEST)
+	$(BIN)/python .ci/stage.py $@ --no-skips -- -n 2 --dist worksteal -m "processes and not browser and not ros" $(call tests_with,processes) $(PYTEST)
 
 test-browser: $(VENV)/dev.installed
-	$(BIN)/python .ci/stage.py $@ --no-skips -- -n 2 --dist worksteal -m "browser and not node" $(PYTEST)
+	$(BIN)/python .ci/stage.py $@ --no-skips -- -n 2 --dist worksteal -m "browser and not node" $(call tests_with,chromium) $(PYTEST)
 
 test-node: $(VENV)/dev.installed out/node/installed
-	$(BIN)/python .ci/stage.py $@ --no-skips -- -m node $(PYTEST)
+	$(BIN)/python .ci/stage.py $@ --no-skips -- -m node $(call tests_with,node_modules) $(PYTEST)
 
 out/node/installed:
 	mkdir -p out/node

@@ -1,7 +1,5 @@
 """Signals with ``delivery=acknowledged`` reach every robot that catches them, once and in order, or are reported."""
 
-from __future__ import annotations
-
 import pytest
 
 from fame.bpmn.reader import read_text

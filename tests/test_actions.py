@@ -1,7 +1,5 @@
 """Actions on every backend: goals that take their time, tell how far they are, and can be cancelled."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

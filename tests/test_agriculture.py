@@ -1,7 +1,5 @@
 """The drone and the tractors: one model for any number of them, and what happens when something goes wrong."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

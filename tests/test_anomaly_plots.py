@@ -1,7 +1,5 @@
 """Pictures of what was learned show what was found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The modes of the anomaly detection module as call activities of a mission."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

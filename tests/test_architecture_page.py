@@ -1,7 +1,5 @@
 """What docs/architecture.md and CONTRIBUTING.md say of the code is true: layers, names, files."""
 
-from __future__ import annotations
-
 import re
 from importlib import import_module
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``fame monitor adm envelope``: training data just outside a tolerance, made from benign runs."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

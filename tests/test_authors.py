@@ -3,8 +3,6 @@
 Each is in tests/models/authors. All run a second time as `fame convert` writes them, to the same log.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Where called processes are found, and that the parts of a split model call the same ones."""
 
-from __future__ import annotations
-
 import random
 import shutil
 from collections.abc import Callable

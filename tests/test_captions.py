@@ -1,7 +1,5 @@
 """Captions tell what a robot does now, and if it waits, for what."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import pytest

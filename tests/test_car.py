@@ -1,7 +1,5 @@
 """The car obeys and brakes as motors, tyres and its watchdog let it."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

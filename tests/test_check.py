@@ -1,7 +1,5 @@
 """What `fame check` says of a file, of several, and on the command line; nothing of the good models."""
 
-from __future__ import annotations
-
 import io
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What `fame check` calls an error: every kind of model that fails."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What `fame check` says of flows: start and end events, endless loops, conditions of choices, parallel joins."""
 
-from __future__ import annotations
-
 from html import escape
 
 import pytest

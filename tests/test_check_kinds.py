@@ -1,7 +1,5 @@
 """What `fame check` knows of the values of variables: messages that overwrite others, payloads that cannot fit."""
 
-from __future__ import annotations
-
 import pytest
 from check_drawing import BOOL, VECTOR, alone, call, catch, data, reading, row, script, team, throw, told
 

@@ -1,7 +1,5 @@
 """`fame check SCENARIO.yaml`: the scenario and its model, without running it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What `fame check` says of scripts: requests that nobody awaits, misspelt methods, names of earlier scripts."""
 
-from __future__ import annotations
-
 from html import escape
 
 import pytest

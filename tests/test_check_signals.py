@@ -1,7 +1,5 @@
 """What `fame check` says of who waits for whom: robots that wait for each other, signals too early or too many."""
 
-from __future__ import annotations
-
 import pytest
 from check_drawing import START, alone, catch, choice, ends, event, flow, flows, row, script, team, throw, timer, told
 

@@ -1,7 +1,5 @@
 """Variables that nothing sets: what `fame check` knows of those of a process, its callers and its messages."""
 
-from __future__ import annotations
-
 import pytest
 from bpmn_text import extensions, process
 from check_drawing import (

@@ -1,7 +1,5 @@
 """What `fame check` warns of, what it only notes, and what it does not blame."""
 
-from __future__ import annotations
-
 import pytest
 from bpmn_text import extensions, properties
 from check_drawing import (

@@ -1,7 +1,5 @@
 """The `fame` command as a whole: help, version, and how it ends when something is in its way."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """What is wrong with a file or a mission is said in one clear line, with the exit code that fits, and no traceback."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """``fame library``: what it lists is what the files draw, and what their documentation says."""
 
-from __future__ import annotations
-
 import json
 import re
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """``fame split``, ``fame check`` and ``fame draw``: what one does with a model before and after a run."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import xml.etree.ElementTree as ET

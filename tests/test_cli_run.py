@@ -1,7 +1,5 @@
 """``fame run``: what it prints, writes and returns."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """The queue of things to do: order, cancellation, and the wall clock's calls from other threads."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

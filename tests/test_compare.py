@@ -1,7 +1,5 @@
 """Detectors compared on a user's own runs, and the best one chosen by the stated rule."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

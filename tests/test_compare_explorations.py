@@ -1,7 +1,5 @@
 """Explorations of collaborations made at random say what their runs show, and the other way round."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Files that people write: an error names file, line, key path, what was expected and what was found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

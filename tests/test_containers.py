@@ -1,7 +1,5 @@
 """The image and the team in containers: the Dockerfile is sound, compose.yaml starts what the warehouse needs."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

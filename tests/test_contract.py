@@ -1,7 +1,5 @@
 """The contract of a mission: its topics, services and actions, and what a running graph lacks of them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

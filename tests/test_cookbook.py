@@ -1,7 +1,5 @@
 """The patterns of the cookbook: each is checked, drawn, run, explored and tested, and a fault in it is noticed."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

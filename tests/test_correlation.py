@@ -1,7 +1,5 @@
 """The property ``correlate`` of an element that receives a message (docs/correlation.md)."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

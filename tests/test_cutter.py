@@ -1,7 +1,5 @@
 """The MH5 in the world: it cuts when told, tells its joints, and can be led astray."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Files that somebody damaged: whatever happens to one, it is read, or refused in one line; never anything else."""
 
-from __future__ import annotations
-
 import copy
 from random import Random
 

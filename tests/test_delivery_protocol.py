@@ -1,7 +1,5 @@
 """Acknowledged signals are accepted once and in order, or reported, whatever is lost and whoever is started anew."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Detectors by one interface, on data as a user's own robot gives them."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The diagram interchange: where things are drawn."""
 
-from __future__ import annotations
-
 import pytest
 from bpmn_text import document, notes_of
 

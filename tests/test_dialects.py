@@ -1,7 +1,5 @@
 """Dialects: what the extension elements of FaMe's three generations and of Camunda 7 and 8 mean."""
 
-from __future__ import annotations
-
 from html import escape
 from pathlib import Path
 from typing import Any

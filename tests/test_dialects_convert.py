@@ -1,7 +1,5 @@
 """``fame convert``: a file of any dialect in the current form, which means and does the same."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

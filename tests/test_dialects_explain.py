@@ -1,7 +1,5 @@
 """``fame check --explain``: what a foreign file was read as, and each habit of its tool on which it relies."""
 
-from __future__ import annotations
-
 import json
 from html import escape
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Models of every dialect run, and those that say the same do the same; whole missions in the style of the original."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path

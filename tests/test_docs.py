@@ -1,7 +1,5 @@
 """Pages: their links lead somewhere, and the site has all of them."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from functools import cache

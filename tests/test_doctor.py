@@ -1,7 +1,5 @@
 """`fame doctor`: what is wrong with a machine or a team is told with its mend, and what was not seen is not fine."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Drawing: the diagram as SVG."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Models that are drawn and cannot be executed yet: read, drawn, converted, split, checked with all faults at once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from random import Random

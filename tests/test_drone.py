@@ -1,7 +1,5 @@
 """The drone takes off, obeys, hovers and lands as rotors, battery and watchdog let it; its camera finds weeds."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

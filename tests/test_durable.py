@@ -1,7 +1,5 @@
 """A robot goes on from any record of its journal, and ends as if nothing had happened."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Engines with a state directory, from the command line: repair with keys, and directories that cannot be used."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

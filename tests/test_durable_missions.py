@@ -1,7 +1,5 @@
 """Engines of missions in a simulated world are killed at seeded instants, go on, and the mission ends as it should."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Callable, Mapping
 from functools import partial

@@ -1,7 +1,5 @@
 """After a crash a goal is taken up again by its id; else the property `retry` counts; missed timers follow `missed`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Models and learning files of earlier versions: they load, or are refused with the command that makes them anew."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 from typing import Any

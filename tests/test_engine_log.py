@@ -1,7 +1,5 @@
 """An engine keeps a log of its own, of bounded size; the logs of a team are merged by time."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from datetime import datetime, timedelta

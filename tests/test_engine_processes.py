@@ -3,8 +3,6 @@
 Within rclpy, `fame run` of the example missions too; over DDS that is in `test_processes` and `test_lockstep`.
 """
 
-from __future__ import annotations
-
 import fcntl
 import importlib.util
 import json

@@ -1,7 +1,5 @@
 """The date of second 0: what date timers, scripts and logs count from."""
 
-from __future__ import annotations
-
 import json
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`fame.monitor.Detector`: an estimator of scikit-learn like any other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from sklearn.ensemble import IsolationForest

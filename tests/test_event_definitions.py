@@ -1,7 +1,5 @@
 """Events: what triggers them, what they throw, and where they may stand."""
 
-from __future__ import annotations
-
 import pytest
 from bpmn_text import node_of, process, properties, refused
 

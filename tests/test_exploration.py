@@ -1,7 +1,5 @@
 """Explorations of collaborations whose verdicts are known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``fame check --explore`` and ``fame deploy --explore`` on the command line."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """An unknown condition that is asked again with unchanged variables has the same outcome."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Exploration from the states that robots are in, instead of from their starts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 

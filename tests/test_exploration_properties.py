@@ -1,7 +1,5 @@
 """Properties in an exploration: proved, or refuted by a run; reduced and full searches agree, and so do real runs."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from html import escape
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The reduced search finds what the full search finds, on collaborations made at random."""
 
-from __future__ import annotations
-
 import pytest
 from collaborations import Steps, generated, philosophers, team, text_of, varied, with_lists
 from compare_explorations import verdicts

@@ -1,7 +1,5 @@
 """Every deadlock, lost signal and mission that never completes is reproduced by real engines along its run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """When a limit binds: the schedule of a run, fewer robots, random runs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from random import Random
 

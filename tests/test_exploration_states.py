@@ -1,7 +1,5 @@
 """Local states become engines again, and a step that is known from another state goes as an engine takes it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What an exploration makes of values that are unknown: whatever is asked of them may have each answer."""
 
-from __future__ import annotations
-
 import pytest
 from bpmn_text import process
 from collaborations import Steps, team, text_of

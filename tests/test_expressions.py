@@ -1,7 +1,5 @@
 """Conditions and values: ${...}, =..., and Python, and what they may not reach."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """FEEL as models of Camunda 8 use it: its functions, dates and types, and what it costs."""
 
-from __future__ import annotations
-
 import re
 from datetime import UTC, datetime
 from pathlib import Path

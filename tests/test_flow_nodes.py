@@ -1,7 +1,5 @@
 """Flow nodes, data and pools: every element of a file, as the model has it."""
 
-from __future__ import annotations
-
 import pytest
 from bpmn_text import body_of, document, node_of, process, properties, refused
 

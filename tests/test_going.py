@@ -1,7 +1,5 @@
 """The behaviours of the library end, by arriving or by their documented errors, also when sensors are noisy."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

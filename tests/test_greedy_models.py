@@ -1,7 +1,5 @@
 """A model that forks, waits or ends without measure leaves its engine time for deployment and status."""
 
-from __future__ import annotations
-
 import pytest
 from deployment_field import Field, definitions, process
 

@@ -1,7 +1,5 @@
 """Durations, dates and cycles of timer events."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta, timezone
 from itertools import islice
 from zoneinfo import ZoneInfo

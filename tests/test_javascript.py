@@ -1,7 +1,5 @@
 """Scripts and conditions in JavaScript: their variables, their interface, their lines."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What is wrong with a script is an error of that script: events of the model catch it, else its robot alone fails."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

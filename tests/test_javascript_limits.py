@@ -1,7 +1,5 @@
 """What a script in JavaScript cannot do: run forever, take all memory, reach the host, spoil the scripts of others."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

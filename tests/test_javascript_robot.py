@@ -1,7 +1,5 @@
 """What scripts in JavaScript do with their robot: topics, timers, services; callbacks and how long they live."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

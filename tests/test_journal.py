@@ -1,7 +1,5 @@
 """The file under a robot's journal: torn ends, damage, foreign files, the lock, growth, a full disk."""
 
-from __future__ import annotations
-
 import errno
 import os
 import sqlite3

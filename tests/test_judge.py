@@ -1,7 +1,5 @@
 """Recorded runs judged by a model: verdicts, events, figures, the report, and the card of the model."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Engines with a state directory are killed at any instant, and the mission goes on: nothing is lost or done twice."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """An engine as a managed node of ROS 2: when it configures, what starts with its activation, what stops it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Properties of a running team: judged from the events that its engines publish, and again from the recording."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from functools import partial

@@ -1,7 +1,5 @@
 """A team in many processes is followed and recorded: what the engines tell gives the same recording as one process."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from datetime import timedelta

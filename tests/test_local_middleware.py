@@ -1,7 +1,5 @@
 """Topics and services within one process."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Lockstep: the world waits for every engine after each step, messages wait for their step, and runs are the same."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Logs of a run: what is written of each event, in each form, and that equal runs give equal bytes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

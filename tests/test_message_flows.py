@@ -1,7 +1,5 @@
 """Message flows: what a sender sends goes to the topic of its receiver, in the whole and in the parts of a model."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

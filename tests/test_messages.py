@@ -1,7 +1,5 @@
 """Messages: types of ROS 2 Jazzy and registered ones, filling, plain data, and the wire."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math

@@ -1,7 +1,5 @@
 """A message that is thrown may be for one robot of a pool: property ``to``."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What every middleware promises, whichever it is."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """A team goes over to another model: all robots or none, previewed, and only if nobody would then wait forever."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

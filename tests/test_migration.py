@@ -1,7 +1,5 @@
 """What runs goes over to a changed model: tokens, subscriptions, variables, timers; all robots or none."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tests of missions do once, or not at all, what would make each of them slow: imports, recordings, collections."""
 
-from __future__ import annotations
-
 import gc
 import os
 import weakref

@@ -1,7 +1,5 @@
 """Mission parameters: values of variables from outside, in scenarios, on the command line and in `fame check`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

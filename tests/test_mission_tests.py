@@ -1,7 +1,5 @@
 """Tests of missions: what drives them, what is expected of them, what a failed expectation shows."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """``fame deploy`` watches what it has deployed: failures, the end, engines that leave."""
 
-from __future__ import annotations
-
 import pytest
 from deployment_field import Field, definitions, patrol, process
 

@@ -1,7 +1,5 @@
 """Missions that go on step by step, as a test says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Coverage of models by tests: what counts, the reports, the reasons, `fame test`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """The models that come with FAME: they hold what the guidelines ask, and they are drawn as a careful person draws."""
 
-from __future__ import annotations
-
 import ast
 import builtins
 import math

@@ -1,7 +1,5 @@
 """Data that say little or contradict themselves: one run, channels that stand still, very unequal runs, labels."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """docs/tutorial_monitor.md: deploy and record again and again, train, monitor; in simulated time."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

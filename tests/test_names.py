@@ -1,7 +1,5 @@
 """A name of a class or type means one thing: those defined more than once are listed here, each with its reason."""
 
-from __future__ import annotations
-
 import ast
 from collections import defaultdict
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Nav2 in the simulated world: the action servers of a robot with `navigation: nav2`."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

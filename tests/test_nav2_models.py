@@ -1,7 +1,5 @@
 """The call activities of `models/nav2` drive a simulated robot with Nav2: goals, feedback, errors, interruption."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """Parameters of nodes between processes: every node offers ROS's services, and the parts of an engine share them."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Payloads of events and properties of data objects: values go in as values."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

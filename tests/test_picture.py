@@ -1,7 +1,5 @@
 """Pictures and animations of a run show what was recorded."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import subprocess

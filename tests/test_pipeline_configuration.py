@@ -1,7 +1,5 @@
 """Configurations as published, and with what was added; what is wrong with one is said before anything runs."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Machines outside ROS: polled, and what they say published."""
 
-from __future__ import annotations
-
 import os
 import socket
 import time

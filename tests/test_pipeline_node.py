@@ -1,7 +1,5 @@
 """Processing nodes: samples in, messages out, bad data left out and reported, parameters changed while they run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

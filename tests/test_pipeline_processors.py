@@ -1,7 +1,5 @@
 """Processors: what each computes, and that it does not depend on how samples are cut into calls."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

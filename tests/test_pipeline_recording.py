@@ -1,7 +1,5 @@
 """Recording nodes: what is said on topics, as CSV, bags and in a database; live and from bags."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Pipelines in missions: services are call activities that run until their scope ends, an alarm is a signal."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from pathlib import Path

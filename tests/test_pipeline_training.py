@@ -1,7 +1,5 @@
 """Detectors: trained from runs, calibrated by runs that were left out, stored, refused when foreign or stale."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Values as plain data for recordings and watchers, with orjson and without it, and in snapshots."""
 
-from __future__ import annotations
-
 import json
 from array import array
 from collections import Counter, defaultdict, deque

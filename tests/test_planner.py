@@ -1,7 +1,5 @@
 """The planner finds short ways around what is in the map, and says so where there is none."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

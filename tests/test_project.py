@@ -1,7 +1,5 @@
 """A project: `fame new` writes it, and commands take from its `fame.yaml` what their command line does not say."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

@@ -1,7 +1,5 @@
 """Properties: their grammar, what they may name, and that monitors judge as docs/properties.md says."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Properties of runs: judged while a mission runs, checked before, and judged again from its logs."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pages show public names only: those in ``__all__`` of the packages that docs/python.md lists."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

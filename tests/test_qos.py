@@ -1,7 +1,5 @@
 """Quality of service as models write it, and which ends of a topic understand each other."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Random numbers: one source per robot, the same for the same seed; the modules `random` and `numpy.random` in runs."""
 
-from __future__ import annotations
-
 import json
 import random
 import shlex

@@ -1,7 +1,5 @@
 """The reader: which files are BPMN, what may be odd about them, and what is wrong with them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

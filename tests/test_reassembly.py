@@ -1,7 +1,5 @@
 """The reassembly: what the joint monitor makes of free and obstructed runs, and the mission that it stops."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A recording has what happened in a run, its variables, what tokens waited for, and the world, at any time of it."""
 
-from __future__ import annotations
-
 import json
 import random
 import subprocess

@@ -1,7 +1,5 @@
 """What `fame check` calls an error is refused by a run and a deployment, in the same words, before anything moves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The `type:` of a robot: built in, installed by a package, a class of a module, a class of a file beside the world."""
 
-from __future__ import annotations
-
 from importlib.metadata import EntryPoint
 from pathlib import Path
 

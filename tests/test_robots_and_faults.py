@@ -1,7 +1,5 @@
 """``--robots`` and ``--fault``: one model for any number of robots, and what the others do when one of them breaks."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A run ends when nothing runs and nothing will start by itself; what never started is not completed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

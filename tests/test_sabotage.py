@@ -1,7 +1,5 @@
 """The sabotage example: an arm is led astray in mid-production, and its monitor stops it."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`fame check --explore --report`: a page for people who sign says what was checked, and what was not."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """`Simulation.save` and `Simulation.load`: the run goes on as if it had not been interrupted."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

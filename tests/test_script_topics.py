@@ -1,7 +1,5 @@
 """Topics that scripts name literally are known before the script runs."""
 
-from __future__ import annotations
-
 import pytest
 
 from fame.bpmn.model import Expression

@@ -1,7 +1,5 @@
 """Scripts in Python: their scope, their lines, what is refused when they are compiled."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from functools import partial

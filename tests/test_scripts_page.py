@@ -1,7 +1,5 @@
 """What docs/scripts.md says of scripts and expressions is what they find."""
 
-from __future__ import annotations
-
 import re
 from datetime import UTC, datetime
 from pathlib import Path

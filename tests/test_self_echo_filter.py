@@ -1,7 +1,5 @@
 """What a node's own middleware brings back to it is told from what others say."""
 
-from __future__ import annotations
-
 from fame.clock import SECOND
 from fame.middleware.codec import serialize
 from fame.middleware.messages import create

@@ -3,8 +3,6 @@
 After a change of the engine, change the pages: a test that fails here names the row or the message.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from itertools import pairwise

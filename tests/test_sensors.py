@@ -1,7 +1,5 @@
 """Odometry and range: what they tell, how wrong they are, and that each has chance of its own."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """An action server in a process of its own is stopped, or killed and started again: the token goes on."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Service tasks call ROS services and actions, on every backend: request, result, feedback, errors, cancellation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

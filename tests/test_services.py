@@ -1,7 +1,5 @@
 """Services that run as long as their service task."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

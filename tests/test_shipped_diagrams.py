@@ -1,7 +1,5 @@
 """The shipped diagrams can be read: no name lies on a flow or a shape, and no boundary event covers a marker."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from itertools import combinations, pairwise

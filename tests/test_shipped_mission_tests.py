@@ -1,7 +1,5 @@
 """The tests in examples/tests pass, and cover every element and flow of their models."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

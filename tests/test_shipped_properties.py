@@ -1,7 +1,5 @@
 """The properties of shipped missions: each has three, they hold, and a mutated model breaks each of them."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

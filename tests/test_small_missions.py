@@ -1,7 +1,5 @@
 """The small examples: cars that set off together, a car that delivers, a tractor that charges in between."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

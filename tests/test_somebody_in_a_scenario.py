@@ -1,7 +1,5 @@
 """``complete`` of a scenario, ``--complete`` and `Completion`: somebody completes tasks at simulated seconds."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -5,8 +5,6 @@ encodings, ids, vendors' extensions, diagrams, languages. A tool that has a seco
 its models from running (Java, Groovy, MVEL ...).
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """A person suspends a mission, steers the robot, and lets the mission continue; the engine may die meanwhile."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A person takes a robot over, steers it in the world, and hands it back to its mission."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

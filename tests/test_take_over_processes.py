@@ -1,7 +1,5 @@
 """A robot of a team in many processes is taken over, steered and given back over DDS."""
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess

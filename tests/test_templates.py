@@ -1,7 +1,5 @@
 """Element templates for Camunda Modeler: valid, up to date, and read as what they say in a model made with them."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path

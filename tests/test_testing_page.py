@@ -1,7 +1,5 @@
 """docs/testing.md is true: its three tests run on the mission of docs/tutorial.md, and the third fails first."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

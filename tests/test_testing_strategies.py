@@ -1,7 +1,5 @@
 """Strategies of hypothesis for missions, and the command that repeats a failing case."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The topic table: who throws, who catches, and the one type of each topic."""
 
-from __future__ import annotations
-
 import pytest
 from bpmn_text import document, properties
 

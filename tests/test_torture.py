@@ -1,7 +1,5 @@
 """Teams under faults, each run decided by its seed: what once failed holds, and a planted bug is found."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The tractor cuts what its blade turns above, drains its battery, and breaks as it is told."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

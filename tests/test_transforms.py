@@ -1,7 +1,5 @@
 """Transforms between frames: what a robot's buffer answers, what scripts ask, what the world says on /tf."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`fame unit`, and what an engine tells systemd: that it is ready, alive, and about to end."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

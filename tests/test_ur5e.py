@@ -1,7 +1,5 @@
 """The UR5e: its dynamics against energy, its motion, contacts, and the robot in the world beside the recorded run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cache

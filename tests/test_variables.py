@@ -1,7 +1,5 @@
 """Variables of inner scopes, as scripts see them."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

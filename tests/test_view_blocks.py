@@ -1,7 +1,5 @@
 """Blocks of a run: each can be shown alone, and together they are the run."""
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Texts of the page can be read: contrast of at least 4.5 to 1 (WCAG 2.2, level AA) in light and dark."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a token waits for is followed through the team: who could send it, what those wait for, and circles."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 

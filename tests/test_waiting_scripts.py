@@ -1,7 +1,5 @@
 """Scripts that wait: what they can await, on the engine's clock, and how they are cancelled."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Stations, parcels and doors, the carrier, and the mission of examples/warehouse.yaml."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The warehouse between processes: bids, doors, parcels and Nav2's actions over DDS and over Zenoh."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

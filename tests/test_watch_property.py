@@ -1,7 +1,5 @@
 """A robot watches a property of its team: when another one breaks it, its event sub-process reacts."""
 
-from __future__ import annotations
-
 import signal
 import time
 from contextlib import closing

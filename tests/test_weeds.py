@@ -1,7 +1,5 @@
 """Weeds are read and told of; any number of robots is placed on free ground."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Why a token waits: the condition and its values; the topic, who publishes, why its last message did not count."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import pytest

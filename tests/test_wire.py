@@ -1,7 +1,5 @@
 """What robots publish in one process can be written for the wire, and reads the same."""
 
-from __future__ import annotations
-
 import pytest
 from grounds import Ground
 

@@ -1,7 +1,5 @@
 """The world is what its file says, refuses what cannot be, and runs the same way every time."""
 
-from __future__ import annotations
-
 import json
 import math
 import subprocess

@@ -1,7 +1,5 @@
 """Writing: a file comes out as it went in, and a pool comes out as a file of its own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Ad-hoc sub-processes (standard 13.3.5)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

@@ -1,7 +1,5 @@
 """Boundary events (standard 13.5.3)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

@@ -1,7 +1,5 @@
 """Call activities and sub-processes (standard 13.3.4; docs/semantics.md)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

@@ -1,7 +1,5 @@
 """Cancellation: dead at once, and what follows waits until scripts are out (docs/semantics.md)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import boundary, call, catch, error, handler, model, path, process, script, signal, start, sub, user

@@ -1,7 +1,5 @@
 """What a caught message does to the variables (docs/signals.md)."""
 
-from __future__ import annotations
-
 from conftest import Play
 from engine_models import (
     boundary,

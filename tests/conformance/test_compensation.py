@@ -1,7 +1,5 @@
 """Compensation and transactions (standard 13.5.5, 10.3.5)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

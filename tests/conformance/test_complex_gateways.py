@@ -1,7 +1,5 @@
 """Complex gateways (standard 13.4.5)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import Run, boundary, error, flow, gateway, path, script, start, sub, user

@@ -1,7 +1,5 @@
 """Data objects hold variables (docs/semantics.md)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

@@ -4,8 +4,6 @@ Every trigger, with and without queue and correlation, at every place, from outs
 order of arrival and arming. `expected` says by the rules, without an engine, what each event takes.
 """
 
-from __future__ import annotations
-
 import json
 from collections import deque
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A message that is thrown `to` one robot follows the rules of `test_deliveries` at every place, and only there."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

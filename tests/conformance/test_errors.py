@@ -1,7 +1,5 @@
 """Errors climb (standard 13.5.2; docs/semantics.md)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

@@ -1,7 +1,5 @@
 """Event-based gateways and multiple events (standard 13.4.6, 10.5.3; docs/semantics.md)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

@@ -1,7 +1,5 @@
 """A host may hold all that runs, and release it: as a suspension of all, whatever is suspended in it already."""
 
-from __future__ import annotations
-
 from engine_models import Run, catch, end, handler, path, script, signal, start, throw, timer, user
 
 

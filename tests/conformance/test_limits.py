@@ -1,7 +1,5 @@
 """What has no end, what is too deep, and what must not grow (docs/semantics.md)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

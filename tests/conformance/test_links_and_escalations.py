@@ -1,7 +1,5 @@
 """Link events, escalations, BPMN messages (standard 13.4.5, 13.5.5, 8.3.2)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

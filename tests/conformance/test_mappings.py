@@ -1,7 +1,5 @@
 """Data inputs and outputs (standard 10.4.1), and mappings of events, of Camunda 7 and 8."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

@@ -4,8 +4,6 @@ A sub-process ``p`` is guarded by one of them, ``b``, which leads to ``k``. In i
 fires from inside. Around it stand as many scopes as the depth says: sub-processes and calls by turns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Multi-instance activities and standard loops (standard 13.3.6, 13.3.7)."""
 
-from __future__ import annotations
-
 import pytest
 from bpmn_text import properties
 from conftest import Play

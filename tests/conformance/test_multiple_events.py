@@ -1,7 +1,5 @@
 """Events that throw several things, and gateways that start a process (standard 10.5.3, 13.4.6)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

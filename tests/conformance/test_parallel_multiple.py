@@ -1,7 +1,5 @@
 """Parallel multiple events wait for all of their triggers (standard 10.5.3, 13.5.3)."""
 
-from __future__ import annotations
-
 from conftest import Play
 from engine_models import (
     boundary,

@@ -1,7 +1,5 @@
 """``queue=N``: a catching event that keeps messages (docs/signals.md)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import (

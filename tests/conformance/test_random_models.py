@@ -1,7 +1,5 @@
 """Random block-structured models: they complete, visit what a walk over the blocks visits, and leave nothing behind."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Incidents: a failed activity keeps its token until somebody retries it, sets variables or moves the token."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """``resume=true``: event sub-processes that suspend their scope (docs/semantics.md)."""
 
-from __future__ import annotations
-
 from conftest import Play
 from engine_models import (
     TERMINATE,

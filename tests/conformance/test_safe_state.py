@@ -1,7 +1,5 @@
 """The safe state of a robot (docs/semantics.md): when the engine asks for it."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import TERMINATE, Run, boundary, end, error, handler, path, script, signal, start, sub, user

@@ -1,7 +1,5 @@
 """Sequence flow, splits and joins (standard 13.3, 13.4.1 to 13.4.3)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Start events of a process (docs/semantics.md)."""
 
-from __future__ import annotations
-
 from conftest import Play
 from engine_models import (
     catch,

@@ -1,7 +1,5 @@
 """Throwing and catching signals: order, delivery, types (docs/semantics.md; standard 13.5.3)."""
 
-from __future__ import annotations
-
 from conftest import Play
 from engine_models import boundary, catch, end, error, gateway, path, properties, script, signal, start, sub, throw
 

@@ -1,7 +1,5 @@
 """State is data: an engine and its snapshot (docs/semantics.md). Every other test here also runs through snapshots."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Every field of an engine's state is in a table, and snapshots, forms and migrations handle it or say why not."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Tasks (standard 13.3.3; docs/semantics.md)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import boundary, element, end, error, extensions, gateway, path, script, start, user

@@ -1,7 +1,5 @@
 """Terminate end events (standard 13.5.6; docs/semantics.md)."""
 
-from __future__ import annotations
-
 from conftest import Play
 from engine_models import (
     TERMINATE,

@@ -1,7 +1,5 @@
 """Timers: ISO 8601 durations, dates and cycles on the engine's clock (docs/semantics.md)."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import Play
 from engine_models import boundary, catch, end, error, flow, path, script, start, sub, timer, user

@@ -5,8 +5,6 @@ meaning is defined all the same. The game is as simple as can be: tokens are num
 inclusive join waits is found by walking the diagram (standard 13.4.3), and all is looked through at each step.
 """
 
-from __future__ import annotations
-
 import random
 from collections import Counter, deque
 from dataclasses import dataclass, field
