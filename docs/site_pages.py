@@ -1,6 +1,7 @@
 """A Sphinx extension: what pages have for any reader of Markdown becomes navigation, pages and drawings of the site.
 
 - The lists of links in the index and the cookbook are the navigation.
+- A comment asks for a reference, which `reference` generates from the code.
 - A link to another file of the repository, or to a folder, leads to a page that shows it; a model is drawn.
 - A Mermaid flowchart of nodes in subgraphs is a column of boxes, which no script has to draw.
 """
@@ -14,6 +15,7 @@ from html import escape
 from pathlib import Path
 
 from docutils import nodes
+from reference import generate
 from sphinx.application import Sphinx
 
 from fame.bpmn.draw.diagram import draw
@@ -39,6 +41,14 @@ def add_navigation(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] += "".join(toctree(text, f":caption: {title}") for title, _, text in sections)
     elif docname == "docs/cookbook":
         source[0] += toctree("\n".join(re.findall(r"\(.*?/README\.md\)", source[0])))
+
+
+def add_reference(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Put in what the page has a comment for."""
+    whole = generate(source[0])
+    if whole != source[0]:
+        source[0] = whole
+        app.env.note_reread()  # the code may change without the page
 
 
 def toctree(text: str, *options: str) -> str:
@@ -115,6 +125,7 @@ def labels(subgraph: str) -> str:
 def setup(app: Sphinx) -> None:
     """Connect the functions to the events of a build."""
     app.connect("source-read", add_navigation)
+    app.connect("source-read", add_reference)
     app.connect("source-read", show_linked_files)
     app.connect("doctree-read", draw_flowcharts)
     app.connect("build-finished", write_files)

@@ -1,13 +1,18 @@
 """Pages: their links lead somewhere, and the site has all of them."""
 
 import re
+import shlex
+import sys
 from collections import Counter
 from functools import cache
 from pathlib import Path
 
 import pytest
 
-from fame.cli import main
+from fame.cli import COMMANDS, main, parser
+
+sys.path.append(str(Path(__file__).parent.parent / "docs"))
+from reference import generate
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")})
@@ -48,6 +53,18 @@ def test_pages_that_code_names_exist() -> None:
             if name != "docs/design.md":  # of rmw_zenoh
                 assert (ROOT / name).exists(), (path, name)
                 assert not anchor or anchor in anchors(ROOT / name), (path, name, anchor)
+
+
+def test_the_reference_has_every_command_with_examples_that_parse() -> None:
+    page = generate("<!-- generated: commands -->")
+    told = re.findall(r"^#+ `fame (\S+)`$", page, re.MULTILINE)
+    assert told == [name for name in COMMANDS if name != "team"]
+    assert "| `--middleware local\\|dds\\|zenoh\\|ros` | local (default): everything in one process" in page
+    examples = [line for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL) for line in block.splitlines()]
+    assert len(examples) > 100
+    for line in examples:
+        words = shlex.split(re.sub(r"( [>|]|;| &&) .*", "", line.replace("wlan0", "127.0.0.1")), comments=True)
+        assert parser().parse_args(words[1:]).command, line
 
 
 def test_fame_docs_gives_the_address_of_a_page_of_the_site(tmp_path, monkeypatch, capsys) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from domains import DOMAIN
 
-from fame.cli import COMMANDS, parser
+from fame.cli import parser
 from sim2d.robot import BUILT_IN
 
 ROOT = Path(__file__).parent.parent
@@ -46,15 +46,6 @@ def test_the_commands_of_a_page_exist_and_so_do_their_files(page: Path) -> None:
         assert getattr(arguments, "type", None) in {None, *BUILT_IN}
     files = {word for words in told for word in words if word.startswith(("models/", "examples/"))}
     assert {name for name in files if not (ROOT / name).is_file()} == set()
-
-
-def test_the_reference_lists_every_command_and_every_option_of_run() -> None:
-    (listed,) = [block for block in blocks("docs/commands.md", "") if block.startswith("fame new")]
-    told = [line.split()[1] for line in listed.splitlines()]
-    assert list(dict.fromkeys(told)) == [name for name in COMMANDS if name != "team"]
-    usage = parser().parse_args(["run", "x.bpmn"])
-    told = set(re.findall(r"^\| `--([a-z-]+)", read("docs/commands.md"), re.MULTILINE)) | {"json", "quiet"}
-    assert told == {name.replace("_", "-") for name in vars(usage)} - {"command", "scenario", "leaf"}
 
 
 def test_the_python_of_the_page_runs_and_gives_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:

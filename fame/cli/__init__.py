@@ -25,7 +25,7 @@ from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, note, print_json
 from fame.errors import NOT_KNOWN, FameError
 
-_GROUPS: Mapping[str, Mapping[str, str]] = {
+GROUPS: Mapping[str, Mapping[str, str]] = {
     "mission": {
         "new": "new.add_new",
         "demo": "new.add_demo",
@@ -94,7 +94,7 @@ _PARTS = {
 }
 """The groups whose commands are parts of a command: help and example."""
 COMMANDS = tuple(
-    name for group, names in _GROUPS.items() for name in ((group,) if group in _PARTS else ()) + tuple(names)
+    name for group, names in GROUPS.items() for name in ((group,) if group in _PARTS else ()) + tuple(names)
     if group != "monitor" or name == group
 )  # fmt: skip
 _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended
@@ -157,7 +157,7 @@ def _noting_interrupts() -> Iterator[list[int]]:
 
 def _with_new_name(given: list[str]) -> list[str]:
     """A command line with the new name of its command, which is said if the name is old."""
-    if not given or given[0] not in _GROUPS["monitor"]:
+    if not given or given[0] not in GROUPS["monitor"]:
         return given
     if "--json" not in given:
         note(f"fame: note: fame {given[0]} is now fame monitor {given[0]}")
@@ -169,7 +169,7 @@ def parser(name: str = "", part: str = "") -> Parser:
     top = _Top(prog="fame")
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
-    for group, declarations in _GROUPS.items():
+    for group, declarations in GROUPS.items():
         if group in _PARTS and (name == group or name not in COMMANDS):
             about, example = _PARTS[group]
             made = add_group(commands, group, help=about, examples=(example,))
@@ -191,17 +191,17 @@ class _Top(Parser):
 
     def format_help(self) -> str:
         (commands,) = (action.choices for action in self.arguments if isinstance(action.choices, dict))
-        missions = [f" {name:10}{commands[name].description}" for name in _GROUPS["mission"]]
+        missions = [f" {name:10}{commands[name].description}" for name in GROUPS["mission"]]
         return "\n".join(
             [
                 "usage: fame [-h] [--version] COMMAND ...",
                 "Run the missions of a team of robots from BPMN 2.0 collaboration diagrams.\n",
                 *("a mission:", *missions),
                 "a running team, also as fame team COMMAND:",
-                *wrap(" ".join(_GROUPS["team"]), 96, initial_indent=" ", subsequent_indent=" "),
-                *("learned models on the data of robots:", f" monitor {' | '.join(_GROUPS['monitor'])}"),
+                *wrap(" ".join(GROUPS["team"]), 96, initial_indent=" ", subsequent_indent=" "),
+                *("learned models on the data of robots:", f" monitor {' | '.join(GROUPS['monitor'])}"),
                 *("recordings:", " log record | merge | convert"),
-                *("tools:", f" {' '.join(_GROUPS['tools'])}\n"),
+                *("tools:", f" {' '.join(GROUPS['tools'])}\n"),
                 "fame COMMAND --help describes a command; fame team, fame monitor and fame log list theirs.",
                 "Exit codes: 0 success, 1 the mission or a check failed, 2 wrong request, 3 not known, 130 Ctrl-C.\n",
             ]

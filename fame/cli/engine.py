@@ -37,7 +37,7 @@ def add(commands: Commands) -> None:
         examples=(
             "fame engine REX --type car",
             "fame engine Tractor_1 --type tractor --state state/Tractor_1",
-            "fame engine Drone_1 Drone_2 Drone_3 --middleware zenoh       three engines, each a process",
+            "fame engine Drone_1 Drone_2 Drone_3 --middleware zenoh  # three engines, each a process",
         ),
         help="run one robot's engine: it waits for its process on /NAME/bpmn_process",
     )  # fmt: skip

@@ -172,8 +172,8 @@ def add_router(commands: Commands) -> None:
         commands, "router", _run_router,
         help="connect processes of several machines over Zenoh: one router on each machine, until Ctrl-C",
         examples=(
-            "fame router --network wlan0                              on the base station",
-            "fame router --connect 10.0.0.7                           on each robot, to the router of the base station",
+            "fame router --network wlan0  # on the base station",
+            "fame router --connect 10.0.0.7  # on each robot, to the router of the base station",
             "fame engine REX --middleware zenoh --router 127.0.0.1 --trust team.pub",
             "fame deploy mission.bpmn --middleware zenoh --router 127.0.0.1 --key team.key",
         ),
