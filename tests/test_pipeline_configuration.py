@@ -198,7 +198,8 @@ def test_a_processor_of_the_user_is_a_class_in_any_file(tmp_path: Path) -> None:
 
 
 def test_what_the_page_shows_is_true(tmp_path: Path) -> None:
-    page = (Path(__file__).parent.parent / "docs" / "pipelines.md").read_text(encoding="utf-8")
+    pages = Path(__file__).parent.parent / "docs"
+    page = "".join((pages / name).read_text(encoding="utf-8") for name in ("pipelines.md", "training.md"))
     blocks = page.split("```")
     shown = next(block for block in blocks if block.startswith("yaml\nInputs"))
     (tmp_path / "msg").mkdir()
