@@ -9,6 +9,7 @@ import argparse
 import re
 from collections.abc import Callable, Iterator, Mapping
 
+from fame.bpmn.extension_properties import PROPERTIES
 from fame.cli import GROUPS, parser
 from fame.cli.arguments import Parser
 
@@ -77,7 +78,16 @@ def argument(action: argparse.Action) -> tuple[str, str]:
     return written, (action.help or "") % vars(action)
 
 
-GENERATED: Mapping[str, Callable[[], Iterator[str]]] = {"commands": commands}
+# ---- extension properties --------------------------------------------------------------------------------------------
+
+
+def properties() -> Iterator[str]:
+    """The extension properties of each kind of element."""
+    for elements, meanings in PROPERTIES.items():
+        yield from (f"## {elements}", *table(("property", "meaning"), meanings))
+
+
+GENERATED: Mapping[str, Callable[[], Iterator[str]]] = {"commands": commands, "properties": properties}
 
 
 def generate(page: str) -> str:

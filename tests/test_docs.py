@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from fame.bpmn.extension_properties import PROPERTIES, THROWS
 from fame.cli import COMMANDS, main, parser
 
 sys.path.append(str(Path(__file__).parent.parent / "docs"))
@@ -65,6 +66,17 @@ def test_the_reference_has_every_command_with_examples_that_parse() -> None:
     for line in examples:
         words = shlex.split(re.sub(r"( [>|]|;| &&) .*", "", line.replace("wlan0", "127.0.0.1")), comments=True)
         assert parser().parse_args(words[1:]).command, line
+
+
+def test_the_table_of_extension_properties_has_those_that_the_code_reads() -> None:
+    read: set[str] = set()
+    for path in ROOT.glob("fame/**/*.py"):
+        text = path.read_text(encoding="utf-8")
+        read.update(re.findall(r"(?:extensions|found)\.take\(\"(\w+)\"", text))
+        read.update(re.findall(r"\.properties\.get\(\"(\w+)\"", text))
+    told = {name for meanings in PROPERTIES.values() for name in meanings}
+    assert {"delivery", "resume", "retry", "outside"} <= read <= told
+    assert f"| `to` | {PROPERTIES[THROWS]['to']} |" in generate("<!-- generated: properties -->")
 
 
 def test_fame_docs_gives_the_address_of_a_page_of_the_site(tmp_path, monkeypatch, capsys) -> None:

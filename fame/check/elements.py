@@ -5,10 +5,11 @@ from __future__ import annotations
 import difflib
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import replace
 
-from fame.bpmn.model import Activity, CallActivity, DataObject, Definitions, Element
+from fame.bpmn.extension_properties import ANY, CATCHES, EVENT_SUB_PROCESSES, PROCESSES, PROPERTIES, SERVICES, THROWS
+from fame.bpmn.model import Activity, CallActivity, DataObject, Definitions, Element, FlowNode, Task
 from fame.bpmn.pools import pools_of
 from fame.check.expressions import expressions_in
 from fame.check.scope import CheckedProcess, CheckScope, Finding, of_error
@@ -57,23 +58,27 @@ def check_library(scope: CheckScope) -> Iterator[Finding]:
 # ---- names of properties and pools -----------------------------------------------------------------------------------
 
 
-_OF_TOPICS = ("type", "payload", "queue", "delivery", "ttl", "scope", "correlate")
-_OF_PROCESSES = ("instances", "optional", "semantics", "topics")
-
-
 def check_names(scope: CheckScope) -> Iterator[Finding]:
     """Check the names of pools and of properties."""
     yield from _namespaces(scope.definitions)
     for process in scope.processes:
-        yield from _misspelt(process, process.bpmn, _OF_PROCESSES)
+        yield from _misspelt(process, process.bpmn, {*PROPERTIES[ANY], *PROPERTIES[PROCESSES]})
         for node in process.nodes():
-            if node.triggered_by_event:
-                yield from _misspelt(process, node, ("resume",))
-            elif list(node.topics()):
-                yield from _misspelt(process, node, _OF_TOPICS)
+            yield from _misspelt(process, node, set(_properties_of(node)))
 
 
-def _misspelt(process: CheckedProcess, element: Element, known: tuple[str, ...]) -> Iterator[Finding]:
+def _properties_of(node: FlowNode) -> Iterator[str]:
+    """The names of the properties that have a meaning at a node."""
+    yield from PROPERTIES[ANY]
+    for _, thrown in node.topics():
+        yield from PROPERTIES[THROWS if thrown else CATCHES]
+    if node.triggered_by_event:
+        yield from PROPERTIES[EVENT_SUB_PROCESSES]
+    if isinstance(node, Task) and node.service is not None:
+        yield from PROPERTIES[SERVICES]
+
+
+def _misspelt(process: CheckedProcess, element: Element, known: Set[str]) -> Iterator[Finding]:
     """Unknown properties whose names are similar to known ones."""
     for name in element.properties:
         similar = difflib.get_close_matches(name.lower(), known, 1, 0.8)
