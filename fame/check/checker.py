@@ -1,7 +1,7 @@
 """Run all checks on a file and all that it calls; find which files belong to one mission.
 
 A check is a function of the scope that yields findings. To add one, write it in the module of its subject and add it
-to `CHECKS`; `docs/checks.md` lists every finding.
+to `CHECKS`; `docs/check_errors.md` and `docs/check_warnings.md` list every finding.
 """
 
 from __future__ import annotations
