@@ -41,29 +41,5 @@ if TYPE_CHECKING:
     from fame.scenario import Result as Result, Scenario as Scenario
     from fame.scenario.exploration import explore as explore
     from fame.simulation import Simulation as Simulation
-else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "bpmn.model": ["Definitions"],
-            "bpmn.reader": ["read", "write"],
-            "bpmn.split": ["split"],
-            "check.explore.exploration": ["Exploration"],
-            "check.scope": ["Finding"],
-            "engine.host": ["BpmnError"],
-            "errors": [
-                "ConfigError",
-                "DeploymentError",
-                "FameError",
-                "MessageError",
-                "MissionError",
-                "ModelError",
-                "UnavailableError",
-            ],
-            "log.recording": ["Recording"],
-            "robot.events": ["Event", "EventLog"],
-            "scenario": ["Result", "Scenario"],
-            "scenario.exploration": ["explore"],
-            "simulation": ["Simulation"],
-        },
-    )
+
+__getattr__, __dir__, __all__ = attach(__name__)

@@ -1,8 +1,10 @@
-"""Imports on first use (the convention of ``lazy_loader.attach``, SPEC 1; PEP 562), packages of extras, the version."""
+"""Imports on first use (the convention of ``lazy_loader``, SPEC 1; PEP 562), packages of extras, the version."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import ast
+import sys
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
@@ -49,15 +51,15 @@ def fame_version() -> str:
         return ""
 
 
-def attach(
-    package: str, names: Mapping[str, Sequence[str]]
-) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of `package`.
+def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of `package`, as ``lazy_loader.attach_stub`` does.
 
-    `names` maps modules, relative to the package, to the public names they define. Type checkers do not see these: the
-    package repeats them under ``TYPE_CHECKING`` as ``from module import name as name``.
+    Public are the names that the package imports under ``if TYPE_CHECKING``, as ``from module import name as name``.
     """
-    modules = {name: f"{package}.{module}" for module, defined in names.items() for name in defined}
+    source = sys.modules[package].__spec__.loader.get_source(package)  # type: ignore[union-attr]
+    blocks = (node.body for node in ast.parse(source).body if isinstance(node, ast.If))
+    imports = (node for block in blocks for node in block if isinstance(node, ast.ImportFrom))
+    modules = {alias.name: str(node.module) for node in imports for alias in node.names}
     public = sorted(modules)
 
     def getattr_(name: str) -> Any:

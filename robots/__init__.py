@@ -28,11 +28,5 @@ if TYPE_CHECKING:
         Vehicle as Vehicle,
         VehicleParameters as VehicleParameters,
     )
-else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "drone": ["Drone"],
-            "vehicles": ["Car", "Tractor", "Vehicle", "VehicleParameters"],
-        },
-    )
+
+__getattr__, __dir__, __all__ = attach(__name__)

@@ -23,15 +23,5 @@ if TYPE_CHECKING:
         SimulatedRobot as SimulatedRobot,
     )
     from sim2d.world import World as World
-else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "animation": ["animate", "picture"],
-            "config": ["WorldConfig", "read_world"],
-            "grid": ["place"],
-            "record": ["WorldRecord", "WorldRecorder"],
-            "robot": ["Appearance", "RobotConfig", "RobotWorld", "SimulatedRobot"],
-            "world": ["World"],
-        },
-    )
+
+__getattr__, __dir__, __all__ = attach(__name__)

@@ -51,15 +51,5 @@ if TYPE_CHECKING:
     from fame.deploy.sender import Deployment as Deployment
     from fame.deploy.sender_protocol import RobotProgress as RobotProgress
     from fame.deploy.splitter_node import SplitterNode as SplitterNode
-else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "envelope": ["Envelope", "Report", "STATUS_QOS", "STRING", "engines", "model_hash", "read_envelope"],
-            "late_joiners": ["LateJoiners"],
-            "engine_node": ["EngineNode"],
-            "sender": ["Deployment"],
-            "sender_protocol": ["RobotProgress"],
-            "splitter_node": ["SplitterNode"],
-        },
-    )
+
+__getattr__, __dir__, __all__ = attach(__name__)

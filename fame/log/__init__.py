@@ -42,16 +42,5 @@ if TYPE_CHECKING:
     from fame.log.team_state import TeamState as TeamState
     from fame.log.writing import logging_to as logging_to
     from fame.robot.robot_state import RobotState as RobotState
-else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "lines": ["COLUMNS"],
-            "live_team": ["LiveTeam"],
-            "reading": ["outcomes", "visits"],
-            "recorder": ["About"],
-            "recording": ["Recording"],
-            "team_state": ["RobotState", "TeamState"],
-            "writing": ["logging_to"],
-        },
-    )
+
+__getattr__, __dir__, __all__ = attach(__name__)

@@ -38,13 +38,5 @@ if TYPE_CHECKING:
     from fame.middleware.local import LocalMiddleware as LocalMiddleware
     from fame.middleware.messages import register_files as register_files
     from fame.middleware.network import Link as Link, NetworkConfig as NetworkConfig, Partition as Partition
-else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "interface": ["Middleware", "Node", "QoS"],
-            "local": ["LocalMiddleware"],
-            "messages": ["register_files"],
-            "network": ["Link", "NetworkConfig", "Partition"],
-        },
-    )
+
+__getattr__, __dir__, __all__ = attach(__name__)

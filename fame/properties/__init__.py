@@ -34,15 +34,5 @@ if TYPE_CHECKING:
     from fame.properties.monitor import Monitor as Monitor, Verdict as Verdict, compile as compile
     from fame.properties.sentence import Place as Place, Property as Property
     from fame.properties.vocabulary import Vocabulary as Vocabulary, vocabulary_of as vocabulary_of
-else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "files": ["read_properties"],
-            "grammar": ["parse"],
-            "judge": ["Judge", "Judgement"],
-            "monitor": ["Monitor", "Verdict", "compile"],
-            "sentence": ["Place", "Property"],
-            "vocabulary": ["Vocabulary", "vocabulary_of"],
-        },
-    )
+
+__getattr__, __dir__, __all__ = attach(__name__)

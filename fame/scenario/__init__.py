@@ -52,16 +52,5 @@ if TYPE_CHECKING:
     )
     from fame.scenario.scenario import Scenario as Scenario
     from fame.scenario.world_process import WorldNode as WorldNode
-else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "deployment": ["Sending"],
-            "distributed": ["DistributedTeam"],
-            "process": ["BACKENDS", "connect", "scheduler_for", "serve"],
-            "plan": ["DURATION", "Completion", "Fault", "Plan", "read_scenario_world"],
-            "result": ["Progress", "Result", "RobotResult", "Status", "TeamStatus"],
-            "scenario": ["Scenario"],
-            "world_process": ["WorldNode"],
-        },
-    )
+
+__getattr__, __dir__, __all__ = attach(__name__)

@@ -44,16 +44,5 @@ if TYPE_CHECKING:
         Until as Until,
     )
     from fame.scripting.runner import GRACE as GRACE, Runner as Runner
-else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "analysis": ["ScriptTopic", "code_names", "script_names", "script_topics"],
-            "budget": ["BudgetExceeded", "heartbeat"],
-            "interface": ["NAMES", "Log", "Robot", "another", "mission_date"],
-            "languages": ["compile_expression", "compile_script"],
-            "python": ["error_line", "error_text"],
-            "requests": ["Call", "Inbox", "MessageQueue", "Receive", "ScriptRequest", "Sleep", "Until"],
-            "runner": ["GRACE", "Runner"],
-        },
-    )
+
+__getattr__, __dir__, __all__ = attach(__name__)

@@ -38,12 +38,5 @@ if TYPE_CHECKING:
     from fame.testing.expectations import Expectation as Expectation
     from fame.testing.failure import ExpectationError as ExpectationError
     from fame.testing.mission import MissionLoader as MissionLoader, MissionUnderTest as MissionUnderTest
-else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "expectations": ["Expectation"],
-            "failure": ["ExpectationError"],
-            "mission": ["MissionLoader", "MissionUnderTest"],
-        },
-    )
+
+__getattr__, __dir__, __all__ = attach(__name__)

@@ -30,15 +30,4 @@ if TYPE_CHECKING:
     from fame.view.team import TeamView as TeamView
     from fame.view.watch import ModelWatch as ModelWatch
 
-__getattr__, __dir__, __all__ = attach(
-    __name__,
-    {
-        "control": ["RunControl"],
-        "heat": ["HeatMap"],
-        "live": ["LiveRun", "SameRun"],
-        "replay": ["Replay"],
-        "server": ["Server", "PageSource"],
-        "team": ["TeamView"],
-        "watch": ["ModelWatch"],
-    },
-)
+__getattr__, __dir__, __all__ = attach(__name__)

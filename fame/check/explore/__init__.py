@@ -52,7 +52,5 @@ if TYPE_CHECKING:
         explore_team as explore_team,
     )
     from fame.check.explore.findings import Finding as Finding
-else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__, {"exploration": ["Exploration", "Request", "explore_from", "explore_team"], "findings": ["Finding"]}
-    )
+
+__getattr__, __dir__, __all__ = attach(__name__)
