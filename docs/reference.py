@@ -6,13 +6,25 @@ A page has the comment ``<!-- generated: NAME -->`` where the text of ``GENERATE
 from __future__ import annotations
 
 import argparse
+import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping
+from enum import Enum
+from importlib import import_module
+from itertools import chain
+from typing import Any
 
 from fame.bpmn.extension_properties import PROPERTIES
 from fame.cli import GROUPS, parser
 from fame.cli.arguments import Parser
 
+PACKAGES = (
+    "fame", "fame.bpmn", "fame.check", "fame.check.explore", "fame.clock", "fame.log", "fame.middleware",
+    "fame.monitor", "fame.testing", "fame.testing.strategies", "sim2d", "robots",
+)  # fmt: skip
+"""The public packages (docs/python.md)."""
+WIDTH = 90
+"""Of a line of Python."""
 TITLES = {
     "mission": "A mission",
     "team": "A running team",
@@ -87,7 +99,97 @@ def properties() -> Iterator[str]:
         yield from (f"## {elements}", *table(("property", "meaning"), meanings))
 
 
-GENERATED: Mapping[str, Callable[[], Iterator[str]]] = {"commands": commands, "properties": properties}
+# ---- Python ----------------------------------------------------------------------------------------------------------
+
+
+def api() -> Iterator[str]:
+    """The public names of each package, with their signatures and docstrings."""
+    for package in PACKAGES:
+        module = import_module(package)
+        yield from (f"## `{package}`", "", *prose((module.__doc__ or "").partition("\n\n")[0]))
+        for name in module.__all__:
+            yield from public_name(package, name, getattr(module, name))
+
+
+def public_name(package: str, name: str, value: Any) -> Iterator[str]:
+    """A class with its methods and properties, a function, or a constant."""
+    yield from (f"### `{package}.{name}`", "")
+    if isinstance(value, type):
+        plain = issubclass(value, Enum | Exception) or getattr(value, "_is_protocol", False)
+        base = next(each.__name__ for each in value.__mro__[1:] if each.__name__[0] != "_")
+        yield from code(f"class {name}({base})" if plain else signature(name, value, "class "))
+        yield from prose(inspect.getdoc(value) or "")
+        for member in dict.fromkeys(chain(*map(vars, value.__mro__))):
+            yield from members(member, inspect.getattr_static(value, member))
+    elif inspect.isroutine(value):
+        yield from (*code(signature(name, value)), *prose(inspect.getdoc(value) or ""))
+    else:
+        yield from code(f"{name} = {value!r}")
+
+
+def members(name: str, value: Any) -> Iterator[str]:
+    """A public method or property of ours, with nothing for what else a class has."""
+    value = getattr(value, "__func__", getattr(value, "func", value))  # of a class method, a cached property
+    home = getattr(getattr(value, "fget", value), "__module__", "")
+    if name[0] != "_" and home.split(".")[0] in ("fame", "robots", "sim2d"):
+        yield from (f"#### `{name}`", "")
+        yield from code(signature(name, value)) if inspect.isfunction(value) else ()
+        yield from prose(inspect.getdoc(value) or "")
+
+
+def code(text: str) -> Iterator[str]:
+    """A block of Python."""
+    yield from ("```python", text, "```", "")
+
+
+def signature(name: str, function: Callable[..., Any], kind: str = "") -> str:
+    """How a function or class is called: one argument a line where they do not fit into one."""
+    found = inspect.signature(function)
+    parts = [
+        part.replace(
+            annotation=Shown(part.annotation) if part.annotation is not part.empty else part.empty,
+            default=Shown(default(part.default)) if part.default is not part.empty else part.empty,
+        )
+        for part in found.parameters.values()
+        if part.name not in ("self", "cls")
+    ]
+    result = "" if kind or found.return_annotation is found.empty else f" -> {found.return_annotation}"
+    text = str(inspect.Signature(parts))
+    if len(name + text + result) > WIDTH:
+        marks = [str(inspect.Signature([part]))[1:-1].removeprefix("*, ").removesuffix(", /") for part in parts]
+        first = next((at for at, part in enumerate(parts) if part.kind is part.KEYWORD_ONLY), len(marks))
+        if first < len(marks) and all(part.kind is not part.VAR_POSITIONAL for part in parts):
+            marks.insert(first, "*")
+        text = "(\n" + "".join(f"    {mark},\n" for mark in marks) + ")"
+    return f"{kind}{name}{text}{result}"
+
+
+class Shown(str):
+    """Text that is shown as it is, without quotes."""
+
+    __slots__ = ()
+    __repr__ = str.__str__
+
+
+def default(value: object) -> str:
+    """A default value, if it is short."""
+    text = repr(dict(value)) if isinstance(value, Mapping) else repr(value)
+    return text if len(text) < 40 and "<" not in text else "..."
+
+
+def prose(docstring: str) -> Iterator[str]:
+    """A docstring as Markdown: its lists of names are tables, its examples blocks of code."""
+    for part in re.split(r"\n\n+", docstring.strip()):
+        rows = re.findall(r"^(\w[\w,. ]*?)  +(\S.*(?:\n +.*)*)$", part, re.MULTILINE)
+        if part.startswith((">>>", " ")):
+            yield from code(inspect.cleandoc(part))
+        elif rows and len(rows) == len(re.findall(r"^\S", part, re.MULTILINE)):
+            yield from table(("name", "meaning"), dict(rows))
+        else:
+            yield from (escaped(re.sub(r"``(.+?)``", r"`\1`", part)).replace("::", ":"), "")
+
+
+GENERATED: Mapping[str, Callable[[], Iterator[str]]] = {"commands": commands, "properties": properties, "python": api}
 
 
 def generate(page: str) -> str:

@@ -5,6 +5,7 @@ import shlex
 import sys
 from collections import Counter
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from fame.bpmn.extension_properties import PROPERTIES, THROWS
 from fame.cli import COMMANDS, main, parser
 
 sys.path.append(str(Path(__file__).parent.parent / "docs"))
-from reference import generate
+from reference import PACKAGES, generate
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")})
@@ -77,6 +78,17 @@ def test_the_table_of_extension_properties_has_those_that_the_code_reads() -> No
     told = {name for meanings in PROPERTIES.values() for name in meanings}
     assert {"delivery", "resume", "retry", "outside"} <= read <= told
     assert f"| `to` | {PROPERTIES[THROWS]['to']} |" in generate("<!-- generated: properties -->")
+
+
+def test_the_python_reference_has_every_public_name_with_its_docstring() -> None:
+    page = generate("<!-- generated: python -->")
+    listed = re.findall(r"^\| `(\S+)`(?:, `(\S+)`)? \|", (ROOT / "docs" / "python.md").read_text("utf-8"), re.MULTILINE)
+    assert {name for names in listed for name in names if name in PACKAGES} == {*PACKAGES}
+    told = re.findall(r"^### `(\S+)`$", page, re.MULTILINE)
+    assert told == [f"{package}.{name}" for package in PACKAGES for name in import_module(package).__all__]
+    assert "run(until: float | None = None) -> Simulation" in page
+    assert "| `definitions` | a model, from `fame.read`, or its path |" in page
+    assert " at 0x" not in page
 
 
 def test_fame_docs_gives_the_address_of_a_page_of_the_site(tmp_path, monkeypatch, capsys) -> None:
