@@ -1,6 +1,6 @@
 """Compare monitors of properties with their meaning. ``python -m tests.compare_properties --traces 10000``
 
-The meaning is evaluated here as docs/properties.md gives it: on the whole trace, quantifier by quantifier, with no
+The meaning is that of docs/property_sentences.md: on the whole trace, quantifier by quantifier, with no
 state. Each random trace is judged by a property of each pattern and scope, with and without bounds, pools and fields.
 """
 

@@ -1,4 +1,4 @@
-"""Whatever somebody wrote is read, or refused in one line: damaged input for every reader (docs/reliability.md)."""
+"""Whatever somebody wrote is read, or refused in one line: damaged input for every reader (docs/damaged_input.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Properties: their grammar, what they may name, and that monitors judge as docs/properties.md says."""
+"""Properties: their grammar, what they may name, and that monitors judge as docs/property_sentences.md says."""
 
 import re
 from dataclasses import replace
@@ -12,8 +12,9 @@ from fame.errors import ConfigError
 from fame.properties import Judge, Place, Property, Vocabulary, compile, parse
 from fame.properties.files import properties_of
 
-PAGE = (Path(__file__).parent.parent / "docs" / "properties.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```yaml\n(properties:.*?)```", PAGE, re.DOTALL)
+DOCS = Path(__file__).parent.parent / "docs"
+PAGE = (DOCS / "property_sentences.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```yaml\n(properties:.*?)```", (DOCS / "properties.md").read_text(encoding="utf-8"), re.DOTALL)
 
 
 @pytest.mark.parametrize("block", BLOCKS)

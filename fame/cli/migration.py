@@ -30,7 +30,7 @@ def add_options(parser: Parser) -> None:
     parser.add_argument(
         "--migrate", action="store_true",
         help="migrate running instances to this model instead of cancelling them: all robots or none "
-        "(docs/durability.md)",
+        "(docs/repair.md)",
     )  # fmt: skip
     parser.add_argument(
         "--plan", type=Path, metavar="PLAN.yaml",

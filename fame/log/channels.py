@@ -1,4 +1,4 @@
-"""The channels of a recording: their topics, and the schemas of their JSON (docs/recordings.md)."""
+"""The channels of a recording: their topics, and the schemas of their JSON (docs/recording_format.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file of a recording: MCAP, with the channels of docs/recordings.md, written message by message."""
+"""The file of a recording: MCAP, with the channels of docs/recording_format.md, written message by message."""
 
 from __future__ import annotations
 

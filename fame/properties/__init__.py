@@ -3,7 +3,7 @@
 ::
 
     sentence    what a property says, as data
-    grammar     parse its text (docs/properties.md has the grammar and the meaning of each pattern)
+    grammar     parse its text (docs/property_sentences.md has the grammar and the meaning of each pattern)
     vocabulary  the robots, elements, topics and variables of a collaboration, which sentences name
     monitor     compile a property: a `Monitor`, whose state is plain data
     conditions  values and comparisons

@@ -1,4 +1,4 @@
-"""Parse the sentence of a property. The grammar is in docs/properties.md; each method here is one of its rules."""
+"""Parse the sentence of a property. Each method is a rule of the grammar in docs/property_sentences.md."""
 
 from __future__ import annotations
 

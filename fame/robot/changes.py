@@ -1,7 +1,7 @@
 """Changes in one robot: events, variables, and what its tokens wait for.
 
 A `ChangeTracker` hears what happens in one engine. At the end of the instant (`flush`) it compares variables and
-waiting tokens with what it knew, and gives the messages of what is different (docs/recordings.md), as plain data.
+waiting tokens with what it knew, and gives the messages of what is different (docs/recording_format.md), as plain data.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 On ``/<robot>/bpmn_events`` (std_msgs/msg/String, reliable) are numbered batches of changes as JSON, at most 20 a
 second, while there is a subscriber; on ``/<robot>/bpmn_model`` (transient local) is the running model. A new
 subscriber gets the whole state first, with the next batch; all get it every few seconds, in case a batch was lost.
-docs/recordings.md describes the JSON.
+docs/recording_format.md describes the JSON.
 """
 
 from __future__ import annotations

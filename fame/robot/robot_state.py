@@ -1,6 +1,6 @@
 """The state of a robot as recordings and live views have it: tokens, variables, instances, and visits of elements.
 
-What happens is told in messages of three channels (docs/recordings.md). A state is made of a key, and changed by every
+What happens is in messages of three channels (docs/recording_format.md). A state is made of a key, and changed by every
 later message, in order: recorders, engines that are watched, and readers all fold messages here.
 """
 

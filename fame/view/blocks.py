@@ -174,7 +174,7 @@ class Packer:
     # ---- what happened -----------------------------------------------------------------------------------------------
 
     def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
-        """A message of one of the channels of a recording (docs/recordings.md)."""
+        """A message of one of the channels of a recording (docs/recording_format.md)."""
         if topic == EVENTS:
             for group in data["events"]:
                 self.events(time, data["robot"], group["instance"], group["scope"], group["marks"])
@@ -321,7 +321,7 @@ class Packer:
             self._declared.append({**data, **found})
 
     def pose(self, time: int, robot: str, pose: Mapping[str, Any]) -> None:
-        """Set the ``appearance`` of a simulated robot (docs/recordings.md)."""
+        """Set the ``appearance`` of a simulated robot (docs/recording_format.md)."""
         number = self.robot(robot)
         self.state.poses[number] = pose
         if self.blocks:  # the first block begins with all that was before it
