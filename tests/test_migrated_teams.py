@@ -11,13 +11,14 @@ from test_resumption import Durable
 
 from fame.bpmn.library import Library
 from fame.bpmn.reader import read_text
-from fame.cli import migration, parser
+from fame.cli import parser
 from fame.cli.migration import Migration
 from fame.config.loader import read_document
 from fame.deploy import EngineNode
 from fame.deploy.migration import read_plan, write_plan
 from fame.deploy.sender_protocol import HOLDING
 from fame.errors import ConfigError
+from fame.scenario import exploration
 from fame.scenario.exploration import explore_migrated
 
 
@@ -207,7 +208,7 @@ def test_a_migration_that_is_not_explored_whole_is_not_known_to_be_fine(
 ) -> None:
     field = Field("A", "B")
     field.deploy(relay("S"))
-    monkeypatch.setattr(migration, "BUDGET", 1e-9)
+    monkeypatch.setattr(exploration, "BUDGET", 1e-9)
     for number, (options, code, status) in enumerate((((), 3, "partial"), (("--allow-partial",), 0, "completed")), 2):
         given = asked(tmp_path, relay("S"), *options)
         sent = field.deploy(relay("S"), f"d{number}", number, options=given.options)

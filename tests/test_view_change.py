@@ -134,7 +134,7 @@ def test_a_dropped_model_shows_what_it_would_change_and_then_migrates(team: Team
     assert next(one["code"] for one in shown["changes"] if one["id"] == "Mow") == [[], ["n = 2"]]
     assert [(one["name"], one["fate"]) for one in shown["robots"][0]["tokens"]] == [("Sign", "keep")]
     assert shown["objection"] == ""
-    assert "explored" in shown["explored"]
+    assert "explored" in shown["explored"]["text"]
     assert [one["name"] for one in shown["ghosts"]] == ["Cut"]
     with pytest.raises(FameError, match="has changed since it was shown"):
         team.change.control({"do": "migrate", "hash": "0" * 64})

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from bpmn_text import process
-from view_page import beyond, opened, until, violations
+from view_page import beyond, eventually, opened, until, violations
 
 import fame
 from fame.bpmn import read_text
 from fame.errors import ConfigError, FameError
 from fame.log import logging_to
 from fame.view import HeatMap
-from fame.view.heat import percentile
+from fame.view.heat import ElementHeat, percentile
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -107,7 +107,32 @@ def test_what_cannot_be_read_is_told_and_counts_as_no_run(tmp_path: Path, monkey
     with HeatMap(tmp_path) as heat:
         heat.wait()
         assert heat.mission()["chips"][0][0] == "1 of 3 runs"
-        assert ["b.mcap" in heat.notices[0], "c.mcap" in heat.notices[1]] == [True, True]
+        assert ["b.mcap" in heat.notices[1][0], "c.mcap" in heat.notices[2][0]] == [True, True]
+
+
+def test_a_recording_is_read_once_and_again_only_when_it_was_written_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, summed = [], []
+    add, to_json = HeatMap._add, ElementHeat.to_json
+    monkeypatch.setattr(HeatMap, "_add", lambda self, run, replay: (read.append(run), add(self, run, replay)))
+    monkeypatch.setattr(ElementHeat, "to_json", lambda self: (summed.append(self), to_json(self))[1])
+    monkeypatch.setattr("fame.view.heat._POLL", 0.02)
+    folder = tmp_path / "runs"
+    for name in ("a", "b"):
+        record(folder / f"{name}.mcap", 3)
+    with HeatMap(folder) as heat:
+        heat.wait()
+        first = heat.mission()["heat"]["elements"]
+        assert (read, len(summed)) == ([0, 1], len(first))
+        assert heat.mission()["heat"]["elements"] == first
+        assert len(summed) == len(first)  # another load of the page sums nothing again
+        for name, rest in (("b", 5), ("c", 3)):
+            record(tmp_path / "new.mcap", rest)
+            (tmp_path / "new.mcap").replace(folder / f"{name}.mcap")
+        eventually(lambda: [one["runs"] for one in heat.mission()["heat"]["models"]] == [2, 1])
+        assert sorted(read) == [0, 1, 1, 2]
+        assert by_name(heat, "first")["Rest"] == {"times": 2, "failures": 0, "p50": 3.0, "p95": 3.0, "waiting": 6.0}
 
 
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -230,25 +229,10 @@ def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
         if finding.accepted:
             yield f"  accepted: {finding.accepted}"
         elif finding.run and (finding.level == "error" or everything):
-            yield from steps_of(finding)
+            yield from finding.steps()
     yield from _fault_table(result)
     yield ""
     yield _summary(result, len(result.findings) - len(shown))
-
-
-def steps_of(finding: Finding) -> Iterator[str]:
-    """A numbered step a line; the same step several times in a row is one line."""
-    if not finding.run:
-        yield "    (at once)"
-    doomed = finding.doomed
-    for number, (text, group) in enumerate(groupby(finding.run, key=str), 1):
-        times = len(list(group))
-        yield f"  {number:3}. {text}" + (f"  (x{times})" if times > 1 else "")
-        if doomed is not None:
-            doomed -= times
-            if doomed < 0:
-                yield "       ---- from here on the mission cannot complete"
-                doomed = None
 
 
 def _fault_table(result: Exploration) -> Iterator[str]:

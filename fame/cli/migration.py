@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from fame.deploy.migration import Foreseen
     from fame.deploy.options import DeploymentOptions
 
-BUDGET = 2.5
-"""Time limit for exploring the migrated state (s); meanwhile the robots are held."""
 _OPTIONS = ("plan", "dry_run", "force")
 
 
@@ -80,10 +78,10 @@ class Migration:
         from fame.scenario.exploration import explore_migrated, objection
 
         try:
-            result = explore_migrated(self._definitions, self._library, pools, foreseen, seconds=BUDGET)
+            result = explore_migrated(self._definitions, self._library, pools, foreseen)
         except FameError as error:
             self._partial = not self._force
-            return "" if self._force else f"the migrated state cannot be explored: {error} (--force overrides)"
+            return "" if self._force else f"{error} (--force overrides)"
         note(f"the migrated state: {result.summary()}")
         self._found = [one for one in result.findings if one.level == "error"]
         reason = objection(result, partial=self._force or self._allow_partial)
@@ -103,11 +101,9 @@ class Migration:
 
     def explain(self) -> None:
         """Say what the exploration found, with the run that shows it."""
-        from fame.cli.exploration import steps_of
-
         for finding in self._found:
             note(f"{finding.level} in the migrated state: {finding.text}")
-            for line in steps_of(finding):
+            for line in finding.steps():
                 note(line)
 
     def findings(self) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool, assign_pools, pools_of
 from fame.check.explore import Exploration, Request, explore_from, explore_team
 from fame.clock import Scheduler
-from fame.errors import ConfigError, expect
+from fame.errors import ConfigError, FameError, expect
 from fame.middleware.local import LocalMiddleware
 from fame.properties.diagram import drawn_properties
 from fame.properties.files import beside
@@ -29,6 +29,8 @@ MOST = 1000
 """Robots of a pool, above which nothing is explored."""
 FEWEST = 2
 """Robots of a multi-instance pool, where nothing else says how many."""
+BUDGET = 2.5
+"""How long a migrated state is explored at most, s: meanwhile the robots are held."""
 LEAST = 1.0
 """How long a run of the scenario may take at least, s."""
 
@@ -152,17 +154,26 @@ def explore_migrated(
     pools: Mapping[str, Pool],
     foreseen: Mapping[str, Foreseen],
     *,
-    seconds: float,
+    seconds: float | None = None,
 ) -> Exploration:
     """Explore what may follow once what robots run has gone over to a model; robots that run nothing start it.
 
-    Raises ModelError, MissionError and ConfigError if that cannot be explored.
+    `seconds`: how long at most (`BUDGET`). Raises FameError if that cannot be explored.
     """
     states = {robot: dict(one.state) for robot, one in foreseen.items() if one.state}
     large = [robot for robot, one in foreseen.items() if one.tokens and not one.state]
     if large:
-        raise ConfigError(f"the state of {', '.join(large)} is too large to be sent")
-    return explore_from(definitions, library, pools, states, Request(delivery=("run",), seconds=seconds))
+        raise FameError(f"the migrated state cannot be explored: that of {', '.join(large)} is too large to be sent")
+    try:
+        return explore_from(
+            definitions,
+            library,
+            pools,
+            states,
+            Request(delivery=("run",), seconds=BUDGET if seconds is None else seconds),
+        )
+    except FameError as error:
+        raise FameError(f"the migrated state cannot be explored: {error}") from None
 
 
 def cast_of(

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from fame.deploy import Deployment
     from fame.deploy.options import DeploymentOptions
 
-BUDGET = 2.5
-"""Time limit for exploring the migrated state (s), as of fame deploy; during a migration the robots are held."""
 PATIENCE = 5.0
 """How long robots may take to answer (s)."""
 _STRONGEST = ("removed", "added", "changed", "moved")
@@ -102,13 +100,18 @@ class ModelChange(ModelWatch):
         self._version += 1
 
     def _examine(self, about: _Examination) -> None:
-        model, about.library = self._model()
+        model, about.library = self._now.model, self._now.library
+        if model is None:
+            raise FameError(str(self._now.findings[0]))
         about.hash = _hash(model, about.library)
         about.model = model
         about.dry = self._sent(about, migrate=True, preview=True)
         self._compare(about)
         if any(one.tokens for one in about.dry.foreseen.values()):
-            self._explore(about)
+            try:
+                about.exploration = _explored(about, about.dry.pools, about.dry.foreseen)
+            except FameError as error:
+                about.unexplored = str(error)
 
     def _sent(self, about: _Examination, **options: Any) -> Deployment:
         """The deployment of a model, once it has ended. Raises FameError."""
@@ -119,7 +122,7 @@ class ModelChange(ModelWatch):
         wanted = DeploymentOptions(library=about.library, patience=PATIENCE, **options)
         self._send(about.model, wanted, ended.set_result)
         try:
-            return ended.result(2 * PATIENCE + BUDGET)
+            return ended.result(3 * PATIENCE)
         except NoAnswer:
             raise FameError("the robots have not answered") from None
 
@@ -134,10 +137,6 @@ class ModelChange(ModelWatch):
                 if (robots := next(alike, None)) is None:  # robots that run different versions get different code
                     about.changes.append((change, robots := []))
                 robots.append(robot)
-
-    def _explore(self, about: _Examination) -> None:
-        assert about.dry is not None
-        about.exploration, about.unexplored = _explored(about, about.dry.pools, about.dry.foreseen)
 
     # ---- for the page ------------------------------------------------------------------------------------------------
 
@@ -156,11 +155,15 @@ class ModelChange(ModelWatch):
             "robots": list(self._robots(about)),
             "changes": rows,
             "objection": self._objection(about),
-            "explored": about.exploration.summary().replace(str(self._path), self._path.name)
-            if about.exploration is not None
-            else about.unexplored,
+            "explored": self._explored_json(about.exploration) if about.exploration is not None else None,
             "ghosts": self._ghosts(about),
         }
+
+    def _explored_json(self, explored: Exploration) -> dict[str, Any]:
+        """What may follow a migration, each finding with the run that leads to it."""
+        text = explored.summary().replace(str(self._path), self._path.name)
+        findings = [{"level": one.level, "text": one.text, "steps": list(one.steps())} for one in explored.findings]
+        return {"text": text, "findings": findings}
 
     def _row(self, change: ElementChange, robots: Sequence[str]) -> dict[str, Any]:
         element = change.element
@@ -252,8 +255,10 @@ class ModelChange(ModelWatch):
         def approve(pools: Any, foreseen: Any) -> str:
             from fame.scenario.exploration import objection
 
-            explored, why = _explored(about, pools, foreseen)
-            return objection(explored) if explored is not None else why
+            try:
+                return objection(_explored(about, pools, foreseen))
+            except FameError as error:
+                return str(error)
 
         return approve
 
@@ -263,15 +268,12 @@ def _is_alike(one: ElementChange, other: ElementChange) -> bool:
     return same and (one.old_texts, one.new_texts) == (other.old_texts, other.new_texts)
 
 
-def _explored(about: _Examination, pools: Any, foreseen: Any) -> tuple[Exploration | None, str]:
-    """The exploration of what robots would have after a migration, or why there is none."""
+def _explored(about: _Examination, pools: Any, foreseen: Any) -> Exploration:
+    """The exploration of what robots would have after a migration. Raises FameError."""
     from fame.scenario.exploration import explore_migrated
 
     assert about.model is not None
-    try:
-        return explore_migrated(about.model, about.library, pools, foreseen, seconds=BUDGET), ""
-    except FameError as error:
-        return None, f"the migrated state cannot be explored: {error}"
+    return explore_migrated(about.model, about.library, pools, foreseen)
 
 
 def _hash(model: Definitions, library: Library) -> str:

@@ -9,7 +9,9 @@ from __future__ import annotations
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import chain
 from math import ceil
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -131,8 +133,15 @@ class _Place(NamedTuple):
     id: str
 
 
+_POLL = 1.0
+"""Seconds between two looks at the folder."""
+_Stamp = tuple[int, int]
+"""When a file was written last (ns), and its size."""
+
+
 class HeatMap(Closing):
-    """The source of the page of all recordings (.mcap) below a folder, which a thread reads.
+    """The source of the page of all recordings (.mcap) below a folder, which a thread reads: each once, and again when
+    it has been written again. What each element did in all runs is summed as they are read, not as the page asks.
 
     `show` opens the page of one of them and gives its address. Raises ConfigError for a folder without recordings.
     """
@@ -141,21 +150,24 @@ class HeatMap(Closing):
 
     def __init__(self, folder: Path, show: Callable[[Path], str] | None = None) -> None:
         self._folder, self._show = folder, show
-        self.paths: Sequence[Path] = sorted(folder.rglob("*.mcap"))
-        if not self.paths:
+        self.paths: list[Path] = []
+        self._stamps: dict[Path, _Stamp] = {}  # of what was read
+        if not self._stamped():
             text = (
                 "has no recordings (.mcap): expected those of fame run --log, fame log record or fame campaign --record"
             )
             raise ConfigError(text, file=str(folder))
         self.catalogue = Catalogue([])
-        self.notices: list[str] = []
+        self.notices: dict[int, list[str]] = {}  # run -> what is to be said of it
         self._numbers: dict[str, int] = {}  # hash -> number of the file
         self._missions: defaultdict[str, list[int]] = defaultdict(list)  # hash -> runs
         self._found: defaultdict[_Place, dict[int, ElementHeat]] = defaultdict(dict)
+        self._sums: defaultdict[_Place, ElementHeat] = defaultdict(ElementHeat)
+        self._shown: dict[_Place, dict[str, float | None]] = {}  # sums as JSON, until another run changes them
         self._pages: dict[int, str] = {}  # run -> address of its page
-        self._read = self._runs = 0  # recordings that were read, and those with a run
+        self._left = self._version = 0  # recordings still to be read
         self._lock = threading.Lock()
-        self._closed = threading.Event()
+        self._closed, self._settled = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._read_all, name="fame view: heat", daemon=True)
         self._thread.start()
 
@@ -165,32 +177,74 @@ class HeatMap(Closing):
         self._thread.join()
 
     def wait(self) -> None:
-        """Wait until everything is read."""
-        self._thread.join()
+        """Wait until everything that was there at first is read."""
+        self._settled.wait()
+
+    def _stamped(self) -> dict[Path, _Stamp]:
+        found = {}
+        for path in sorted(self._folder.rglob("*.mcap")):
+            with suppress(OSError):
+                stat = path.stat()
+                found[path] = stat.st_mtime_ns, stat.st_size
+        return found
 
     def _read_all(self) -> None:
-        for run, path in enumerate(self.paths):
-            if self._closed.is_set():
-                return
-            try:
-                with Replay(path) as replay:
-                    replay.wait()
-                    self._add(run, replay)
-            except FameError as error:
-                self.notices.append(str(error))
-            except Exception as error:  # the others are read all the same
-                self.notices.append(f"{self._name(run)}: it could not be read: {type(error).__name__}: {error}")
-            self._read += 1
+        before, first = dict[Path, _Stamp](), True
+        while first or not self._closed.wait(_POLL):
+            now = self._stamped()
+            fresh = [path for path, stamp in now.items() if self._stamps.get(path) != stamp]
+            if not first:  # what is being written is read when it is whole
+                fresh = [path for path in fresh if before.get(path) == now[path]]
+            for left, path in zip(range(len(fresh), 0, -1), fresh, strict=True):
+                if self._closed.is_set():
+                    break
+                self._left, self._stamps[path] = left, now[path]
+                self._read(path)
+            before, first, self._left = now, False, 0
+            self._version += bool(fresh)
+            self._settled.set()
+
+    def _read(self, path: Path) -> None:
+        if path not in self.paths:
+            self.paths.append(path)
+        run = self.paths.index(path)
+        self._forget(run)
+        try:
+            with Replay(path) as replay:
+                replay.wait()
+                self._add(run, replay)
+        except FameError as error:
+            self.notices[run] = [str(error)]
+        except Exception as error:  # the others are read all the same
+            self.notices[run] = [f"{self._name(run)}: it could not be read: {type(error).__name__}: {error}"]
+        self._version += 1
+
+    def _forget(self, run: int) -> None:
+        """Take away what was read of a recording before."""
+        with self._lock:
+            for known in (self.notices, self._pages):
+                known.pop(run, None)
+            for runs in self._missions.values():
+                runs[:] = [one for one in runs if one != run]
+            for place, by_run in self._found.items():
+                if by_run.pop(run, None) is not None:
+                    del self._sums[place]
+                    self._shown.pop(place, None)
+                    for one in by_run.values():
+                        self._sum(place, one)
+
+    def _sum(self, place: _Place, one: ElementHeat) -> None:
+        self._sums[place].add(one)
+        self._shown.pop(place, None)
 
     def _add(self, run: int, replay: Replay) -> None:
         if not replay.blocks:
-            self.notices.append(f"{self._name(run)}: nothing happened in it")
+            self.notices[run] = [f"{self._name(run)}: nothing happened in it"]
             return
         found, files = heat_of(replay.blocks, replay.catalogue), replay.catalogue.files
         hashes = [model_hash(each.source) for each in files]
         with self._lock:
-            self._runs += 1
-            self.notices += [f"{self._name(run)}: {text}" for text in replay.notices]
+            self.notices[run] = [f"{self._name(run)}: {text}" for text in replay.notices]
             fresh = {hash: each for hash, each in zip(hashes, files, strict=True) if hash not in self._numbers}
             self._numbers |= {hash: number for number, hash in enumerate(fresh, len(self._numbers))}
             self.catalogue.extend(list(fresh.values()))
@@ -198,7 +252,9 @@ class HeatMap(Closing):
                 self._missions[hashes[file]].append(run)
             for number, one in found.items():
                 file, element, _ = replay.catalogue.elements[number]
-                self._found[_Place(self._numbers[hashes[file]], element.id)][run] = one
+                place = _Place(self._numbers[hashes[file]], element.id)
+                self._found[place][run] = one
+                self._sum(place, one)
 
     def _name(self, run: int) -> str:
         return str(self.paths[run].relative_to(self._folder))
@@ -207,7 +263,7 @@ class HeatMap(Closing):
 
     def mission(self) -> Mapping[str, Any]:
         with self._lock:
-            left = len(self.paths) - self._read
+            runs, read = len(set().union(*self._missions.values())), len(self.paths)
             return mission_json(
                 "model",
                 self._folder.resolve().name,
@@ -215,28 +271,29 @@ class HeatMap(Closing):
                 (),
                 chips=[
                     (
-                        f"{self._runs} of {self._read} runs" if self._runs < self._read else f"{self._runs} runs",
+                        f"{runs} of {read} runs" if runs < read else f"{runs} runs",
                         "",
                         f"recordings below {self._folder}",
                     )
                 ],
-                notices=[*([f"{left} recordings are still to be read"] if left else []), *self.notices],
+                notices=[
+                    *([f"{self._left} recordings are still to be read"] if self._left else []),
+                    *chain(*self.notices.values()),
+                ],
                 control=["runs", *(["show"] if self._show is not None else [])],
                 heat=self._heat(),
-                version=self._read,
+                version=self._version,
                 empty=["No model is read yet", "The page shows the recordings as they are read."],
             )
 
     def _heat(self) -> dict[str, Any]:
-        elements: dict[str, dict[str, float | None]] = {}
-        for place, by_run in self._found.items():
-            whole = ElementHeat()
-            for one in by_run.values():
-                whole.add(one)
-            elements[str(self.catalogue.number(*place))] = whole.to_json()
+        for place in self._sums.keys() - self._shown.keys():
+            self._shown[place] = self._sums[place].to_json()
+        elements = {str(self.catalogue.number(*place)): one for place, one in self._shown.items()}
         models = [
             {"hash": hash, "name": Path(file.file).name, "runs": len(runs), "plane": self._plane(self._numbers[hash])}
             for hash, runs in self._missions.items()
+            if runs
             for file in (self.catalogue.files[self._numbers[hash]],)
         ]
         return {"elements": elements, "models": sorted(models, key=lambda one: (one["name"], -one["runs"]))}
@@ -253,8 +310,8 @@ class HeatMap(Closing):
         raise LookupError(number)
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
-        read = self._read
-        return read, [] if known == read else [{"type": "reload"}]
+        version = self._version
+        return version, [] if known == version else [{"type": "reload"}]
 
     def tasks(self, element: str) -> list[Human]:
         return []

@@ -30,6 +30,8 @@ class _Reading:
     catalogue: Catalogue
     findings: list[Finding] = field(default_factory=list)
     files: tuple[Path, ...] = ()
+    model: Definitions | None = None
+    library: Library = field(default_factory=Library)
 
 
 class ModelWatch(Closing):
@@ -91,7 +93,7 @@ class ModelWatch(Closing):
         except FameError as error:
             last = before or _Reading(Catalogue([]))
             return _Reading(last.catalogue, [Finding("error", str(error), str(self._path))], last.files)
-        return _Reading(Catalogue(files, library.find), found, tuple(Path(file.file) for file in files))
+        return _Reading(Catalogue(files, library.find), found, tuple(Path(file.file) for file in files), model, library)
 
     def _model(self) -> tuple[Definitions, Library]:
         if self._path.suffix.lower() in (".yaml", ".yml"):

@@ -81,12 +81,13 @@ def _pool(picture: Picture, shape: Shape, element: Element) -> str:
 
 def _banner(name: str, shape: Shape, band: float, ink: Ink) -> str:
     """The name of a pool or lane in its band: horizontal for a vertical pool, rotated for a horizontal one."""
-    bounds = shape.bounds
-    if not shape.horizontal:
-        return _centred(name, Bounds(bounds.x, bounds.y, bounds.width, band), ink)
-    turned = Bounds(-bounds.height / 2, -band / 2, bounds.height, band)
-    x, y = number(bounds.x + band / 2), number(bounds.y + bounds.height / 2)
-    return tag("g", _centred(name, turned, ink), transform=f"translate({x} {y}) rotate(-90)")
+    bounds, turn = shape.bounds, " rotate(-90)" if shape.horizontal else ""
+    length = bounds.height if shape.horizontal else bounds.width
+    middle = (band / 2, length / 2) if shape.horizontal else (length / 2, band / 2)
+    x, y = number(bounds.x + middle[0]), number(bounds.y + middle[1])
+    return tag(
+        "g", _centred(name, Bounds(-length / 2, -band / 2, length, band), ink), transform=f"translate({x} {y}){turn}"
+    )
 
 
 def _centred(name: str, bounds: Bounds, ink: Ink, corner: float = 0) -> str:

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from typing import Literal
 
 from fame.check.explore.faults import outcomes
@@ -66,6 +67,20 @@ class Finding:
     accepted: str = ""
     robots: tuple[str, ...] = ()
     certain: bool = False
+
+    def steps(self) -> Iterator[str]:
+        """Its run, a numbered step a line; the same step several times in a row is one line."""
+        if not self.run:
+            yield "    (at once)"
+        doomed = self.doomed
+        for number, (text, group) in enumerate(groupby(self.run, key=str), 1):
+            times = len(list(group))
+            yield f"  {number:3}. {text}" + (f"  (x{times})" if times > 1 else "")
+            if doomed is not None:
+                doomed -= times
+                if doomed < 0:
+                    yield "       ---- from here on the mission cannot complete"
+                    doomed = None
 
     @property
     def level(self) -> str:

@@ -60,7 +60,7 @@ export class Change {
     const back = h("div", { cls: "row" }, h("a", { href: ".." }, "Back to the team"));
     if (!data.hash) return [back, data.error ? h("p", { cls: "found error" }, data.error) : null];
     return [back, this.actions(), h("h2", null, "Robots"), data.robots.map((robot) => this.robot(robot)), data.asking ? h("p", { cls: "quiet" }, "Asking the robots …") : null,
-      h("h2", null, "Differs from what they run"), this.changes(), data.explored ? [h("h2", null, "If they migrate"), h("p", null, data.explored)] : null];
+      h("h2", null, "Differs from what they run"), this.changes(), data.explored ? [h("h2", null, "If they migrate"), h("p", null, data.explored.text), this.explored()] : null];
   }
 
   actions() {
@@ -75,6 +75,12 @@ export class Change {
     const rows = tokens.map(({ element, name, fate, target, reason: why }) => h("li", { cls: fate === "blocked" ? "failed" : "" },
       element >= 0 ? this.app.inspector.element(element) : h("b", null, name), ` ${FATES[fate]}${target && fate === "restart" ? " there" : ""}${why ? `: ${why}` : ""}`));
     return h("section", { dataset: { key: robot } }, h("h3", null, robot, h("span", { cls: "quiet" }, state === "previewed" ? (runs ? `runs ${runs.slice(0, 12)}` : "runs nothing: it begins") : `${state} ${reason}`)), rows.length ? h("ul", { cls: "waits" }, rows) : h("p", { cls: "quiet" }, state === "previewed" && runs ? "No token." : ""));
+  }
+
+  /** What the exploration of the migrated state has found, each with the run that leads to it. */
+  explored() {
+    return h("ul", { cls: "findings" }, this.data.explored.findings.map(({ level, text, steps }) =>
+      h("li", { cls: `found ${level}` }, h("details", null, h("summary", null, text), h("pre", { cls: "code" }, steps.join("\n"))))));
   }
 
   changes() {

@@ -91,7 +91,8 @@ export class Diagram {
   placed(x, y, scale) {
     this.sheet.setAttribute("transform", `translate(${x} ${y}) scale(${scale})`);
     if (this.current === undefined) return;
-    this.current.pins.place(x, y, scale, this.view.box().height, this.app.mission.robots[this.app.selected.robot]?.pool);
+    const { width, height } = this.view.box();
+    this.current.pins.place([x, y], scale, [width, height], this.app.mission.robots[this.app.selected.robot]?.pool);
     const level = 2 ** (Math.floor(Math.log2(scale) * 8) / 8);
     if (level === this.current.level) return;
     this.current.level = level;

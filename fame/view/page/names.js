@@ -60,7 +60,7 @@ function begins({ owner, at: [, y, , height], lines }, size) {
 export class Names {
   /** The names of a plane: a text is inside its shape, or beside it with a halo; pools and lanes are named by pins. */
   constructor({ drawing, groups, shapes, shift, pins }) {
-    this.bands = pins.frames.map(({ box }) => moved(box, shift));
+    this.bands = pins.frames.filter(({ turned }) => turned).map(({ box }) => moved(box, shift));
     this.shapes = [...shapes].filter(([number]) => groups.has(number) && !groups.get(number).classList.contains("frame")).map(([number, box]) => [groups.get(number), moved(box, shift)]);
     this.names = [];
     for (const node of drawing.querySelectorAll("text")) {
@@ -105,27 +105,30 @@ export class Names {
   }
 }
 
-/** The names of pools and lanes, in their band or, where that is out of sight, at the edge: they stay while one scrolls. */
+/** The names of pools and lanes, in their band (left, or above where they are drawn upright) or, where that is out of sight, at the edge: they stay while one scrolls. */
 export class Pins {
   constructor({ groups, shapes }) {
     this.node = s("g", { cls: "pins" });
     this.frames = [...groups].flatMap(([number, group]) => {
-      const turned = [...group.querySelectorAll(":scope > g")].find((one) => /rotate\(-90\)/.test(one.getAttribute("transform")));
-      if (!turned?.querySelector("text")) return [];
-      const text = [...turned.querySelectorAll("tspan")].map((one) => one.textContent).join(" ");
-      turned.remove();
-      return [{ number, text, box: shapes.get(number) }];
+      const banner = group.classList.contains("frame") && group.querySelector(":scope > g > text")?.parentNode;
+      if (!banner) return [];
+      const text = [...banner.querySelectorAll("tspan")].map((one) => one.textContent).join(" "), turned = /rotate/.test(banner.getAttribute("transform"));
+      banner.remove();
+      return [{ number, text, box: shapes.get(number), turned, over: turned ? 0 : 1 }]; // over: the axis, x or y, that the band lies across
     });
-    this.frames.forEach((one) => { one.depth = this.frames.filter(({ box }) => box !== one.box && !apart(box, one.box) && box[2] > one.box[2]).length; });
+    this.frames.forEach((one) => { one.depth = this.frames.filter(({ box }) => box !== one.box && !apart(box, one.box) && box[2 + one.over] > one.box[2 + one.over]).length; });
   }
 
-  place(x, y, scale, height, chosen) {
-    this.node.replaceChildren(...this.frames.flatMap(({ number, text, box: [left, top, width, tall], depth }) => {
-      const band = BAND * scale, wideAs = Math.max(band, 20), from = Math.max(depth * 20, x + left * scale + band - wideAs), above = Math.max(0, y + top * scale), below = Math.min(height, y + (top + tall) * scale);
-      const size = Math.min(Math.max(12 * scale, 11), 16), shown = cut(text, below - above - 6, size);
-      if (from + wideAs > x + (left + width) * scale || below - above < 2 * LEAST) return [];
-      return s("g", { cls: number === chosen ? "pin on" : "pin", dataset: { element: number } }, s("title", null, text), s("rect", { x: from, y: above, width: wideAs, height: below - above }),
-        shown ? s("text", { transform: `translate(${from + wideAs / 2} ${(above + below) / 2}) rotate(-90)`, y: 0.35 * size, "font-size": size, "text-anchor": "middle" }, shown) : null);
+  /** The content is at `origin` [x, y] in a box of a size [width, height]. */
+  place(origin, scale, room, chosen) {
+    this.node.replaceChildren(...this.frames.flatMap(({ number, text, box, depth, turned, over }) => {
+      const along = 1 - over, [begins, ends] = [0, 1].map((end) => [0, 1].map((axis) => origin[axis] + (box[axis] + end * box[2 + axis]) * scale));
+      const band = BAND * scale, wideAs = Math.max(band, 20), from = Math.max(depth * 20, begins[over] + band - wideAs), first = Math.max(0, begins[along]), long = Math.min(room[along], ends[along]) - first;
+      const size = Math.min(Math.max(12 * scale, 11), 16), shown = cut(text, long - 6, size), at = (a, b) => (over ? [b, a] : [a, b]);
+      if (from + wideAs > ends[over] || long < 2 * LEAST) return [];
+      const [x, y] = at(from, first), [width, height] = at(wideAs, long);
+      return s("g", { cls: number === chosen ? "pin on" : "pin", dataset: { element: number } }, s("title", null, text), s("rect", { x, y, width, height }),
+        shown ? s("text", { transform: `translate(${x + width / 2} ${y + height / 2})${turned ? " rotate(-90)" : ""}`, y: 0.35 * size, "font-size": size, "text-anchor": "middle" }, shown) : null);
     }));
   }
 }
