@@ -13,7 +13,7 @@ from urllib.request import urlopen
 
 import pytest
 from bpmn_text import process
-from view_page import READY, beyond, eventually, until, violations
+from view_page import PHONE, READY, eventually, flaws, until
 
 from fame.bpmn import read_text
 from fame.bpmn.difference import difference
@@ -175,26 +175,19 @@ def test_the_page_asks_before_code_runs(chromium: Browser, team: Team, tmp_path:
     file = tmp_path / "new.bpmn"
     file.write_text(NEW)
     with Server(team.view) as server:
-        page = chromium.new_page()
+        page = chromium.new_page(**PHONE)
         page.goto(server.address)
         until(page, READY)
         page.locator("input[type=file]").set_input_files(file)
         page.wait_for_url("**/change/**")
-        until(
-            page,
-            "document.querySelector('.ghost') && !fame.mission.change.asking",
-        )
-        until(page, "fame.mission.control.includes('migrate')")
-        for width, theme in ((1440, "light"), (390, "dark")):
-            page.set_viewport_size({"width": width, "height": 800})
-            page.evaluate(f"fame.setTheme('{theme}')")
-            assert (beyond(page), violations(page)) == ([], [])
-        page.get_by_role("button", name="Migrate …").click()
-        assert violations(page) == []
+        until(page, "document.querySelector('.ghost') && fame.mission.control.includes('migrate')")
+        assert flaws(page, "change", (1440, "light"), (1024, "light"), (390, "dark")) == []
+        page.get_by_role("button", name="Migrate …").tap()
+        assert flaws(page, "migrate", (390, "dark")) == []
         assert "n = 2" in page.locator("dialog.ask").inner_text()
-        page.get_by_role("button", name="Migrate", exact=True).click()
+        page.get_by_role("button", name="Migrate", exact=True).tap()
         assert page.locator("dialog.ask").is_visible()  # nobody has said that it may run
-        page.locator("dialog input[type=checkbox]").check()
-        page.get_by_role("button", name="Migrate", exact=True).click()
+        page.locator("dialog input[type=checkbox]").tap()
+        page.get_by_role("button", name="Migrate", exact=True).tap()
         eventually(lambda: "migrated" in team.said())
         page.close()

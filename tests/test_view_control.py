@@ -19,7 +19,7 @@ from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
 import pytest
-from view_page import beyond, eventually, opened, until
+from view_page import beyond, eventually, opened, shot, until
 
 from fame.cli import main, parser
 from fame.cli.view import _compared, _recorded_command, _source
@@ -375,8 +375,7 @@ def test_the_page_asks_before_it_branches_and_opens_the_tab_at_once(chromium: Br
         page.get_by_role("button", name="Branch here").click()
         said = page.locator("dialog[open]").inner_text()
         assert f"{own_code / 'own.py'}\nas recorded" in said
-        if folder := os.environ.get("SCREENSHOTS"):
-            page.screenshot(path=f"{folder}/branch.png")
+        shot(page, "branch")
         page.get_by_role("button", name="Cancel").click()
         assert not (own_code / "ran").exists()
         page.get_by_role("button", name="Branch here").click()

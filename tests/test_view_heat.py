@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from bpmn_text import process
-from view_page import beyond, eventually, opened, until, violations
+from view_page import PHONE, eventually, flaws, opened, until
 
 import fame
 from fame.bpmn import read_text
@@ -141,13 +141,10 @@ def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_page_colours_the_diagram_and_lists_runs(chromium: Browser, heat: HeatMap) -> None:
-    with opened(chromium, heat) as page:
+    with opened(chromium, heat, **PHONE) as page:
         until(page, "document.querySelectorAll('.is-hot').length >= 2")
-        page.get_by_role("button", name="Waiting").click()
+        page.get_by_role("button", name="Waiting").tap()
         until(page, "[...document.querySelectorAll('.badge.heat')].map((one) => one.textContent).includes('6 s')")
-        page.locator("[data-id=Rest]").first.click()
+        page.locator("[data-id=Rest]").first.tap()
         until(page, "document.querySelector('#inspector').innerText.includes('b.mcap')")
-        for width, theme in ((1440, "light"), (390, "dark")):
-            page.set_viewport_size({"width": width, "height": 800})
-            page.evaluate(f"fame.setTheme('{theme}')")
-            assert (beyond(page), violations(page)) == ([], [])
+        assert flaws(page, "heat", (1440, "light"), (1024, "light"), (390, "dark")) == []

@@ -5,14 +5,13 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from test_view_control import running
-from view_page import beyond, eventually, opened, until
+from view_page import PHONE, Finger, beyond, eventually, opened, shot, until
 
 from fame.scenario import Scenario
 from fame.view import LiveRun, RunControl
@@ -56,12 +55,6 @@ def take_over(page: Page) -> None:
     page.locator("#steer").wait_for()
 
 
-def shot(page: Page, name: str) -> None:
-    """Keep a picture where somebody asks for it."""
-    if folder := os.environ.get("FAME_SHOTS"):
-        page.screenshot(path=f"{folder}/{name}.png")
-
-
 def test_keys_steer_a_robot_that_was_taken_over_and_resume_gives_it_back(page: Page, cars: LiveRun) -> None:
     take_over(page)
     until(page, "fame.team.rows.find((row) => row.name === 'REX').state === 'suspended'")
@@ -81,19 +74,18 @@ def test_keys_steer_a_robot_that_was_taken_over_and_resume_gives_it_back(page: P
 
 
 def test_a_pad_steers_by_touch_on_a_phone_and_fits_its_window(chromium: Browser, cars: LiveRun) -> None:
-    with opened(chromium, cars, tab="team", has_touch=True, is_mobile=True) as page:
-        page.set_viewport_size({"width": 390, "height": 844})
+    with opened(chromium, cars, tab="team", **PHONE) as page:
         until(page, "fame.team.rows.length === 2")
         page.locator(".robot", has_text="REX").get_by_role("button", name="Take over").tap()
         page.locator("#steer .pad").wait_for()
         before, box = place(cars), page.locator("#steer .pad").bounding_box()
         assert box is not None
-        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        page.mouse.down()
-        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] - 5)
+        finger, middle = Finger(page), box["x"] + box["width"] / 2
+        finger.put((middle, box["y"] + box["height"] / 2))
+        finger.move((middle, box["y"] + box["height"] - 5))
         eventually(lambda: come(cars, before) > 0.1)
         shot(page, "pad_390")
-        page.mouse.up()
+        finger.lift()
         eventually(lambda: cars._run.world.robots["REX"].drive.speed == 0)
         assert beyond(page) == []
         assert page.evaluate(SMALL) == []

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,8 @@ def opened(
     `blocked`: that its policy has blocked a script of a drawing is no error; `refused`: nor is a refused command.
     """
     with Server(source) as server:
-        context = browser.new_context(viewport={"width": 1280, "height": 720}, reduced_motion="reduce", **options)
+        options.setdefault("viewport", {"width": 1280, "height": 720})
+        context = browser.new_context(reduced_motion="reduce", **options)
         context.add_init_script(f"sessionStorage.getItem('fame-tab') ?? sessionStorage.setItem('fame-tab', '{tab}')")
         page, wrong = context.new_page(), []
         page.on("pageerror", lambda error: wrong.append(str(error)))
@@ -59,6 +61,10 @@ def until(page: Page, condition: str, seconds: float = 60.0) -> Any:
     raise AssertionError(f"not within {seconds:g} s: {condition} {wrong}")
 
 
+OVERLAPPING = """(boxes) => boxes.filter((a, at) => boxes.slice(at + 1).some((b) =>
+  a[0] < b[0] + b[2] && b[0] < a[0] + a[2] && a[1] < b[1] + b[3] && b[1] < a[1] + a[3]))"""
+"""Of boxes [x, y, width, height], those that lie on others."""
+
 _BEYOND = """[...document.querySelectorAll('html, body, body *')].filter((one) => {
   const { right, width } = one.getBoundingClientRect();
   const whole = /html|body/.test(one.localName) ? one.scrollWidth : 0;
@@ -81,8 +87,52 @@ def violations(page: Page) -> list[str]:
     """What axe-core has against the page as it is now: rules of WCAG 2.2 and of good practice."""
     from axe_playwright_python.sync_playwright import Axe
 
-    found = Axe().run(page).response["violations"]
+    found = Axe().run(page, options={"resultTypes": ["violations"]}).response["violations"]  # others are long
     return [f"{rule['id']}: {node['html']}" for rule in found for node in rule["nodes"]]
+
+
+def flaws(page: Page, name: str, *looks: tuple[int, str]) -> list[str]:
+    """What axe-core has against the page, and what reaches beyond its window, at each width (px) and theme."""
+    found = []
+    for width, theme in looks:
+        page.set_viewport_size({"width": width, "height": 844})
+        page.evaluate(f"fame.setTheme('{theme}')")
+        page.wait_for_timeout(100)
+        shot(page, f"{name}_{width}")
+        found += [f"{width} {theme}: {one}" for one in (*beyond(page), *violations(page))]
+    return found
+
+
+def shot(page: Page, name: str) -> None:
+    """Keep a picture in the folder of the environment variable FAME_SHOTS, if there is one."""
+    if folder := os.environ.get("FAME_SHOTS"):
+        page.screenshot(path=f"{folder}/{name}.png")
+
+
+class Finger:
+    """Fingers on a page with touch: what is more than a tap."""
+
+    def __init__(self, page: Page) -> None:
+        self._session = page.context.new_cdp_session(page)
+
+    def put(self, *points: tuple[float, float]) -> None:
+        """Lay fingers on points (px)."""
+        self._send("touchStart", points)
+
+    def move(self, *points: tuple[float, float]) -> None:
+        """Move them there."""
+        self._send("touchMove", points)
+
+    def lift(self) -> None:
+        """Take them away."""
+        self._send("touchEnd", ())
+
+    def _send(self, kind: str, points: Iterable[tuple[float, float]]) -> None:
+        given = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]
+        self._session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": given})
+
+
+PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 
 
 _BLOCKED = "Executing inline event handler violates the following Content Security Policy"

@@ -75,6 +75,8 @@ class Catalogue:
             for process in definitions.processes:
                 number = self._add(file, process, NOWHERE)
                 self._add_body(file, process.body, number)
+                for lane in process.lanes:
+                    self._add(file, lane, NOWHERE)
             for pool in definitions.participants:
                 self._add(file, pool, NOWHERE)
         for file, definitions in enumerate(files, first):

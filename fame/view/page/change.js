@@ -48,7 +48,7 @@ export class Change {
     plane.change = key;
     const how = new Map(changes.map((one) => [one.element, one.how]).reverse()); // the strongest, where versions differ
     for (const [number, group] of plane.groups) for (const name of Object.keys(SIGNS)) group.classList.toggle(`is-${name}`, how.get(number) === name);
-    show(plane.over, this.app.diagram.plane === 0 ? ghosts.map(({ name, box: [x, y, width, height] }) => s("g", { cls: "ghost" }, s("title", null, `removed: ${name}`), s("rect", { x, y, width, height, rx: 8 }), s("text", { x: x + width / 2, y: y + height / 2 + 4 }, name))) : [],
+    show(plane.over, this.app.diagram.plane === 0 ? ghosts.map(({ name, box: [x, y, width, height] }) => s("g", { cls: "ghost" }, s("title", null, `removed: ${name}`), s("rect", { x, y, width, height, rx: 8 }), s("text", { x: x + width / 2, y: y + height + 13 }, name))) : [],
       [...how].filter(([number]) => plane.shapes.has(number)).map(([number, name]) => {
         const [x, y, width] = plane.shapes.get(number);
         return s("g", { cls: `badge ${name}`, transform: `translate(${x + width} ${y}) scale(${this.app.diagram.grow})` }, s("title", null, WORDS[name]), s("circle", { r: 9 }), s("text", { cls: "middle", y: 4 }, SIGNS[name]));
@@ -90,8 +90,11 @@ export class Change {
     return rows.length ? h("ul", { cls: "findings" }, rows) : h("p", { cls: "quiet" }, this.data.asking ? "…" : "Nothing.");
   }
 
-  code({ code: [old, fresh] }) {
-    return old.length + fresh.length ? h("pre", { cls: "code" }, old.map((text) => h("del", null, `${text}\n`)), fresh.map((text) => h("ins", null, `${text}\n`))) : null;
+  /** The lines that are gone, then the new text: its lines that the old one does not have are marked. */
+  code({ code }) {
+    const [old, fresh] = code.map((texts) => texts.flatMap((text) => text.split("\n")));
+    const lines = [...old.filter((line) => !fresh.includes(line)).map((line) => h("del", null, `${line}\n`)), ...fresh.map((line) => (old.includes(line) ? `  ${line}\n` : h("ins", null, `${line}\n`)))];
+    return lines.length ? h("pre", { cls: "code" }, lines) : null;
   }
 
   /** Show the code that would run, and ask; the hash is that of what is shown. */

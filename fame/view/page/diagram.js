@@ -187,7 +187,7 @@ export class Diagram {
     if (changed) {
       this.view.content(plane.width, plane.height);
       this.focus(false);
-    }
+    } else this.view.apply(); // the same place, drawn anew
     this.path();
     this.app.redraw();
   }
@@ -225,7 +225,7 @@ export class Diagram {
     const shapes = new Map(Object.entries(data.shapes).map(([number, box]) => [Number(number), box]));
     const [, ...shift] = /translate\(([-\d.]+)[ ,]([-\d.]+)/.exec(drawing.firstElementChild?.getAttribute("transform")) ?? [0, 0, 0];
     const pins = new Pins({ groups, shapes });
-    return { drawing, groups, shapes, pins, names: new Names({ drawing, groups, shapes, pins, shift: shift.map((one) => -one) }), level: 1, under: s("g", { cls: "under" }), over: s("g", { cls: "over" }), width: data.width, height: data.height,
+    return { drawing, groups, shapes, pins, names: new Names({ drawing, groups, shapes, pins, shift: shift.map((one) => -one) }), level: Infinity, under: s("g", { cls: "under" }), over: s("g", { cls: "over" }), width: data.width, height: data.height,
       edges: new Map(Object.entries(data.edges).map(([number, points]) => [Number(number), points])), classes: new Map(), marks: new Map(), shown: "" };
   }
 
@@ -242,7 +242,7 @@ export class Diagram {
   clicked(event) {
     const group = event.target.closest?.("[data-element]");
     const element = group === null ? -1 : Number(group.dataset.element);
-    this.app.select({ element: group !== null && this.app.mission.elements[element]?.tag !== "participant" ? element : -1,
+    this.app.select({ element: group !== null && !/^(participant|element)$/.test(this.app.mission.elements[element]?.tag) ? element : -1,
       robot: this.robotOf(element) ?? this.app.selected.robot });
   }
 

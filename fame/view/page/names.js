@@ -5,6 +5,7 @@ import { s } from "./dom.js";
 const LEAST = 9, DOT = 8; // px of a name, and of a shape that is more than a dot
 const SIGN = 18, BARE = 6, MOST = 2.2; // units of a pictogram, px of one that is shown; how many times a name beside a shape may grow
 const BAND = 30; // units of the name of a pool or lane
+const AROUND = [[0, 0], [0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, 1], [1, -1], [-1, -1], [0, 2], [0, -2]]; // places of a name beside a shape, in its widths and heights
 const LEADING = 1.2, PAD = 4, CORNER = 20, FOOT = 18; // of a line; room beside a text, for a pictogram, for a marker
 const ruler = document.createElement("canvas").getContext("2d");
 ruler.font = '100px Arial, Helvetica, "Liberation Sans", sans-serif';
@@ -97,7 +98,7 @@ export class Names {
     const bands = this.bands.filter(([x, y, wideAs, high]) => name.x > x && name.x < x + wideAs && top > y && top < y + high).map(([x]) => x + BAND);
     const left = Math.max(name.x - width / 2, ...(grown ? bands : [])); // not under the name of a pool
     if (size > MOST * name.size) return null;
-    const box = [[0, 0], [0, tall], [0, -tall], [aside, 0], [-aside, 0]].map(([dx, dy]) => [left + dx, top + dy, width, tall])
+    const box = AROUND.map(([x, y]) => [x * aside, y * tall]).map(([dx, dy]) => [left + dx, top + dy, width, tall])
       .find((one) => taken.every((other) => apart(spaced(one, size), other)) && shapes.every((other) => apart(one, other)));
     if (!box && grown) return null;
     taken.push(box ?? name.at);

@@ -34,7 +34,7 @@ function reports({ block, position }) {
 }
 
 function describe(app, state, time, row, said, lost) {
-  const [ended, at] = said.get(row.r) ?? ["idle", 0];
+  const [ended, at] = said.get(row.r) ?? ["idle", -1];
   row.open = row.waits.filter(needsSomebody).sort((a, b) => a.since - b.since);
   const [task] = row.open, e = task === undefined ? -1 : drawn(app, state.openers(row.r, task.scope), task.e);
   Object.assign(row, activity(app, state, row) ?? { doing: e < 0 ? "" : nameOf(app, e), since: at, element: e });

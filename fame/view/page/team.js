@@ -85,7 +85,7 @@ export class Team {
 
   /** The cells of a row, each as a text that says whether it differs, and what makes its content. */
   cells(row, time) {
-    const { app } = this, [open] = row.open, { missed } = row, since = row.state !== "idle" && row.since > 0 ? ago(time - row.since) : "";
+    const { app } = this, [open] = row.open, { missed } = row, since = row.state !== "idle" && row.since >= 0 ? ago(time - row.since) : "";
     const by = row.state === "suspended" && row.by ? `by ${row.by}` : "", lost = missed ? `${ago(time - missed.time)} ago` : "";
     const hand = app.acts.can("take_over") && HELD.has(row.state) && app.steer.held?.r !== row.r, small = (text) => (text ? h("small", null, text) : null);
     return [

@@ -11,6 +11,7 @@ import { Properties } from "./properties.js";
 
 const GUTTER = 148, ROW = 16, PAD = 3, LANE = 33, MOST_ROWS = 4;
 const SLICE = 8; // ms of a frame
+const GROWTH = 8; // px by which bars of what is under way grow at once
 
 export class Timeline {
   constructor(root, app) {
@@ -226,7 +227,7 @@ export class Timeline {
     const key = [this.from, this.until, this.width, height, scroll, selected.robot, selected.element, this.levels, isDark(), this.plots.key, this.properties.key, window.devicePixelRatio].join();
     if (height < 2) return;
     const begun = performance.now(), same = key === this.layerKey;
-    const version = `${store.version}/${store.blocks.length}`;
+    const version = `${store.version}/${store.blocks.length}/${Math.floor(this.x(store.end) / GROWTH)}`;
     if (!same || (this.painting === null && version !== this.layerVersion)) {
       if (same && begun < this.layerPause) { // a long run is being loaded: not for each of its blocks
         this.app.soon();
@@ -306,6 +307,7 @@ export class Timeline {
   drawSpans(context, { data, end, number }, lanes, last, hits) {
     const following = this.app.store.blocks[number + 1];
     const goesOn = Boolean(following?.data) && following.start <= this.until; // then the next block draws what is under way
+    const now = following ? end : Math.max(end, this.app.store.end); // what is under way goes on, also if nothing is new
     const { elements } = this.app.mission, { element: chosen } = this.app.selected, width = this.width;
     const open = css("--open"), failed = css("--failed"), sheet = css("--panel"), ink = css("--ink");
     context.font = "11px system-ui, sans-serif";
@@ -313,7 +315,7 @@ export class Timeline {
     for (const span of spansOf(data)) {
       const lane = lanes[span.r], row0 = lane?.depths[span.depth];
       if (row0 === undefined || (span.until === Infinity && goesOn && following.data.held.has(`${span.r}/${span.i}/${span.s}/${span.e}`))) continue;
-      const until = span.until === Infinity ? end : span.until;
+      const until = span.until === Infinity ? now : span.until;
       if (until < this.from || span.from > this.until) continue;
       const left = Math.max(-2, this.x(span.from));
       const right = Math.min(width + 2, this.x(until));
@@ -333,7 +335,7 @@ export class Timeline {
       context.globalAlpha = chosen >= 0 && chosen !== span.e ? 0.5 : 1;
       if (wide > 26) this.text(context, element.name || element.id, Math.max(left, 0) + 5, y + ROW / 2, Math.min(right, width) - Math.max(left, 0) - 8, ink);
       if (wide > 2) hits.push([left, y, wide, ROW, span]);
-      if (span.how === -1 && span.until === Infinity && end >= this.app.store.end && wide > 6) {
+      if (span.how === -1 && span.until === Infinity && now >= this.app.store.end && wide > 6) {
         context.fillStyle = open;
         context.fillRect(right - 2, y + 1, 2, ROW - 3);
       }
