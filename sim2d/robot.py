@@ -13,11 +13,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
 
-from fame.config.loader import find_object
+from fame.config.loader import find_object, registered
 from fame.config.values import Point
 from fame.errors import ConfigError
 from fame.middleware.interface import AnyMessage, QoS
@@ -236,7 +235,7 @@ BUILT_IN = {
 
 def robot_types() -> dict[str, str]:
     """Return all registered types, each with its ``module:Class``."""
-    return {**{entry.name: entry.value for entry in entry_points(group=GROUP)}, **BUILT_IN}
+    return {**registered(GROUP), **BUILT_IN}
 
 
 def robot_class(type: str, folder: Path = Path()) -> type[SimulatedRobot]:

@@ -58,6 +58,33 @@ def test_the_traces_are_those_of_the_runs_own_log(run: Path) -> None:
     assert sorted(written.split("<trace>")) == sorted(own.split("<trace>"))
 
 
+ORDERS = """<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:camunda="http://camunda.org/schema/1.0/bpmn">
+  <process id="Pack_Orders" isExecutable="true">
+    <startEvent id="s"/>
+    <scriptTask id="read" scriptFormat="python"><script>orders = [[7, ["a", "b"]], [8, ["c"]]]</script></scriptTask>
+    <subProcess id="order" name="Order">
+      <multiInstanceLoopCharacteristics camunda:collection="orders" camunda:elementVariable="each"/>
+      <startEvent id="s2"/>
+      <scriptTask id="take" scriptFormat="python"><script>order_id, parcels = each</script></scriptTask>
+      <scriptTask id="pack" name="Pack" scriptFormat="python">
+        <multiInstanceLoopCharacteristics camunda:collection="parcels" camunda:elementVariable="parcel"/>
+        <script>await sleep(1)</script>
+      </scriptTask>
+      <task id="close" name="Close"/>
+      <endEvent id="e2"/>
+      <sequenceFlow id="f3" sourceRef="s2" targetRef="take"/>
+      <sequenceFlow id="f4" sourceRef="take" targetRef="pack"/>
+      <sequenceFlow id="f5" sourceRef="pack" targetRef="close"/>
+      <sequenceFlow id="f6" sourceRef="close" targetRef="e2"/>
+    </subProcess>
+    <endEvent id="e"/>
+    <sequenceFlow id="f0" sourceRef="s" targetRef="read"/>
+    <sequenceFlow id="f1" sourceRef="read" targetRef="order"/>
+    <sequenceFlow id="f2" sourceRef="order" targetRef="e"/>
+  </process>
+</definitions>
+"""
+
 SCHEMA = json.loads((Path(__file__).parent / "ocel2_schema.json").read_text())
 
 
@@ -71,7 +98,7 @@ def test_ocel_is_valid_by_the_schema_of_its_specification(run: Path) -> None:
     assert len(list(validator.iter_errors(log))) == 2
 
 
-def test_ocel_has_what_the_mission_shows_unless_all_is_asked_for(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_ocel_has_what_the_mission_shows_unless_all_is_asked_for(run: Path) -> None:
     logs = {}
     for level in ("mission", "all"):
         target = run / f"{level}.ocel.json"
@@ -88,8 +115,6 @@ def test_ocel_has_what_the_mission_shows_unless_all_is_asked_for(run: Path, caps
     topics = {id.split("#")[0].removeprefix("signal:/") for id in sent["mission"]}
     assert topics == {"weed_found", "weed_position", "tractor_position", "closest_tractor"}
     assert len(json.dumps(logs["mission"])) < len(json.dumps(logs["all"])) / 10
-    assert main(["log", "convert", str(run / "all.mcap"), "-o", str(run / "z.csv"), "--level", "all"]) == 2
-    assert "--level is for .ocel.json only" in capsys.readouterr().err
 
 
 def test_ocel_declares_what_it_uses(run: Path) -> None:
@@ -143,6 +168,72 @@ def test_signals_relate_the_robots_that_sent_and_received_them(run: Path) -> Non
     assert all(("sender", "robot:Drone") in found for found in of_weeds)
     types = {each["id"]: each["type"] for each in log["objects"]}
     assert {"robot", "instance", "signal"} <= set(types.values())
+
+
+def told(parts: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """The error of a command that is refused."""
+    assert main(["log", "convert", *parts]) == 2
+    return capsys.readouterr().err
+
+
+def test_what_a_variable_names_is_an_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two instances bear two orders at the same time; a repeated activity has a parcel for each repetition."""
+    (tmp_path / "orders.bpmn").write_text(ORDERS)
+    scenario = Scenario.load(tmp_path / "orders.bpmn", duration=10)
+    with logging_to(tmp_path / "run.mcap", scenario.closures()) as log:
+        scenario.run(observer=log)
+    source, target = str(tmp_path / "run.mcap"), tmp_path / "run.ocel.json"
+    objects = ["--object", "order=order_id", "--object", "parcel=parcel"]
+    assert main(["log", "convert", source, "-o", str(target), *objects]) == 0
+    log_of = json.loads(target.read_text())
+    named = [
+        (event["type"], [one["objectId"] for one in event["relationships"] if one["qualifier"] in ("order", "parcel")])
+        for event in log_of["events"]
+    ]
+    assert [objects for kind, objects in named if kind == "Pack"] == 2 * [  # start, complete
+        ["order:7", "parcel:a"],
+        ["order:7", "parcel:b"],
+        ["order:8", "parcel:c"],
+    ]
+    assert [objects for kind, objects in named if kind == "Close"] == [["order:7"], ["order:8"]]
+    assert {"order", "parcel"} <= {each["name"] for each in log_of["objectTypes"]}
+    assert {each["id"] for each in log_of["objects"] if each["type"] == "parcel"} == {
+        "parcel:a",
+        "parcel:b",
+        "parcel:c",
+    }
+
+    give = [source, "-o", str(target), "--object"]
+    assert "has no variable 'parcl': did you mean 'parcel'?" in told([*give, "p=parcl"], capsys)
+    assert "the variable 'parcels' is never text or a number at an event" in told([*give, "p=parcels"], capsys)
+    assert "each log has objects of type 'robot' already" in told([*give, "robot=parcel"], capsys)
+    assert "expected TYPE=VARIABLE, as in parcel=parcel_id, got 'parcel'" in told([*give, "parcel"], capsys)
+    assert "--object is for .ocel.json only" in told([source, "-o", str(tmp_path / "x.xes"), *objects], capsys)
+
+
+def test_a_log_of_a_part_says_so_and_judges_and_draws_nothing(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, part = str(run / "run.mcap"), ["--robot", "Tractor_*", "--level", "mission"]
+    model, properties = str(Path("models/agriculture.bpmn").resolve()), run / "agriculture.properties.yaml"
+    properties.write_text("properties:\n  quiet: never Drone throws /weed_found\n")
+    (run / "agriculture.bpmn").write_text(Path(model).read_text())
+    for suffix in (".jsonl", ".csv", ".xes"):
+        target = run / f"part{suffix}"
+        assert main(["log", "convert", source, "-o", str(target), *part]) == 0
+        text = target.read_text()
+        assert "level mission, robots Tractor_1, Tractor_2" in text
+        assert "Tractor_1" in text
+        assert "Explore" not in text
+        assert main(["log", "judge", str(properties), str(target)]) == 2
+        assert "has only a part of its run (level mission, robots Tractor_1, Tractor_2" in capsys.readouterr().err
+    assert main(["draw", model, "--log", str(run / "part.csv"), "-o", str(run / "part.svg")]) == 2
+    assert "has only a part of its run" in capsys.readouterr().err
+    assert "has no robot 'Traktor': did you mean 'Tractor_" in told(
+        [source, "-o", str(run / "x.csv"), "--robot", "Traktor"], capsys
+    )
+    assert "--robot is for logs of single robots" in told(
+        [source, "-o", str(run / "x.ocel.json"), "--robot", "Drone"], capsys
+    )
+    assert "--level is for logs of events" in told([source, "-o", str(run / "bag"), "--level", "all"], capsys)
 
 
 def test_pm4py_opens_it(run: Path) -> None:

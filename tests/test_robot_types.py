@@ -1,6 +1,5 @@
 """The `type:` of a robot: built in, installed by a package, a class of a module, a class of a file beside the world."""
 
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -50,8 +49,7 @@ def test_a_mission_runs_with_a_robot_that_fame_does_not_know() -> None:
 
 
 def test_an_installed_package_registers_a_type_by_an_entry_point(monkeypatch) -> None:
-    entry = EntryPoint("rover", "robots.vehicles:Car", "fame.robots")
-    monkeypatch.setattr(robot_module, "entry_points", lambda group: [entry] if group == "fame.robots" else [])
+    monkeypatch.setattr(robot_module, "registered", {"fame.robots": {"rover": "robots.vehicles:Car"}}.__getitem__)
     assert robot_class("rover") is Car
     assert Ground(world("rover")).world.robots["REX"].type == "rover"
 

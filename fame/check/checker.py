@@ -7,6 +7,7 @@ to `CHECKS`; `docs/check_errors.md` and `docs/check_warnings.md` list every find
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from fame.bpmn.library import Library
@@ -22,7 +23,11 @@ from fame.check.signals import check_signal_delivery, check_signal_order
 from fame.check.topics import check_addressing, check_topic_partners, check_topic_types
 from fame.check.value_kinds import check_value_kinds
 from fame.check.variables import check_variables
-from fame.errors import expect
+from fame.config.loader import find_object, registered
+from fame.errors import ConfigError, expect
+
+GROUP = "fame.checks"
+"""Group of the entry points by which packages add checks of their own: functions of the model that give findings."""
 
 Check = Callable[[CheckScope], Iterable[Finding]]
 
@@ -68,15 +73,29 @@ def check(
     `team`: all files of the mission, this one included (see `parts_of_one_mission`), where the other ends of topics
     may be.
 
-    Raises ModelError if the model cannot be read, ConfigError for arguments of another type.
+    Checks of other packages (entry points in the group `GROUP`) are run too.
+
+    Raises ModelError if the model cannot be read, ConfigError for arguments of another type and a check that fails.
     """
     from fame.bpmn.reader import read
 
     definitions = read(definitions)
     expect(library is None or isinstance(library, Library), "library", library, 'a Library("folder")')
     scope = find_scope(definitions, library or Library(), team=team, strict=strict)
-    found = (finding for one in (*CHECKS, *[check_guidelines] * guidelines) for finding in one(scope))
+    found = [finding for one in (*CHECKS, *[check_guidelines] * guidelines) for finding in one(scope)]
+    found += [finding for name, place in registered(GROUP).items() for finding in _added(name, place, definitions)]
     return arranged(map(scope.named, _relevant(scope, found)), scope.files)
+
+
+def _added(name: str, place: str, definitions: Definitions) -> Sequence[Finding]:
+    """What a check of another package finds. Raises ConfigError if the check itself fails: nothing is known then."""
+    try:
+        found = list(find_object(place, Path())(definitions))
+    except Exception as error:  # whatever the code of a package raises
+        raise ConfigError(f"the check {name!r} ({place}) failed: {type(error).__name__}: {error}") from error
+    if not all(isinstance(each, Finding) for each in found):
+        raise ConfigError(f"the check {name!r} ({place}) gave something else than findings (fame.check.Finding)")
+    return [each if each.file else replace(each, file=definitions.file) for each in found]
 
 
 def _relevant(scope: CheckScope, findings: Iterable[Finding]) -> Iterator[Finding]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
@@ -113,6 +113,25 @@ def positive(text: str) -> float:
     if not 0 < number <= 1e15:
         raise argparse.ArgumentTypeError(f"expected a number above 0, got {text!r}")
     return number
+
+
+class BackendNames:
+    """What ``--middleware`` takes: FAME's own names, and those of other packages, which are looked up last."""
+
+    def __init__(self, *more: str) -> None:
+        self._own = (*more, "dds", "zenoh", "ros")
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._own or name in self._added()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*self._own, *self._added()))
+
+    @staticmethod
+    def _added() -> Mapping[str, str]:
+        from fame.config.loader import registered
+
+        return registered("fame.middleware")
 
 
 def add_library(parser: Parser) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli import exploration
-from fame.cli.arguments import Commands, add_json, add_library, command, positive
+from fame.cli.arguments import BackendNames, Commands, add_json, add_library, command, positive
 from fame.cli.network import connected, interface
 from fame.cli.output import coloured, print_json
 from fame.errors import ConfigError, ModelError
@@ -57,7 +57,8 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument(
         "--middleware",
-        choices=("dds", "zenoh", "ros"),
+        choices=BackendNames(),
+        metavar="dds|zenoh|ros",
         default="dds",
         help="with --against-graph: how to reach the nodes (dds); ros also receives the arguments after --ros-args",
     )

@@ -28,7 +28,7 @@ from fame.cli.arguments import (
 )
 from fame.cli.network import add_network, connected, wait_until
 from fame.cli.output import note, print_json
-from fame.errors import NOT_KNOWN, FameError, UnavailableError
+from fame.errors import NOT_KNOWN, ConfigError, FameError, UnavailableError
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -126,6 +126,9 @@ def packages(backend: str) -> Iterator[Finding]:
     from fame.imports import fame_version
 
     yield Finding("FAME", "ok", f"{fame_version()}, Python {platform.python_version()}")
+    if backend not in PACKAGES:
+        yield _of_another_package(backend)
+        return
     name = PACKAGES[backend]
     try:
         yield Finding("middleware", "ok", f"{backend}: {name} {metadata.version(name)}")
@@ -136,6 +139,17 @@ def packages(backend: str) -> Iterator[Finding]:
         other = "zenoh" if "zenoh" in chosen else "dds"
         text = f"RMW_IMPLEMENTATION={chosen}: nodes of ROS 2 that are started here do not meet --middleware {backend}"
         yield Finding("middleware", "warning", text, f"--middleware {other}")
+
+
+def _of_another_package(backend: str) -> Finding:
+    from fame.config.loader import find_object, registered
+
+    place = registered("fame.middleware")[backend]
+    try:
+        find_object(place, Path())
+    except ConfigError as error:
+        return Finding("middleware", "wrong", f"{backend}: {error.text}", "install its package again")
+    return Finding("middleware", "ok", f"{backend}: {place}, of another package")
 
 
 def clock() -> Finding:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from argparse import Namespace
+from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
@@ -47,7 +47,10 @@ def add(commands: Commands) -> None:
 
     converting = command(
         parts, "convert", convert,
-        examples=("fame log convert run.mcap -o run.xes", "fame log convert run.mcap -o run.ocel.json"),
+        examples=(
+            "fame log convert run.mcap -o carriers.xes --robot 'Carrier_*' --level mission",
+            "fame log convert run.mcap -o run.ocel.json --object parcel=parcel_id",
+        ),
         help="convert a recording to .jsonl, .csv, .xes (process mining, IEEE 1849) or .ocel.json (OCEL 2.0), "
         "or the messages of topics to a bag of ROS 2",
     )  # fmt: skip
@@ -59,8 +62,16 @@ def add(commands: Commands) -> None:
     )
     converting.add_argument(
         "--level", choices=("mission", "all"),
-        help="OCEL: activities and labelled elements of the mission and its signals (mission, the default), or "
+        help="activities and labelled elements of the mission, and its signals (mission, the default for OCEL), or "
         "everything: also what is inside called files, and the messages of sensors and motors",
+    )  # fmt: skip
+    converting.add_argument(
+        "--object", action="append", default=[], type=_naming, metavar="TYPE=VARIABLE",
+        help="OCEL: what a variable names is an object of this type; repeatable",
+    )  # fmt: skip
+    converting.add_argument(
+        "--robot", action="append", default=[], metavar="NAME",
+        help="the events of this robot only, or of those that a pattern names ('Carrier_*'); repeatable",
     )  # fmt: skip
 
     merging = command(
@@ -150,7 +161,15 @@ def record(arguments: Namespace) -> int:
 def convert(arguments: Namespace) -> int:
     from fame.log.conversion import convert as convert_recording
 
-    return _write("converting", partial(convert_recording, arguments.recording, level=arguments.level), arguments)
+    options = {"level": arguments.level, "named": dict(arguments.object), "robots": arguments.robot}
+    return _write("converting", partial(convert_recording, arguments.recording, **options), arguments)
+
+
+def _naming(text: str) -> tuple[str, str]:
+    kind, _, variable = text.partition("=")
+    if not kind or not variable:
+        raise ArgumentTypeError(f"expected TYPE=VARIABLE, as in parcel=parcel_id, got {text!r}")
+    return kind, variable
 
 
 def merge(arguments: Namespace) -> int:

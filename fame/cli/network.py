@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, Parser, command, natural
+from fame.cli.arguments import BackendNames, Commands, Parser, command, natural
 from fame.cli.output import note
 from fame.errors import FameError
 
@@ -57,7 +57,7 @@ _POLL = 20_000_000
 def add_network(parser: Parser) -> None:
     """``--middleware``, ``--localhost`` and ``--network``."""
     parser.add_argument(
-        "--middleware", choices=("dds", "zenoh", "ros"), default="dds",
+        "--middleware", choices=BackendNames(), metavar="dds|zenoh|ros", default="dds",
         help="dds (default) or zenoh: compatible with ROS 2, which need not be installed; ros: through rclpy, which "
         "also receives the arguments after --ros-args",
     )  # fmt: skip

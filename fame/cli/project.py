@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli import output
-from fame.cli.arguments import Parser
+from fame.cli.arguments import BackendNames, Parser
 from fame.errors import ConfigError
 from fame.text import suggestion
 
@@ -109,7 +109,7 @@ def read(file: Path) -> Project:
     for value in (value for listed in values.values() for value in listed):
         value.text()
     if "middleware" in keys:
-        keys["middleware"].choice(("dds", "zenoh", "ros"), "dds, zenoh or ros")
+        keys["middleware"].choice(BackendNames(), "dds, zenoh or ros")
         values["middleware"] = [keys["middleware"]]
     name = keys["name"].text() if "name" in keys else file.parent.name
     return Project(file, name, values, keys["coverage"].number(minimum=0, maximum=100) if "coverage" in keys else None)

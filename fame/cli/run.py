@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, add_json, add_library, command, epoch, natural, positive
+from fame.cli.arguments import BackendNames, Commands, add_json, add_library, command, epoch, natural, positive
 from fame.cli.output import coloured, live_table, note, print_json, progress_line, table, table_within
 from fame.cli.scenarios import add_variations, scenario_of
 from fame.cli.view import add_page, viewed, wait_for_interrupt
@@ -64,7 +64,7 @@ def add(commands: Commands) -> None:
 def _add_processes(parser: ArgumentParser) -> None:
     """Declare where and how fast the mission runs, and how strictly it is read."""
     parser.add_argument(
-        "--middleware", choices=("local", "dds", "zenoh", "ros"), default="local",
+        "--middleware", choices=BackendNames("local"), metavar="local|dds|zenoh|ros", default="local",
         help="local (default): everything in one process; otherwise the world and each engine are separate processes, "
         "at --speed, which do not receive the arguments after --ros-args",
     )  # fmt: skip

@@ -6,6 +6,8 @@ import importlib
 import importlib.util
 import sys
 from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import entry_points
 from os import PathLike
 from os.path import isfile
 from pathlib import Path
@@ -113,7 +115,13 @@ def meant_for(content: object, kind: FileKind) -> str:
     return ""
 
 
-# ---- Python objects that a file names --------------------------------------------------------------------------------
+# ---- Python objects that a file names, or that a package registers ---------------------------------------------------
+
+
+@cache
+def registered(group: str) -> Mapping[str, str]:
+    """What installed packages add to FAME in one group of entry points: name -> ``module:Name`` (docs/extending.md)."""
+    return {entry.name: entry.value for entry in entry_points(group=group)}
 
 
 def find_object(name: str, folder: Path) -> Any:

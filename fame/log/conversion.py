@@ -7,25 +7,33 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from datetime import datetime
+from fnmatch import fnmatchcase
 from itertools import chain, count
 from pathlib import Path
 from shutil import rmtree
+from types import MappingProxyType
+from typing import Literal
 
 from fame.bpmn.model import Definitions
 from fame.clock import EPOCH, date_text
 from fame.errors import ConfigError, ModelError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
-from fame.log.ocel import OcelLevel, write_ocel
+from fame.log.mission_level import PART, MissionLevel
+from fame.log.ocel import Named, write_ocel
 from fame.log.recording import ModelRun, RecordedMessage, Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.team_state import KeyWriter, TeamState, shift_times
 from fame.log.writing import RECORDING, logging_to, new_file
 from fame.robot.events import Event
+from fame.text import suggestion
 
 OCEL = ".ocel.json"
 FORMS: Sequence[str] = (".jsonl", ".csv", ".xes", OCEL)
 """The formats that a recording can be converted to, by suffix."""
+
+Level = Literal["mission", "all"]
+"""What a log has: what somebody drew, or everything."""
 
 OnProgress = Callable[[float], object]
 """Takes how much is done, 0 to 1."""
@@ -49,43 +57,82 @@ def convert(
     target: str | Path,
     on_progress: OnProgress = lambda done: None,
     *,
-    level: OcelLevel | None = None,
+    level: Level | None = None,
+    named: Named = MappingProxyType({}),
+    robots: Sequence[str] = (),
 ) -> list[str]:
     """Convert a recording to the format given by the suffix of the target, without one to a bag of ROS 2.
 
     Returns the warnings of the recording.
-    `level`: for OCEL, what it has (`fame.log.ocel`; mission). Raises ConfigError for a name with another end, a `level`
-    for another form, a file that is no recording, and one that cannot be written.
+    `level`: everything, or what somebody drew (`fame.log.mission_level`; for OCEL the default). `named`: for OCEL,
+    objects that variables name. `robots`: patterns of names; the events of others are left out, in logs of events.
+    Raises ConfigError for a name with another end, an option for another form, robots and variables that are not there,
+    a file that is no recording, and one that cannot be written.
     """
     target = Path(target)
-    if target.suffix and not target.name.lower().endswith(tuple(FORMS)):
+    name = target.name.lower()
+    if target.suffix and not name.endswith(tuple(FORMS)):
         known = (
             f"expected a file name that ends in one of {', '.join(FORMS)}, or the name of a folder for a bag of ROS 2"
         )
         raise ConfigError(f"{known}, got {target.name!r}", file=str(target))
-    if level is not None and not target.name.lower().endswith(OCEL):
-        raise ConfigError(f"--level is for {OCEL} only; other forms have everything", file=str(target))
+    bag, ocel = not target.suffix, name.endswith(OCEL)
+    for given, option, fits, forms in (
+        (level, "--level", not bag, "logs of events, not for bags"),
+        (named, "--object", ocel, f"{OCEL} only"),
+        (robots, "--robot", not bag and not ocel, "logs of single robots: .jsonl, .csv, .xes"),
+    ):
+        if given and not fits:
+            raise ConfigError(f"{option} is for {forms}", file=str(target))
     with Recording(source) as recording:
-        if not target.suffix:
+        if bag:
             _write_bag(recording, target)
             return list(recording.warnings)
         models = models_of(recording)
-        if target.name.lower().endswith(OCEL):
+        mission = MissionLevel(recording, models) if (level or ("mission" if ocel else "all")) == "mission" else None
+        if ocel:
             with new_file(target) as begin:
-                write_ocel(recording, models, level or "mission", begin())
-            return list(recording.warnings)
-        with logging_to(target, models) as log:
-            epoch = parse_datetime(recording.metadata.get("epoch", "1970-01-01T00:00:00Z"))
-            if epoch != EPOCH:
-                log(Event(0, "", 0, 0, "", "epoch", date_text(epoch)))
-            length, reported = max(1, recording.end - recording.start), 0.0
-            for event in recording.events():
-                log(event)
-                done = (event.time - recording.start) / length
-                if done >= reported + 0.01:
-                    reported = done
-                    on_progress(done)
+                write_ocel(recording, models, mission, named, begin())
+        else:
+            _write_events(recording, models, target, _chosen(recording, robots), mission, on_progress)
         return list(recording.warnings)
+
+
+def _chosen(recording: Recording, patterns: Sequence[str]) -> Sequence[str] | None:
+    """The robots that patterns name; None: all. Raises ConfigError for a pattern that names none."""
+    for pattern in patterns:
+        if not any(fnmatchcase(robot, pattern) for robot in recording.robots):
+            raise ConfigError(f"has no robot {pattern!r}: {suggestion(pattern, recording.robots)}", file=recording.file)
+    named = [robot for robot in recording.robots if any(fnmatchcase(robot, pattern) for pattern in patterns)]
+    return named if patterns else None
+
+
+def _write_events(
+    recording: Recording,
+    models: Sequence[Definitions],
+    target: Path,
+    robots: Sequence[str] | None,
+    mission: MissionLevel | None,
+    on_progress: OnProgress,
+) -> None:
+    """Write the log that the run would have written itself."""
+    with logging_to(target, models) as log:
+        epoch = parse_datetime(recording.metadata.get("epoch", "1970-01-01T00:00:00Z"))
+        if epoch != EPOCH:
+            log(Event(0, "", 0, 0, "", "epoch", date_text(epoch)))
+        if robots is not None or mission is not None:
+            kept = f"level {'all' if mission is None else 'mission'}" + (
+                f", robots {', '.join(robots)}" if robots else ""
+            )
+            log(Event(0, "", 0, 0, "", PART, kept))
+        length, reported = max(1, recording.end - recording.start), 0.0
+        for event in recording.events(robots=robots):
+            if mission is None or event.element in mission.elements or event.what in ("start", "end", "log"):
+                log(event)
+            done = (event.time - recording.start) / length
+            if done >= reported + 0.01:
+                reported = done
+                on_progress(done)
 
 
 def _write_bag(recording: Recording, target: Path) -> None:

@@ -21,7 +21,8 @@ from fame.clock import EPOCH, SECOND
 from fame.errors import ConfigError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.elements import UNKNOWN, element_info
-from fame.log.reading import rows_of
+from fame.log.mission_level import PART
+from fame.log.reading import PART_MESSAGE, rows_of
 
 EventRow = Mapping[str, Any]
 XES, OCEL = ".xes", ".ocel.json"
@@ -89,7 +90,10 @@ def _read_xes(path: Path, model: Definitions) -> RecordedEvents:
     traces: list[list[dict[str, Any]]] = []
     processes, partly, complete = dict[str, str](), set[str](), True
     ids = {name: one.id for one in model.processes for name in (one.id, " ".join(one.name.split()))}
-    for trace in ElementTree.parse(path).getroot().findall("{*}trace"):
+    root = ElementTree.parse(path).getroot()
+    if (part := _values(root).get(PART)) is not None:
+        raise ConfigError(PART_MESSAGE.format(part), file=str(path))
+    for trace in root.findall("{*}trace"):
         values = _values(trace)
         robot, _, instance = values["concept:name"].rpartition("/")
         processes[robot] = ids.get(values["process"], values["process"])

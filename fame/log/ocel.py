@@ -13,6 +13,9 @@ label of an element    the robot, the instance; attribute ``lifecycle`` is start
 ``goal ended``
 =====================  =================================================================================
 
+Further objects are what variables name: with ``parcel=parcel_id`` each value of the variable ``parcel_id``, text or a
+number, is an object of type ``parcel``. An event is related to the value that its scope has at the end of that instant.
+
 At level ``mission`` the events are those of the activities and labelled elements in the files of the missions, without
 those in called files; an element that completes at once is one event. Signals are those of the topics that elements
 there name, without sensors and motors. Level ``all`` has every element and every message of the recording.
@@ -24,18 +27,23 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, BinaryIO, Literal
+from itertools import groupby
+from operator import attrgetter
+from typing import Any, BinaryIO
 
 from fame.bpmn.model import Definitions
 from fame.clock import EPOCH, date_at
 from fame.errors import ConfigError
 from fame.iso8601 import parse_datetime
-from fame.log.channels import EVENTS, WAITING
+from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.elements import ElementInfo, element_info
+from fame.log.mission_level import MissionLevel
 from fame.log.recording import RecordedMessage, Recording
-from fame.middleware.interface import ENGINE
+from fame.log.team_state import TeamState
+from fame.text import suggestion
 
-OcelLevel = Literal["mission", "all"]
+Named = Mapping[str, str]
+"""Type of objects -> the variable whose values name them."""
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "abort", "fail": "fail"}
 _SENT, _RECEIVED, _GOAL_SENT, _GOAL_ENDED = "signal sent", "signal received", "goal sent", "goal ended"
@@ -54,44 +62,84 @@ _EVENT_TYPES: Mapping[str, Mapping[str, str]] = {
 }
 
 
-def write_ocel(recording: Recording, models: Sequence[Definitions], level: OcelLevel, stream: BinaryIO) -> None:
-    """Write a recording with its models to `stream`. Raises ConfigError at level mission without the missions."""
-    elements = element_info(models)
-    drawn = _Drawn(recording, models) if level == "mission" else None
-    log = _Log(parse_datetime(recording.metadata["epoch"]) if "epoch" in recording.metadata else EPOCH)
+def write_ocel(
+    recording: Recording, models: Sequence[Definitions], mission: MissionLevel | None, named: Named, stream: BinaryIO
+) -> None:
+    """Write a recording with its models to `stream`; all of it without `mission`. `named`: type -> variable.
+
+    Raises ConfigError for a type that each log has, and for a variable that the recording does not have.
+    """
     signals = {topic.name: topic.type for topic in recording.topics.values() if topic.encoding == "cdr"}
-    caught = _Catching()
-    for message in recording.messages((EVENTS, WAITING, *signals)):
-        if message.topic == EVENTS:
-            _add_events(log, message, elements, drawn)
-        elif message.topic == WAITING:
-            _add_waiting(log, message, caught)
-        elif drawn is None or drawn.has_signal(message):
-            _add_signal(log, message, signals[message.topic], caught)
+    epoch = parse_datetime(recording.metadata["epoch"]) if "epoch" in recording.metadata else EPOCH
+    log, elements, caught = _Log(epoch, _Variables(named)), element_info(models), _Catching()
+    messages = recording.messages((KEY, EVENTS, VARIABLES, WAITING, *signals))
+    for _, group in groupby(messages, attrgetter("time")):
+        instant = list(group)
+        log.variables.begin(instant)
+        for message in instant:
+            if message.topic == EVENTS:
+                _add_events(log, message, elements, mission)
+            elif message.topic == WAITING:
+                _add_waiting(log, message, caught)
+            elif message.topic in signals and (mission is None or mission.has_signal(message)):
+                _add_signal(log, message, signals[message.topic], caught)
+        log.variables.end(instant)
+    log.variables.check(str(recording.file))
     text = json.dumps(log.to_json(), ensure_ascii=False, separators=(",", ":"))
     stream.write(text.encode("utf-8", "backslashreplace"))
 
 
-class _Drawn:
-    """What level mission has: `elements` (ids), and messages of `topics` unless a robot's own part sent them."""
+class _Variables:
+    """The variables of a team, and the objects that they name: `named` is type -> variable."""
 
-    def __init__(self, recording: Recording, models: Sequence[Definitions]) -> None:
-        named = {run.models[0] for runs in recording.runs.values() for run in runs if run.models}
-        missions = [model for model in models if model.file in (named or {next(iter(recording.models), "")})]
-        if not missions:
-            raise ConfigError("lacks the model of its mission: select --level all", file=str(recording.file))
-        self._robots = frozenset(recording.robots)
-        found = element_info(missions)
-        self.elements = {
-            id for id, info in found.items() if info.activity or (info.name and info.tag != "sequenceFlow")
-        }
-        nodes = [node for file in missions for process in file.processes for node in process.body.walk()]
-        names = {topic.qualified for node in nodes for topic, _ in node.topics()}
-        self._topics = {name.replace("~", f"/{robot}", 1) for name in names for robot in self._robots}
+    def __init__(self, named: Named) -> None:
+        for kind in named:
+            if kind in _OBJECT_TYPES:
+                raise ConfigError(f"--object {kind}={named[kind]}: each log has objects of type {kind!r} already")
+        self.named = named
+        self._team = TeamState(0)
+        self._seen, self._found = set[str](), set[str]()
 
-    def has_signal(self, message: RecordedMessage) -> bool:
-        own = message.topic.split("/")[1] in self._robots
-        return message.topic in self._topics and (not own or message.node.endswith(f"/{ENGINE}"))
+    def begin(self, instant: Sequence[RecordedMessage]) -> None:
+        """Take the values that variables have at the end of an instant; scopes that end are there until `end`."""
+        for message in instant if self.named else ():
+            if message.topic == KEY and not self._team.robots:
+                self._team = TeamState.from_key(message.time, message.json())
+            elif message.topic == VARIABLES:
+                self._change(message, gone=False)
+
+    def end(self, instant: Sequence[RecordedMessage]) -> None:
+        """Scopes end."""
+        for message in instant if self.named else ():
+            if message.topic == VARIABLES:
+                self._change(message, gone=True)
+
+    def _change(self, message: RecordedMessage, *, gone: bool) -> None:
+        data = message.json()
+        changes = [each for each in data["changes"] if bool(each.get("gone")) is gone]
+        self._seen.update(name for each in changes for name in each.get("set", ()))
+        self._team.apply(message.time, VARIABLES, {**data, "changes": changes})
+
+    def of(self, robot: str, place: Mapping[str, Any]) -> dict[str, str]:
+        """Type -> value, of the variables that are seen at a place: an event or a token."""
+        state = self._team.robots.get(robot)
+        scopes = state.scopes if state is not None else {}
+        seen = [scopes[key].values for key in place.get("sees", (place["scope"],)) if key in scopes]
+        found = {}
+        for kind, variable in self.named.items():
+            value = next((values[variable] for values in seen if variable in values), None)
+            if isinstance(value, str | int | float):
+                found[kind] = str(value)
+                self._found.add(kind)
+        return found
+
+    def check(self, file: str) -> None:
+        """Raises ConfigError for a variable that named nothing."""
+        for kind, variable in self.named.items():
+            if variable not in self._seen:
+                raise ConfigError(f"has no variable {variable!r}: {suggestion(variable, self._seen)}", file=file)
+            if kind not in self._found:
+                raise ConfigError(f"the variable {variable!r} is never text or a number at an event", file=file)
 
 
 @dataclass(slots=True)
@@ -99,6 +147,7 @@ class _Log:
     """The log so far. `epoch` is the date of time 0."""
 
     epoch: datetime
+    variables: _Variables
     events: list[dict[str, Any]] = field(default_factory=list)
     objects: dict[str, dict[str, Any]] = field(default_factory=dict)
     labels: dict[str, None] = field(default_factory=dict)
@@ -135,6 +184,11 @@ class _Log:
     def robot(self, name: str, time: int) -> str:
         return self.object(f"robot:{name}", "robot", time, {})
 
+    def named(self, robot: str, place: Mapping[str, Any], time: int) -> dict[str, str]:
+        """The objects that variables name at a place: id -> type."""
+        found = self.variables.of(robot, place).items()
+        return {self.object(f"{kind}:{value}", kind, time, {}): kind for kind, value in found}
+
     def instance(self, robot: str, number: int, time: int, attributes: Mapping[str, str]) -> str:
         """The object of a process instance."""
         return self.object(f"instance:{robot}/{number}", "instance", time, attributes, robot=self.robot(robot, time))
@@ -142,7 +196,8 @@ class _Log:
     def to_json(self) -> dict[str, Any]:
         types = {**_EVENT_TYPES, **dict.fromkeys(self.labels, _ELEMENT)}
         return {
-            "objectTypes": [_type(name, attributes) for name, attributes in _OBJECT_TYPES.items()],
+            "objectTypes": [_type(name, {}) for name in self.variables.named]
+            + [_type(name, attributes) for name, attributes in _OBJECT_TYPES.items()],
             "eventTypes": [_type(name, attributes) for name, attributes in types.items()],
             "objects": list(self.objects.values()),
             "events": self.events,
@@ -161,7 +216,9 @@ class _Catching:
     signals: list[tuple[int, str, str]] = field(default_factory=list)  # time, topic, object
 
 
-def _add_events(log: _Log, message: RecordedMessage, elements: Mapping[str, ElementInfo], drawn: _Drawn | None) -> None:
+def _add_events(
+    log: _Log, message: RecordedMessage, elements: Mapping[str, ElementInfo], mission: MissionLevel | None
+) -> None:
     data = message.json()
     robot = data["robot"]
     for group in data["events"]:
@@ -170,12 +227,13 @@ def _add_events(log: _Log, message: RecordedMessage, elements: Mapping[str, Elem
             if what == "start" or what == "end":
                 changed = {"process": element} if what == "start" else {"status": str(detail[0])}
                 log.instance(robot, group["instance"], message.time, changed)
-            elif what in _LIFECYCLE and (drawn is None or element in drawn.elements):
-                if drawn is not None and what == "enter" and marks[number + 1 : number + 2] == [[element, "leave"]]:
+            elif what in _LIFECYCLE and (mission is None or element in mission.elements):
+                if mission is not None and what == "enter" and marks[number + 1 : number + 2] == [[element, "leave"]]:
                     continue  # it completes at once
                 info = elements.get(element)
                 instance = log.instance(robot, group["instance"], message.time, {})
                 related = {f"robot:{robot}": "robot", instance: "instance"}
+                related |= log.named(robot, group, message.time)
                 attributes = {
                     "element": element,
                     "kind": info.tag if info is not None else "",
@@ -227,5 +285,6 @@ def _action(token: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _place(log: _Log, robot: str, token: Mapping[str, Any], time: int) -> dict[str, str]:
-    """The robot and the instance of a token."""
-    return {log.robot(robot, time): "robot", log.instance(robot, token["instance"], time, {}): "instance"}
+    """The robot and the instance of a token, and what its variables name."""
+    place = {log.robot(robot, time): "robot", log.instance(robot, token["instance"], time, {}): "instance"}
+    return place | log.named(robot, token, time)

@@ -16,10 +16,12 @@ from fame.bpmn.model import Definitions
 from fame.clock import SECOND
 from fame.errors import ConfigError, display_name
 from fame.log.elements import element_info
+from fame.log.mission_level import PART
 from fame.log.recording import Recording
 from fame.text import suggestion
 
 _Row = Mapping[str, Any]
+PART_MESSAGE = "has only a part of its run ({}): give the recording that it was converted from"
 _MOVES = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
 """Marks of the engine; other events of a log come from scripts and robots."""
 
@@ -192,11 +194,19 @@ def rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
         raise ConfigError(f"expected a file name that ends in one of {known}, got {path.suffix!r}", file=str(path))
     try:
         with path.open(encoding="utf-8", newline="") as stream:
-            yield rows(stream)
+            yield _whole(rows(stream), str(path))
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError, csv.Error):
         raise ConfigError("is not the log of a run, as written by fame run --log", file=str(path)) from None
+
+
+def _whole(rows: Iterable[_Row], file: str) -> Iterator[_Row]:
+    """The rows of a log, which has to have all that happened: what it leaves out cannot be told from what did not."""
+    for row in rows:
+        if row["what"] == PART:
+            raise ConfigError(PART_MESSAGE.format(row["detail"]), file=file)
+        yield row
 
 
 _ROWS: Mapping[str, Callable[[TextIO], Iterable[_Row]]] = {

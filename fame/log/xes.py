@@ -23,6 +23,7 @@ from fame.engine.program import Mark
 from fame.engine.state import Trail
 from fame.iso8601 import parse_datetime
 from fame.log.elements import ElementInfo
+from fame.log.mission_level import PART
 from fame.robot.events import Event, Observer
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "ate_abort", "fail": "ate_abort"}
@@ -98,6 +99,8 @@ class _Traces(Observer):
     def __call__(self, event: Event) -> None:
         if event.what == "epoch":
             self._epoch = parse_datetime(event.detail)
+        if event.what == PART:
+            self._stream.write(_attribute(2, PART, str(event.detail)).encode())
         self._add(event.robot, event.instance, event.scope, event[4:], _date(self._epoch, event.time))
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:

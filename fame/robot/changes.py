@@ -42,7 +42,7 @@ class ChangeTracker:
     def __init__(self, node: RobotNode, put: PutChange) -> None:
         self.robot: str = node.name
         self._node, self._waiting, self._put = node, node.waiting, put
-        self._groups: list[tuple[int, int, Sequence[Mark]]] = []  # instance, scope, what happened there
+        self._groups: list[tuple[Mapping[str, Any], Sequence[Mark]]] = []  # a place, and what happened there
         self._scopes: dict[int, _ScopeVariables] = {}  # by the key of the scope that owns them
         self._tokens: dict[Hashable, tuple[object, int]] = {}  # waiting tokens: what is compared, since when (ns)
         self._graph_due = 0  # when to look again who publishes (ns)
@@ -52,11 +52,11 @@ class ChangeTracker:
 
     def event(self, event: Event) -> None:
         """Take an event, which need not be a step of a token."""
-        self._groups.append((event.instance, event.scope, (event[4:],)))
+        self._groups.append(({"instance": event.instance, "scope": event.scope}, (event[4:],)))
 
     def trail(self, trail: Trail) -> None:
         """Tokens moved."""
-        self._groups += [(scope.instance.key, scope.key, marks) for scope, marks in trail]
+        self._groups += [(_place(scope), marks) for scope, marks in trail]
         if not self.active and len(self._groups) > _MANY:
             self.give_events(0)
 
@@ -64,10 +64,7 @@ class ChangeTracker:
         """Pass on the events until `time` (ns) alone."""
         groups, self._groups = self._groups, []
         if groups:
-            events = [
-                {"instance": instance, "scope": scope, "marks": [_mark(mark) for mark in marks]}
-                for instance, scope, marks in groups
-            ]
+            events = [{**place, "marks": [_mark(mark) for mark in marks]} for place, marks in groups]
             self._put(time, EVENTS, {"robot": self.robot, "events": events})
 
     # ---- what is different -------------------------------------------------------------------------------------------
@@ -146,7 +143,7 @@ class _ScopeVariables:
     """The variables of a scope as they were at the last look."""
 
     def __init__(self, scope: Scope) -> None:
-        self.where: Mapping[str, Any] = _where(scope)
+        self.where: Mapping[str, Any] = {**_place(scope), "path": list(path_of(scope))}
         self._variables = scope.variables
         self._values: dict[str, Any] = {}
         self._contents: dict[str, object] = {}  # of values that may change in place; None where nobody can tell
@@ -195,7 +192,8 @@ def _token(key: str, scope: Scope, node: Node, since: int, details: Mapping[str,
     while body is not None and body.body is None:
         body = body.parent
     inside = body.body.id if body is not None and body.body is not None else ""
-    return {"key": key, **_where(scope), "body": inside, "element": node.id, "since": since, **details}
+    where = {**_place(scope), "path": list(path_of(scope))}
+    return {"key": key, **where, "body": inside, "element": node.id, "since": since, **details}
 
 
 def _look(instances: Iterable[Instance]) -> tuple[list[Scope], list[Wait], list[tuple[Scope, Node]]]:
@@ -223,8 +221,16 @@ def _look(instances: Iterable[Instance]) -> tuple[list[Scope], list[Wait], list[
     return owners, waits, joins
 
 
-def _where(scope: Scope) -> dict[str, Any]:
-    return {"instance": scope.instance.key, "scope": scope.key, "path": list(path_of(scope))}
+def _place(scope: Scope) -> dict[str, Any]:
+    """The instance and the number of a scope, and the scopes whose variables it sees unless these are its own alone."""
+    owners: list[int] = []
+    around: Scope | None = scope
+    while around is not None:
+        if around.parent is None or around.parent.variables is not around.variables:
+            owners.append(around.key)
+        around = around.parent
+    sees = {} if owners == [scope.key] else {"sees": owners}
+    return {"instance": scope.instance.key, "scope": scope.key, **sees}
 
 
 def path_of(scope: Scope) -> Iterator[str]:

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
         read_scenario_world as read_scenario_world,
     )
     from fame.scenario.process import (
-        BACKENDS as BACKENDS,
         connect as connect,
         scheduler_for as scheduler_for,
         serve as serve,

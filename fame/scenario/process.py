@@ -9,18 +9,22 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from fame.clock import SECOND, WallScheduler
+from fame.config.loader import find_object, registered
 from fame.errors import ConfigError
 from fame.middleware.interface import EndpointWarning, Middleware
 from fame.robot.events import Event
 from fame.scenario.service_manager import Notifier
 
-BACKENDS = ("dds", "ros", "zenoh")
-"""The backends between processes. `fame run` also has ``local``."""
 _ENDING = 3
 """Maximum time for stopping a component (s), longer than the grace period of scripts."""
+BACKENDS = ("dds", "zenoh", "ros")
+"""FAME's own backends between processes; packages add others (docs/extending.md). `fame run` also has ``local``."""
+GROUP = "fame.middleware"
+"""Group of the entry points by which packages add backends."""
 PARENT = "FAME_PARENT"
 """Environment variable with the process id of the FAME process that started this one and displays its output. When the
 parent is gone, this process ends."""
@@ -145,7 +149,11 @@ def connect(
         from fame.middleware.zenoh import ZenohMiddleware
 
         return ZenohMiddleware(scheduler, network=network, crowd=crowd, on_warning=on_warning)
-    raise ConfigError(f"expected middleware {' or '.join(BACKENDS)}, got {backend!r}")
+    place = registered(GROUP).get(backend)
+    if place is None:
+        raise ConfigError(f"expected middleware {' or '.join(BACKENDS)}, got {backend!r}")
+    made: Middleware = find_object(place, Path())(scheduler, network=network, on_warning=on_warning)
+    return made
 
 
 _ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fame.config.loader import find_object
+from fame.config.loader import find_object, registered
 from fame.config.values import join
 from fame.errors import ConfigError, FameError
 from fame.monitor.drift import Drift
@@ -63,8 +63,10 @@ def find_class(name: str, folder: Path) -> type:
     """
     if name in PROCESSORS:
         return PROCESSORS[name]
+    added = registered("fame.processors")
+    name = added.get(name, name)
     if not name.replace(":", ".").rpartition(".")[0]:
-        known = ", ".join(PROCESSORS)
+        known = ", ".join((*PROCESSORS, *added))
         raise ConfigError(f"expected a processor ({known}, module:Class or file.py:Class), got {name!r}")
     found = find_object(name, folder)
     if not isinstance(found, type) or not callable(getattr(found, "execute", None)):
