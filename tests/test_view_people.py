@@ -103,6 +103,16 @@ def test_each_part_is_used_with_the_fingers_on_a_phone_and_an_incident_is_mended
         page.locator("#inspector .card").get_by_role("button", name="Complete").wait_for()  # at the chosen element, too
         for tab in ("Messages", "Log", "State"):
             page.locator("#inspector").get_by_role("tab", name=tab).tap()
+        page.get_by_role("button", name="Signal").tap()  # with the fields of its type
+        page.get_by_label("Topic").select_option(label="/round")
+        page.get_by_role("button", name="Next", exact=True).tap()
+        page.get_by_label("data").fill("ward_1")
+        page.get_by_role("button", name="Send").tap()
+        eventually(lambda: variables(hospital, "Porter_1").get("round") == "ward_1")
+        page.locator("#time .lanes").tap(position={"x": 100, "y": 20})
+        until(page, "!fame.player.following && fame.player.time < fame.store.end")
+        page.get_by_role("button", name="Live").tap()
+        until(page, "fame.player.following")
         page.get_by_role("button", name="Pause").tap()
         eventually(lambda: hospital.control_of_run.paused)
         page.get_by_role("button", name="Resume").tap()
@@ -178,15 +188,6 @@ def test_a_form_is_filled_in_and_checked_by_the_browser(page: Page, hospital: Li
     assert given.items() <= values.items()
 
 
-def test_a_signal_is_sent_with_the_fields_of_its_type(page: Page, hospital: LiveRun) -> None:
-    page.get_by_role("button", name="Signal").click()
-    page.get_by_label("Topic").select_option(label="/round")
-    page.get_by_role("button", name="Next", exact=True).click()
-    page.get_by_label("data").fill("ward_1")
-    page.get_by_role("button", name="Send").click()
-    eventually(lambda: variables(hospital, "Porter_1").get("round") == "ward_1")
-
-
 def variables(live: LiveRun, robot: str) -> dict[str, Any]:
     number, state = live._packer.robots.index(robot), live._packer.state
     return {name: value for (r, _), each in state.variables.items() if r == number for name, (value, _) in each.items()}
@@ -202,13 +203,6 @@ def test_a_robot_whose_engine_is_gone_is_lost(page: Page, hospital: LiveRun) -> 
     hospital.control({"do": "fault", "robot": "Porter_2", "kind": "engine"})
     until(page, f"{row('Porter_2')}.state === 'lost'")
     assert page.evaluate("fame.team.rows[1].name") == "Porter_2"
-
-
-def test_a_robot_is_shown_in_its_diagram_from_the_table(page: Page) -> None:
-    page.get_by_role("button", name="Porter_2").click()
-    until(
-        page, "document.body.dataset.tab === 'diagram' && fame.mission.robots[fame.selected.robot].name === 'Porter_2'"
-    )
 
 
 def test_one_button_pauses_the_run_and_one_choice_sets_its_speed(page: Page, hospital: LiveRun) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,30 +59,31 @@ def lane(name: str) -> str:
 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)], ids=["wide", "phone"])
 def test_a_click_shows_what_broke_a_property(chromium: Browser, recording: Path, size: tuple[int, int]) -> None:
-    with Replay(recording) as replay, opened(chromium, replay) as page:
-        page.set_viewport_size({"width": size[0], "height": size[1]})
+    narrow = size[0] < 1101  # one panel at a time, used by touch
+    press = methodcaller("tap" if narrow else "click")
+    viewport = {"width": size[0], "height": size[1]}
+    with Replay(recording) as replay, opened(chromium, replay, viewport=viewport, has_touch=narrow) as page:
         until(page, f"{lane('soon')}?.spans.length > 0")
         assert page.evaluate(f"{lane('answer')}.spans.length") > 0
         assert page.evaluate(f"{lane('apart')}.curve.length") > 5
         span = page.evaluate(f"{lane('soon')}.spans.find((one) => one.verdict === 'violated')")
         assert span["until"] - span["from"] == 300_000_000
-        narrow = size[0] < 1101  # one panel at a time
         if narrow:
-            page.get_by_role("tab", name="Log").click()
-        page.locator(".lane.property", has_text="soon").click()
+            press(page.get_by_role("tab", name="Log"))
+        press(page.locator(".lane.property", has_text="soon"))
         card = page.locator(".verdict")
         until(page, "!document.querySelector('.verdict').hidden")
         assert 'some Tractor starts "Go To" within 300 ms' in card.inner_text()
         if narrow:
-            page.get_by_role("tab", name="Diagram").click()
+            press(page.get_by_role("tab", name="Diagram"))
         until(page, "document.querySelectorAll('.is-named').length > 0")
         if narrow:
-            page.get_by_role("tab", name="Log").click()
-        card.locator("div button").first.click()
+            press(page.get_by_role("tab", name="Log"))
+        press(card.locator("div button").first)
         until(page, f"fame.state?.time === {span['from']}")
         assert page.evaluate("fame.mission.elements[fame.selected.element].name") == "weed_found"
-        card.locator("div button").last.click()
+        press(card.locator("div button").last)
         until(page, f"fame.state?.time === {span['until']}")
         assert beyond(page) == []
-        page.locator(".verdict .close").click()
+        press(page.locator(".verdict .close"))
         until(page, "document.querySelector('.verdict').hidden && !document.querySelector('.is-named')")

@@ -1,7 +1,5 @@
 """On the page a person takes a robot over, steers it with keys and a pad, and lets its mission continue."""
 
-# ruff: noqa: E501 (expressions of JavaScript)
-
 from __future__ import annotations
 
 import math
@@ -11,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from test_view_control import running
-from view_page import PHONE, Finger, beyond, eventually, opened, shot, until
+from view_page import PHONE, Finger, eventually, opened, shot, until
 
 from fame.scenario import Scenario
 from fame.view import LiveRun, RunControl
@@ -25,8 +23,9 @@ CARS = Path(__file__).parents[1] / "examples" / "ground_vehicles.yaml"
 @pytest.fixture
 def cars() -> Iterator[LiveRun]:
     """Two cars on their way, at wall-clock speed."""
-    with running(Scenario.load(CARS), RunControl(speed=2.0)) as (live, _):
+    with running(Scenario.load(CARS), RunControl(speed=20.0)) as (live, _):
         eventually(lambda: live._time > 9_000_000_000)
+        live.control({"do": "speed", "speed": 2})
         yield live
 
 
@@ -73,7 +72,7 @@ def test_keys_steer_a_robot_that_was_taken_over_and_resume_gives_it_back(page: P
     assert {"taken over by a person", "continued by a person"} <= set(told(cars))
 
 
-def test_a_pad_steers_by_touch_on_a_phone_and_fits_its_window(chromium: Browser, cars: LiveRun) -> None:
+def test_a_pad_steers_by_touch_on_a_phone(chromium: Browser, cars: LiveRun) -> None:
     with opened(chromium, cars, tab="team", **PHONE) as page:
         until(page, "fame.team.rows.length === 2")
         page.locator(".robot", has_text="REX").get_by_role("button", name="Take over").tap()
@@ -87,11 +86,6 @@ def test_a_pad_steers_by_touch_on_a_phone_and_fits_its_window(chromium: Browser,
         shot(page, "pad_390")
         finger.lift()
         eventually(lambda: cars._run.world.robots["REX"].drive.speed == 0)
-        assert beyond(page) == []
-        assert page.evaluate(SMALL) == []
-
-
-SMALL = "[...document.querySelectorAll('#steer button')].filter((one) => one.getBoundingClientRect().height < 43.9).map((one) => one.textContent)"
 
 
 def test_a_lost_connection_stops_the_robot_and_its_mission_stays_suspended(chromium: Browser, cars: LiveRun) -> None:
