@@ -10,7 +10,9 @@ from bpmn_text import body_of, document, extensions, node_of, notes_of, process,
 from fame.bpmn import read, read_text
 from fame.bpmn.model import (
     Assignment,
+    Body,
     CallActivity,
+    DataObject,
     Definitions,
     ErrorDefinition,
     Event,
@@ -26,7 +28,7 @@ from fame.bpmn.model import (
 from fame.bpmn.reader.expressions import flow_mapping, flow_sequence
 from fame.bpmn.split import split
 from fame.scripting import compile_expression
-from fame.view.forms import task_fields
+from fame.view.forms import task_fields, topic_fields
 
 HOSPITAL = Path(__file__).parent / "hospital" / "hospital.bpmn"
 ROOTS = '<signal id="S" name="weed_found"/><message id="M" name="order"/><error id="E" errorCode="lost"/>'
@@ -434,6 +436,22 @@ def test_a_form_that_cannot_be_read_is_named(tmp_path: Path, text: str) -> None:
     hospital = read(tmp_path / "hospital.bpmn")
     (note,) = task_fields(door_of(hospital), None, hospital)
     assert (note["kind"], note["label"][:19]) == ("other", "Its form Form_Door ")
+
+
+def test_a_task_without_a_form_asks_for_the_variables_of_the_data_objects_that_it_writes() -> None:
+    task = Task(id="t", kind="user", data_outputs=("Load",))
+    values = [(name, Expression(text)) for name, text in (("weight", "2.5"), ("fragile", "true"), ("place", "shelf"))]
+    body = Body(nodes=(task,), flows=(), data_objects=(DataObject(id="Load", values=tuple(values)),))
+    fields = task_fields(task, body, Definitions(file="x", source=b""))
+    assert [(field["key"], field["kind"]) for field in fields] == [
+        ("weight", "number"), ("fragile", "checkbox"), ("place", "value"),
+    ]  # fmt: skip
+
+
+def test_the_fields_of_a_message_have_units() -> None:
+    topic = Topic(name="way", type="geometry_msgs/msg/Twist")
+    ((field, *_),) = topic_fields([Event(id="e", place="throw", definitions=(SignalDefinition(topic=topic),))]).values()
+    assert field == {"key": "linear.x", "label": "linear.x", "kind": "number", "unit": "m/s"}
 
 
 def door_of(hospital: Definitions) -> Task:

@@ -147,6 +147,18 @@ def test_a_dropped_model_shows_what_it_would_change_and_then_migrates(team: Team
     eventually(lambda: re.search(r"deployed model \w+ by ann@desk \(unverified\)", team.said()))
 
 
+def test_what_may_follow_a_migration_is_shown_with_the_run_that_leads_to_it(team: Team) -> None:
+    team.propose(model("Mow", "raise BpmnError('stuck')"))
+    eventually(lambda: team.shown()["changes"])
+    shown = team.shown()
+    (error,) = (one for one in shown["explored"]["findings"] if one["level"] == "error")
+    assert "stuck" in error["text"]
+    assert any("Sign" in step for step in error["steps"])
+    assert shown["objection"] == error["text"]
+    with pytest.raises(FameError, match="stuck"):
+        team.change.control({"do": "migrate", "hash": shown["hash"]})
+
+
 def test_nothing_is_sent_of_a_model_that_is_wrong(team: Team) -> None:
     team.propose("<half a")
     eventually(lambda: team.change.mission()["change"]["error"])

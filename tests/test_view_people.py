@@ -56,9 +56,11 @@ def test_robots_that_need_somebody_come_first(page: Page) -> None:
 def test_what_a_robot_does_is_said_in_the_words_of_the_diagram_with_the_way_to_go(
     page: Page, hospital: LiveRun
 ) -> None:
+    hospital.control({"do": "signal", "topic": "/lift_here", "robot": "Lift", "value": ""})  # too early
     hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "one"}'})
     until(page, f"{row('Porter_1')}.doing === 'Go to the ward' && /^[0-9.]+ m to go$/.test({row('Porter_1')}.progress)")
     assert page.evaluate(f"{row('Porter_3')}.doing") == "Waits: lift is here"
+    assert page.locator(".robot", has_text="Porter_3").locator(".missed").inner_text().startswith("lift is here")
     assert page.evaluate(f"{row('Lift')}.doing") == "Check the door of the lift"
     assert 0.4 < page.evaluate(f"{row('Porter_3')}.battery") < 0.47
 

@@ -298,6 +298,22 @@ def test_a_robot_that_has_left_is_named_until_it_is_back(field: Field) -> None:
     assert field.view.mission()["notices"] == []
 
 
+def test_a_robot_on_the_network_has_its_battery_and_is_lost_if_it_says_nothing_for_five_seconds(field: Field) -> None:
+    field.engine("REX")
+    battery = field.middleware.node("base").publisher("/REX/battery_state", "sensor_msgs/msg/BatteryState")
+    field.run(1)
+    field.deploy("REX")
+    field.run(3)
+    battery.publish(messages.create("sensor_msgs/msg/BatteryState", {"percentage": 0.4}))
+    field.run(1)
+    assert field.view._charges == {"REX": 0.4}
+    field.engines[0].status.close()
+    field.run(4)
+    assert field.view._lost() == {}
+    field.run(2.5)
+    assert list(field.view._lost()) == ["REX"]
+
+
 def test_the_page_only_shows_unless_it_is_told_otherwise(field: Field) -> None:
     assert field.view.mission()["control"] == []
     with pytest.raises(FameError, match="fame view --control"):

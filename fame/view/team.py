@@ -111,10 +111,14 @@ class TeamView(PageSink, Closing):
             known = len(self._packer.robots)
             super().put(topic, time, data)
             self._missions += len(self._packer.robots) != known
-            for robot in self._packer.robots[known:]:
-                self._heard[robot] = self._scheduler.now, self._packer.end
-                take = partial(self._on_status, robot)
-                self._node.subscription(f"/{robot}/bpmn_status", STRING, take, STATUS_QOS)
+            self._meet()
+
+    def _meet(self) -> None:
+        """Listen to the status of robots that are new: their model or their first event came."""
+        for robot in self._packer.robots[len(self._heard) :]:
+            self._heard[robot] = self._scheduler.now, self._packer.end
+            take = partial(self._on_status, robot)
+            self._node.subscription(f"/{robot}/bpmn_status", STRING, take, STATUS_QOS)
 
     def _on_status(self, robot: str, message: AnyMessage) -> None:
         """A robot is there; each second is often enough to look at its battery."""
@@ -151,6 +155,7 @@ class TeamView(PageSink, Closing):
                         self._models[source] = len(packer.catalogue.files) - 1
                     files.add(self._models[source])
             packer.run(packer.robot(robot), files)
+            self._meet()
             self._missions += 1
 
     # ---- for the page ------------------------------------------------------------------------------------------------
