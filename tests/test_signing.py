@@ -17,6 +17,7 @@ from fame.cli import main
 from fame.deploy import STRING, EngineNode
 from fame.deploy.authentication import ReportReader
 from fame.deploy.options import EngineOptions
+from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.signing import FRESH, Identity, new_keys, read_private, read_trusted, sign, verify
 from fame.errors import ConfigError
 from fame.middleware import messages
@@ -63,6 +64,18 @@ def test_what_nobody_signed_is_refused(keys):
     field.pass_time(0.1)
     assert "not signed" in [report.reason for report in field.said if report.answer == "refused"][-1]
     assert field.engines["A"].running is None
+
+
+def test_who_takes_a_robot_over_has_a_lease_that_is_signed(keys):
+    field = Guarded(keys[1], "A", "B")
+    field.deploy(TEAM, key=keys[0], wall_time=lambda: NOW)
+    for number, (key, suspended) in enumerate(((None, False), (keys[0], True))):
+        request = TaskRequest(id=f"r{number}", element="", act="take_over", lease="l", who="eve")
+        ends = {"node": field.person, "scheduler": field.scheduler, "answered": lambda report: None}
+        asking = TaskClient("A", request, key=key, wall_time=lambda: NOW, **ends)
+        field.pass_time(1.5)
+        asking.close()
+        assert bool(field.engines["A"].running.suspension.holder) is suspended
 
 
 def test_a_key_that_is_not_trusted_does_not_count(keys, tmp_path):
