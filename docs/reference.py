@@ -9,14 +9,23 @@ import argparse
 import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from importlib import import_module
 from itertools import chain
 from typing import Any
 
 from fame.bpmn.extension_properties import PROPERTIES
-from fame.cli import GROUPS, parser
+from fame.cli import GROUPS, parser, project
 from fame.cli.arguments import Parser
+from fame.monitor.anomaly import learning_file
+from fame.monitor.pipeline import configuration
+from fame.monitor.pipeline.processors import PROCESSORS
+from fame.monitor.pipeline.train import Training
+from fame.scenario import plan, variation
+from fame.scenario.settings import NETWORK_KEYS
+from sim2d import config
+from sim2d.robot import BUILT_IN, robot_class
 
 PACKAGES = (
     "fame", "fame.bpmn", "fame.check", "fame.check.explore", "fame.clock", "fame.log", "fame.middleware",
@@ -189,7 +198,61 @@ def prose(docstring: str) -> Iterator[str]:
             yield from (escaped(re.sub(r"``(.+?)``", r"`\1`", part)).replace("::", ":"), "")
 
 
-GENERATED: Mapping[str, Callable[[], Iterator[str]]] = {"commands": commands, "properties": properties, "python": api}
+# ---- keys of YAML files ----------------------------------------------------------------------------------------------
+
+
+def keys() -> Iterator[str]:
+    """The keys of each kind of file: from the tables of the validators, and parameters from their dataclasses."""
+    for title, tables in FILES.items():
+        yield from (f"## {title}", "")
+        for about, known in tables.items():
+            yield from (*([f"### {about}"] if about else []), *table(("key", "meaning"), known))
+    yield "## Parameters of robots"
+    for name in BUILT_IN:
+        yield from (f"### `type: {name}`", *table(("key", "default"), dict(parameters(robot_class(name).Parameters()))))
+    yield "## Processors of pipelines"
+    for name, processor in PROCESSORS.items():
+        yield from (f"### `Class: {name}`", "", *prose((inspect.getdoc(processor) or "").partition("\n\n")[0]))
+        about = {one.name: f"{one.description} ({one.default!r}{of_unit(one.unit)})" for one in processor.parameters}
+        yield from table(("parameter", "meaning"), about)
+    yield from ("## Training", "", *prose(inspect.getdoc(Training) or ""))
+
+
+def parameters(defaults: Any, before: str = "") -> Iterator[tuple[str, str]]:
+    """The key paths of a dataclass of parameters, each with its default and unit."""
+    for one in fields(defaults):
+        value = getattr(defaults, one.name)
+        if is_dataclass(value):
+            yield from parameters(value, f"{before}{one.name}.")
+        else:
+            yield f"{before}{one.name}", f"{value}{of_unit(one.metadata.get('unit', ''))}"
+
+
+def of_unit(unit: str) -> str:
+    """A unit behind what it is of."""
+    return f" {unit}" if unit else ""
+
+
+FILES: Mapping[str, Mapping[str, Mapping[str, str]]] = {
+    "Scenarios": {
+        "": plan.KEYS,
+        "`complete`": plan.COMPLETE_KEYS,
+        "`signal`": plan.SIGNAL_KEYS,
+        "`network`": NETWORK_KEYS,
+    },
+    "Worlds": {"": config.KEYS},
+    "fame.yaml": {"": project.KEYS},
+    "Campaigns": {"": variation.KEYS},
+    "Nodes of pipelines": {"": configuration.KEYS, "Entries of `Inputs` and `Outputs`": configuration.PORT_KEYS},
+    "Learning files of anomaly detection": {"": learning_file.KEYS, "`Files`": learning_file.FILE_KEYS},
+}
+"""The tables of the validators."""
+GENERATED: Mapping[str, Callable[[], Iterator[str]]] = {
+    "commands": commands,
+    "keys": keys,
+    "properties": properties,
+    "python": api,
+}
 
 
 def generate(page: str) -> str:

@@ -25,21 +25,22 @@ _CELLS = 25_000_000
 Extent = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax in m."""
 
-_KEYS = (
-    "size",
-    "bounds",
-    "step",
-    "walls",
-    "resolution",
-    "obstacles",
-    "targets",
-    "weeds",
-    "chargers",
-    "stations",
-    "parcels",
-    "doors",
-    "robots",
-)
+KEYS = {
+    "size": "the ground: `[width, height]` in m, from the origin",
+    "bounds": "the ground, instead: `[xmin, ymin, xmax, ymax]` in m",
+    "step": "one step of the physics, s: 0.0001 to 0.05 (0.01)",
+    "walls": "whether solid walls surround the ground (true)",
+    "resolution": "cell size of the robots' map, m: 0.01 to 1; at most 25 million cells (0.05)",
+    "obstacles": "solid, and in the robots' map: a disc (`at`, `radius`), a box (`at`, `size`, `angle`) or a `polygon`",
+    "targets": "solid, and not in the robots' map: shapes as those of obstacles",
+    "weeds": "flat: neither solid nor in the map; a blade cuts them",
+    "chargers": "flat: charge the batteries of robots that stand on them",
+    "stations": "flat places of a warehouse",
+    "parcels": "what a carrier moves, at a station or a place",
+    "doors": "solid while they are closed, and not in the map",
+    "robots": "the robots by name, which is also the namespace: `type`, `at`, `heading` and the parameters of the type",
+}
+"""Of a world file, with their meanings."""
 _SHAPES = {
     "radius": ("name", "at", "radius"),
     "size": ("name", "at", "size", "angle"),
@@ -78,7 +79,7 @@ def read_world(path: str | PathLike[str]) -> WorldConfig:
 def world_config(world: ConfigValue | Mapping[str, Any]) -> WorldConfig:
     """Check a world given as a mapping. Raises ConfigError."""
     value = world if isinstance(world, ConfigValue) else ConfigValue(world)
-    keys = value.mapping(_KEYS)
+    keys = value.mapping(KEYS)
     bounds = _bounds(value, keys)
     resolution = keys["resolution"].number(minimum=0.01, maximum=1) if "resolution" in keys else 0.05
     area = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])

@@ -12,9 +12,10 @@ import pytest
 
 from fame.bpmn.extension_properties import PROPERTIES, THROWS
 from fame.cli import COMMANDS, main, parser
+from sim2d.robot import BUILT_IN
 
 sys.path.append(str(Path(__file__).parent.parent / "docs"))
-from reference import PACKAGES, generate
+from reference import FILES, PACKAGES, generate
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")})
@@ -89,6 +90,17 @@ def test_the_python_reference_has_every_public_name_with_its_docstring() -> None
     assert "run(until: float | None = None) -> Simulation" in page
     assert "| `definitions` | a model, from `fame.read`, or its path |" in page
     assert " at 0x" not in page
+
+
+def test_the_reference_of_yaml_keys_has_the_tables_of_the_validators_and_pages_name_no_others() -> None:
+    page = generate("<!-- generated: keys -->")
+    for known in (known for tables in FILES.values() for known in tables.values()):
+        assert all(f"| `{key}` | " in page for key in known)
+    assert {f"### `type: {name}`" for name in BUILT_IN} <= {*page.splitlines()}
+    assert "| `range.max` | 2.0 m |" in page
+    for name, known in (("scenarios", FILES["Scenarios"][""]), ("world", FILES["Worlds"][""])):
+        (rows,) = re.findall(r"\| key \|.*\n\| ---.*\n((?:\|.*\n)+)", (ROOT / "docs" / f"{name}.md").read_text("utf-8"))
+        assert set(re.findall(r"`(\w+)`", "".join(row.split("|")[1] for row in rows.splitlines()))) <= {*known}
 
 
 def test_fame_docs_gives_the_address_of_a_page_of_the_site(tmp_path, monkeypatch, capsys) -> None:

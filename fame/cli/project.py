@@ -24,7 +24,18 @@ if TYPE_CHECKING:
 
 FILE = "fame.yaml"
 _LISTS = ("scenarios", "tests", "library", "types", "properties")
-_KEYS = ("name", *_LISTS, "coverage", "middleware", "keys")
+KEYS = {
+    "name": "by default the name of the folder",
+    "scenarios": "what `fame run` and `fame campaign` run (the first one) and `fame check` checks; models (.bpmn), too",
+    "tests": "what `fame test` runs",
+    "library": "folders with called processes",
+    "types": "folders with .msg, .srv and .action files",
+    "properties": "what `fame log record` and `fame view` of a team judge (the first one)",
+    "coverage": "`fame test` without arguments fails below this model coverage, %",
+    "middleware": "of the running team: `dds`, `zenoh` or `ros`",
+    "keys": "`{sign: FILE.key, trust: [FILE.pub]}`: signs deployments and requests; what engines and commands trust",
+}
+"""Of fame.yaml, with their meanings."""
 _POSITIONAL = {
     "run scenario": "scenarios",
     "campaign scenario": "scenarios",
@@ -101,7 +112,7 @@ def read(file: Path) -> Project:
     if file.is_dir():
         raise ConfigError("expected a file, got a folder; fame new NAME writes a project", file=str(file))
     document = read_document(file, "project")
-    keys = document.mapping(_KEYS) if document.data is not None else {}
+    keys = document.mapping(KEYS) if document.data is not None else {}
     values: dict[str, Sequence[ConfigValue]] = {key: keys[key].items() for key in _LISTS if key in keys}
     signing = entries(keys, "keys", ("sign", "trust"))
     values |= {"sign": [signing["sign"]]} if "sign" in signing else {}

@@ -110,21 +110,33 @@ class Plan:
 DURATION = 600.0
 """Default duration of a run, simulated s."""
 
-_KEYS = (
-    "model",
-    "world",
-    "seed",
-    "duration",
-    "epoch",
-    "library",
-    "types",
-    "computers",
-    "complete",
-    "signal",
-    "network",
-    "variables",
-    "properties",
-)
+KEYS = {
+    "model": "the .bpmn file",
+    "world": "a world: its file, or its keys here",
+    "seed": "random seed (0)",
+    "duration": "maximum duration, simulated s (600)",
+    "epoch": "the date at simulated second 0, for date timers and `now()`; or `now` (1970-01-01T00:00Z)",
+    "library": "folders with called processes",
+    "types": "folders with .msg, .srv and .action files in ROS packages",
+    "computers": "pools without a body in the world, such as a monitor",
+    "complete": "tasks to complete, each with the keys below",
+    "signal": "messages from outside of the team, each with the keys below",
+    "network": "the network between the robots, with the keys below",
+    "variables": "mission parameters: `{speed: 0.5, REX: {speed: 0.7}}` is for every robot, and another value for REX",
+    "properties": "properties of the team by name, each a sentence: every run judges them",
+}
+"""Of a scenario file, with their meanings."""
+SIGNAL_KEYS = {
+    "at": "simulated second",
+    "name": "topic, without its first slash or with it",
+    "payload": "the message, of the type in the model; without it, an empty one",
+}
+COMPLETE_KEYS = {
+    "at": "simulated second",
+    "robot": "the robot",
+    "element": "id or label of a user, manual or receive task; where no token waits, this is reported",
+    "values": "results, by variable",
+}
 
 _COMPLETE = "{at: 12, robot: REX, element: Task_Sign, values: {approved: true}}"
 _SIGNAL = "{at: 12, name: go, payload: {x: 1.0}}"
@@ -176,7 +188,7 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
     document = read_document(path, "scenario")
     if changes:
         document = replace(document, data=changed(document.data, changes, str(path)))
-    keys = document.mapping(_KEYS)
+    keys = document.mapping(KEYS)
     model = document.required("model", "FILE.bpmn")
     types = tuple(_registered(path, item) for item in keys["types"].items()) if "types" in keys else ()
     world = None
@@ -268,7 +280,7 @@ def _all(value: ConfigValue) -> Sequence[ConfigValue]:
 
 
 def _signal(value: ConfigValue) -> tuple[OutsideSignal, str]:
-    keys = value.mapping(("at", "name", "payload"))
+    keys = value.mapping(SIGNAL_KEYS)
     for key in ("at", "name"):
         if key not in keys:
             raise value.error(f"expected the key {key}, as in {_SIGNAL}")
@@ -280,7 +292,7 @@ def _signal(value: ConfigValue) -> tuple[OutsideSignal, str]:
 
 
 def _completion(value: ConfigValue) -> tuple[Completion, str]:
-    keys = value.mapping(("at", "robot", "element", "values"))
+    keys = value.mapping(COMPLETE_KEYS)
     for key in ("at", "robot", "element"):
         if key not in keys:
             raise value.error(f"expected the key {key}, as in {_COMPLETE}")

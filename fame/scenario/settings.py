@@ -20,7 +20,18 @@ if TYPE_CHECKING:
     from fame.config.values import ConfigValue
 
 _DELAYS = ("uniform", "normal", "exponential")
-_LINK = ("delay", "loss", "reorder")
+_LINK = {
+    "delay": "s, or one of `{uniform: [0.02, 0.1]}`, `{normal: [0.05, 0.01]}`, `{exponential: 0.05}` (0)",
+    "loss": "probability that a message is lost, up to 0.99 (0)",
+    "reorder": "probability that a best effort message is overtaken by the next ones (0)",
+}
+NETWORK_KEYS = {
+    **_LINK,
+    "links": "what differs between two robots, or on a topic: the keys above with `between: [REX, DINGO]`, `topic`",
+    "partitions": "cuts: `{between: [REX, DINGO], from: 30, to: 60}`, simulated s",
+    "lease": "seconds of a partition after which endpoints are no longer matched (10, as in DDS)",
+}
+"""Of the network in a scenario, with their meanings."""
 ALL = ""
 """In the place of a robot: all of them."""
 
@@ -30,7 +41,7 @@ ALL = ""
 
 def read_network(value: ConfigValue) -> NetworkConfig:
     """Read the key ``network`` of a scenario. Raises ConfigError."""
-    keys = value.mapping((*_LINK, "links", "partitions", "lease"))
+    keys = value.mapping(NETWORK_KEYS)
     links = [_link(value, keys)] if any(key in keys for key in _LINK) else []
     links += [_own_link(item) for item in keys["links"].items()] if "links" in keys else []
     cuts = [_partition(item) for item in keys["partitions"].items()] if "partitions" in keys else []

@@ -57,6 +57,15 @@ class Distribution:
         return list(places[min(int(quantile * len(places)), len(places) - 1)])
 
 
+KEYS = {
+    "vary": "path in the scenario -> distribution: `{uniform: [0.5, 1.0]}`, `{normal: [0.5, 0.1]}`, "
+    "`{integer: [1, 5]}`, `{choice: [a, b]}`, or `free`, a place clear of obstacles",
+    "design": "`random`, `latin` (evenly spread), or `factorial`: each combination of choices (`random`)",
+    "measure": "name -> expression over the variables of each robot: a column of the result",
+}
+"""Of a campaign file, with their meanings."""
+
+
 @dataclass(frozen=True, slots=True)
 class Variation:
     """The variations of a campaign, and its measures: name -> expression over the variables of each robot."""
@@ -71,7 +80,7 @@ def read_variation(path: Path) -> Variation:
     from fame.config.loader import read_document
 
     document = read_document(path)
-    keys = document.mapping(("vary", "design", "measure"))
+    keys = document.mapping(KEYS)
     vary = tuple(_distribution(name, item) for name, item in keys["vary"].mapping().items()) if "vary" in keys else ()
     design = keys["design"].choice(("random", "latin", "factorial"), "a design") if "design" in keys else "random"
     if design == "factorial":

@@ -41,8 +41,23 @@ from fame.errors import ConfigError
 from fame.monitor.calibration import read_false_alarms
 from fame.monitor.pipeline.detectors import split_rule
 
-_SECTIONS = ("Files", "Operations", "Classifiers", "Grid", "Split", "Threshold", "FalseAlarms")
-_FILES = ("fit_file", "unsupervised_train", "supervised_train", "testing")
+KEYS = {
+    "Files": "files, with the keys below; each is `{name: FILE.csv, input_col: [0, 1], output_col: [6]}`",
+    "Operations": "`{reduction: 3, scaling: minmax}`: principal components (0: none); `minmax`, `standard`, `none`",
+    "Classifiers": "what is tried: `{name: rbfsvm, class: SVC, parameters: {C: 1000}, threshold: 0.01}`",
+    "Grid": "values that are tried: `{reduction: [0, 3], rbfsvm: {C: [100, 1000]}}`",
+    "Split": "`{folds: 5}`: contiguous runs that are held out for validation; 0: none",
+    "Threshold": "of anomalous points in a task: a number from 0 to 1, or `auto`",
+    "FalseAlarms": "`0.01 per run` or `0.5 per hour`: thresholds that promise it, from benign runs that are held out",
+}
+"""Of a learning file, with their meanings."""
+FILE_KEYS = {
+    "fit_file": "rows that scaling and reduction are fitted to",
+    "unsupervised_train": "benign rows, for detectors without labels",
+    "supervised_train": "labelled rows, for classifiers",
+    "testing": "a list of labelled files to judge",
+}
+"""Of its section Files."""
 SCALINGS = ("minmax", "standard", "none")
 FOLDS = 5
 
@@ -113,10 +128,12 @@ def load(path: str | Path) -> Learning:
     """Read a learning file. Raises ConfigError with file, line and key path."""
     path = Path(path)
     document = read_document(path, "learning")
-    sections = document.mapping(_SECTIONS)
-    files = document.required("Files", "{unsupervised_train: {name: benign.csv, ...}}").mapping(_FILES)
+    sections = document.mapping(KEYS)
+    files = document.required("Files", "{unsupervised_train: {name: benign.csv, ...}}").mapping(FILE_KEYS)
     classifiers = tuple(_candidate(item) for item in _items(sections, "Classifiers"))
-    fit, unsupervised, supervised = (_data_file(path, files[key]) if key in files else None for key in _FILES[:3])
+    fit, unsupervised, supervised = (
+        _data_file(path, files[key]) if key in files else None for key in list(FILE_KEYS)[:3]
+    )
     if unsupervised is None and supervised is None:
         raise sections["Files"].error("expected unsupervised_train or supervised_train with a name to learn from")
     _check_combined(sections, classifiers)

@@ -40,8 +40,26 @@ from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, QoS
 from fame.monitor.pipeline import fields
 
-_SECTIONS = ("Inputs", "Outputs", "Imports", "Processor", "Frequency", "QoS", "Name", "Training")
-_PORT = ("Topic", "Field", "MessageType", "Description", "QoS", "Rate")
+KEYS = {
+    "Inputs": "name -> topic that is read, with the keys below",
+    "Outputs": "name -> topic that is published, with the keys below",
+    "Imports": "name of a type -> where it is: `{Package: my_msgs, Module: Force}`, or `{File: Force.msg}`",
+    "Processor": "a class, `{Class: LowPass, Parameters: {cutoff: 5}}`, or a list: each one gets what the last gave",
+    "Frequency": "how often the processor is called, Hz (50)",
+    "QoS": "policies of ROS 2 for all topics of the file",
+    "Name": "of the node (that of the file)",
+    "Training": "settings of `fame monitor train`, with the keys below",
+}
+"""Of a configuration of a node, with their meanings."""
+PORT_KEYS = {
+    "Topic": "name of the topic; without a leading slash in the robot's namespace",
+    "Field": "path to numbers in the message: `effort`, `[effort, 3]`, `[pose, position, x]`; without it, the message",
+    "MessageType": "`pkg/msg/Type`, or a name of Imports",
+    "Description": "text for people",
+    "QoS": "policies of this topic",
+    "Rate": "expected rate, Hz; another rate is reported",
+}
+"""Of an entry of Inputs or Outputs."""
 _IMPORT = ("Package", "Module", "File")
 FREQUENCY = 50.0
 INPUT = QoS(reliability="best_effort", depth=1000)
@@ -101,7 +119,7 @@ def load(path: str | Path) -> Configuration:
     """Read a configuration. Raises ConfigError with file, line and key path."""
     path = Path(path)
     document = read_document(path, "node")
-    sections = document.mapping(_SECTIONS)
+    sections = document.mapping(KEYS)
     imports = {name: _import(name, value, path.parent) for name, value in entries(sections, "Imports").items()}
     policies = _policies(sections["QoS"], {}) if "QoS" in sections else {}
     inputs = _ports(sections, "Inputs", imports, policies, INPUT)
@@ -160,7 +178,7 @@ def _ports(
 
 
 def _port(name: str, value: ConfigValue, imports: Mapping[str, str], policies: Mapping[str, Any], base: QoS) -> Port:
-    parts = value.mapping(_PORT)
+    parts = value.mapping(PORT_KEYS)
     topic = value.required("Topic", "joint_states")
     if not re.fullmatch(r"(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", topic.text()):
         raise topic.expected("the name of a topic")
