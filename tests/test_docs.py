@@ -1,8 +1,11 @@
 """Pages: their links lead somewhere, and the site has all of them."""
 
+import ast
+import json
 import re
 import shlex
 import sys
+import tomllib
 from collections import Counter
 from functools import cache
 from importlib import import_module
@@ -11,7 +14,16 @@ from pathlib import Path
 import pytest
 
 from fame.bpmn.extension_properties import PROPERTIES, THROWS
-from fame.cli import COMMANDS, main, parser
+from fame.cli import COMMANDS, main, parser, project
+from fame.config.loader import read_document
+from fame.config.values import entries
+from fame.deploy.migration import read_plan
+from fame.monitor.anomaly import learning_file
+from fame.monitor.pipeline import configuration
+from fame.properties.files import properties_of
+from fame.scenario import plan
+from fame.scenario.settings import read_network
+from sim2d import config
 from sim2d.robot import BUILT_IN
 
 sys.path.append(str(Path(__file__).parent.parent / "docs"))
@@ -21,6 +33,9 @@ ROOT = Path(__file__).parent.parent
 PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")})
 LINK = r"\]\(([^()# ]*)(?:#([^()]*))?\)"
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+every_command = cache(parser)
 
 
 @cache
@@ -67,7 +82,7 @@ def test_the_reference_has_every_command_with_examples_that_parse() -> None:
     assert len(examples) > 100
     for line in examples:
         words = shlex.split(re.sub(r"( [>|]|;| &&) .*", "", line.replace("wlan0", "127.0.0.1")), comments=True)
-        assert parser().parse_args(words[1:]).command, line
+        assert every_command().parse_args(words[1:]).command, line
 
 
 def test_the_table_of_extension_properties_has_those_that_the_code_reads() -> None:
@@ -124,3 +139,104 @@ def test_the_index_lists_every_page() -> None:
     index = ROOT / "docs" / "index.md"
     listed = {(index.parent / target).resolve() for target, _ in re.findall(LINK, prose(index))}
     assert sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")} - listed - {index}) == []
+
+
+# ---- code blocks -----------------------------------------------------------------------------------------------------
+
+BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+OTHERS = {
+    "apt cd cmake colcon cp dask docker done export for git source text wait": "a program of others, or of the shell",
+    "python3": "makes a virtual environment",
+    "ros2": "another ROS 2 program; make test-ros runs those of FAME",
+    "json5": "an extract with comments",
+    "twist_mux": "the configuration of another ROS package",
+    "patrol.bpmn": "an exception from coverage: the test of fame test reads one",
+}
+"""Commands, kinds of blocks and first keys that nothing of FAME can read, and why."""
+
+
+def listed(name: str) -> bool:
+    return any(name in names.split() for names in OTHERS)
+
+
+def command_is_right(line: str) -> bool:
+    """Whether one of FAME's own commands is right; False for a program of others, which is listed."""
+    ours = re.sub(r"^(\S*/fame|ros2 run fame) ", "fame ", line.replace("wlan0", "127.0.0.1"))
+    words = shlex.split(re.sub(r" ([>|] .*|&( |$).*)", "", ours), comments=True)
+    words = words[words.index("&&") + 1 :] if words[:1] == ["source"] and "&&" in words else words
+    match words:
+        case ["fame", *arguments]:
+            assert every_command().parse_args(arguments).command
+        case ["make", target, *_]:
+            assert re.search(rf"^{target}:", MAKEFILE, re.MULTILINE)
+        case [program] if program.startswith(".ci/"):
+            assert (ROOT / program).exists()
+        case [program, "-m", module, *arguments] if program.endswith("python"):
+            assert import_module(module)
+            assert all((ROOT / name).exists() for name in arguments if name.startswith("tests/"))
+        case [program, "install" | "wheel", *arguments] if program.endswith("pip"):
+            extras = re.findall(r"(?:fame-robots|fame|\.)\[([a-z,]+)\]", " ".join(arguments))
+            assert {name for each in extras for name in each.split(",")} <= EXTRAS.keys()
+        case ["ros2", "launch", "fame", file, *_]:
+            assert (ROOT / "launch" / file).exists()
+        case _:
+            assert listed(re.sub(r"\W.*", "", next(word for word in words if word != "sudo"))), line
+            return False
+    return True
+
+
+def yaml_is_right(text: str, folder: Path) -> bool:
+    """Whether the validator of a file takes it; False for one that no validator of FAME is for, which is listed."""
+    file = folder / "page.yaml"
+    file.write_text(text, encoding="utf-8")
+    document = read_document(file)
+    names = set(document.mapping())
+    if "model" in names:
+        (folder / document.data["model"]).touch()
+        assert plan.read_scenario(file)
+    elif names <= {*config.KEYS}:
+        assert config.world_config({"size": [100, 100], **document.data})
+    elif names == {"network"}:
+        assert read_network(document.mapping()["network"])
+    elif names == {"properties"}:
+        assert properties_of(document.mapping()["properties"])
+    elif names <= {*configuration.KEYS}:
+        parts = document.mapping(configuration.KEYS)  # types that it imports are the reader's
+        for port in (port for key in ("Inputs", "Outputs") for port in entries(parts, key).values()):
+            assert port.mapping(configuration.PORT_KEYS)
+    elif names <= {*learning_file.KEYS}:
+        assert document.mapping(learning_file.KEYS)
+    elif names <= {*project.KEYS}:
+        assert project.read(file)
+    elif names <= {"elements", "variables"}:
+        assert read_plan(file)
+    else:
+        assert listed(min(names)), names
+        return False
+    return True
+
+
+def test_code_blocks_are_read_by_what_they_are_for_and_at_most_15_percent_are_only_listed(tmp_path: Path) -> None:
+    """Commands by their parsers, files by their validators, Python by its compiler."""
+    right: list[bool] = []
+    for page in PAGES:
+        for indent, language, body in BLOCK.findall(page.read_text(encoding="utf-8")):
+            text = re.sub(rf"^{indent}", "", body, flags=re.MULTILINE)
+            if language == "sh":
+                lines = text.replace("\\\n", " ").splitlines()
+                right += [command_is_right(line.strip()) for line in lines if line.strip()[:1] not in ("", "#")]
+            elif language == "yaml":
+                right.append(yaml_is_right(text, tmp_path))
+            elif language == "python":
+                compile(text, str(page), "exec", flags=ast.PyCF_ALLOW_TOP_LEVEL_AWAIT)
+                right.append(True)
+            elif language == "json":
+                right.append(bool(json.loads(text)))
+            elif language == "toml":
+                right.append(bool(tomllib.loads(text)))
+            elif language not in ("mermaid", "text"):  # a drawing, what a command prints
+                assert listed(language), language
+                right.append(False)
+    assert right.count(False) <= 0.15 * len(right)
