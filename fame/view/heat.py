@@ -151,6 +151,7 @@ class HeatMap(Closing):
     def __init__(self, folder: Path, show: Callable[[Path], str] | None = None) -> None:
         self._folder, self._show = folder, show
         self.paths: list[Path] = []
+        self._run_of: dict[Path, int] = {}  # run: its place in paths
         self._stamps: dict[Path, _Stamp] = {}  # of what was read
         if not self._stamped():
             text = (
@@ -205,10 +206,11 @@ class HeatMap(Closing):
             self._settled.set()
 
     def _read(self, path: Path) -> None:
-        if path not in self.paths:
+        run = self._run_of.setdefault(path, len(self.paths))
+        if run < len(self.paths):
+            self._forget(run)
+        else:
             self.paths.append(path)
-        run = self.paths.index(path)
-        self._forget(run)
         try:
             with Replay(path) as replay:
                 replay.wait()

@@ -347,13 +347,16 @@ def _routes(source: PageSource, refusals: _RefusalLog) -> Starlette:
             return Response("no such file\n", 404, _HEADERS, "text/plain")
         return Response(file.read_bytes(), 200, _HEADERS, kind)
 
+    def reply(found: Mapping[str, Any], status: int = 200) -> Response:
+        return Response(json_bytes(found), status, _HEADERS, "application/json")
+
     def answer(make: Callable[..., Mapping[str, Any]]) -> Callable[[Request], Any]:
         async def endpoint(request: Request) -> Response:
             try:
                 found = await asyncio.to_thread(make, *request.path_params.values())
             except LookupError:
                 return Response("no such thing\n", 404, _HEADERS, "text/plain")
-            return Response(json_bytes(found), 200, _HEADERS, "application/json")
+            return reply(found)
 
         return endpoint
 
@@ -362,7 +365,7 @@ def _routes(source: PageSource, refusals: _RefusalLog) -> Starlette:
         if person is not None:
             theirs = [act for act in found.get("control", ()) if act in ("complete", *person.acts)]
             found |= {"person": person.to_json(), "control": theirs}
-        return Response(json_bytes(found), 200, _HEADERS, "application/json")
+        return reply(found)
 
     def obey(command: Mapping[str, Any], person: Person | None) -> Mapping[str, Any]:
         """Carry out a command of the page of a person, or of the page that may do everything."""
@@ -383,22 +386,15 @@ def _routes(source: PageSource, refusals: _RefusalLog) -> Starlette:
         try:
             text = await _body(request)
             if text is None:
-                return Response(
-                    json_bytes({"error": f"longer than {LONGEST} bytes"}), 413, _HEADERS, "application/json"
-                )
+                return reply({"error": f"longer than {LONGEST} bytes"}, 413)
             command = read_json(text)
             if not isinstance(command, dict):
                 raise ValueError
-            return Response(
-                json_bytes(await asyncio.to_thread(obey, command, request.scope["person"])),
-                200,
-                _HEADERS,
-                "application/json",
-            )
+            return reply(await asyncio.to_thread(obey, command, request.scope["person"]))
         except FameError as error:
-            return Response(json_bytes({"error": str(error)}), 409, _HEADERS, "application/json")
+            return reply({"error": str(error)}, 409)
         except Exception:  # of whatever a page sends
-            return Response(json_bytes({"error": "not a command"}), 400, _HEADERS, "application/json")
+            return reply({"error": "not a command"}, 400)
 
     async def live(socket: WebSocket) -> None:
         await socket.accept()

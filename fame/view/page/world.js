@@ -429,8 +429,8 @@ export class World {
   drawName(pen, { r, pose, robot }, robots, width, state) {
     const [x, y] = pen.at([pose.x, pose.y]), outline = pose.outline ?? robot.outline ?? box(0, 0, 0.5, 0.4);
     const far = Math.max(...outline.map(([ahead]) => ahead)) * this.growth(outline, pen.scale) * pen.scale;
-    const near = robots.filter((other) => other.r !== r).map((other) => pen.at([other.pose.x, other.pose.y])).filter(([ox, oy]) => Math.abs(ox - x) < 90 && Math.abs(oy - y) < 46);
-    const above = y > 60 && near.every(([, oy]) => oy >= y), aside = !above && near.some(([, oy]) => oy >= y), name = pose.altitude >= 0.05 ? `${robot.name}  ${pose.altitude.toFixed(1)} m` : robot.name;
+    const near = robots.filter((other) => other.r !== r).map((other) => pen.at([other.pose.x, other.pose.y])).filter(([ox, oy]) => Math.abs(ox - x) < 90 && Math.abs(oy - y) < 56);
+    const above = y > 60 && near.every(([, oy]) => oy >= y), aside = !above && (y + far + 28 > this.size.height || near.some(([, oy]) => oy >= y)), name = pose.altitude >= 0.05 ? `${robot.name}  ${pose.altitude.toFixed(1)} m` : robot.name;
     const task = this.app.doing(state, r), base = above ? y - far - (task ? 19 : 7) : aside ? y + (task ? -2 : 4) : y + far + 15;
     const inside = (text, size) => {
       pen.context.font = `600 ${size}px system-ui, sans-serif`;
