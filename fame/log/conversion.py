@@ -20,7 +20,7 @@ from fame.errors import ConfigError, ModelError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.mission_level import PART, MissionLevel
-from fame.log.ocel import Named, write_ocel
+from fame.log.ocel import ObjectVariables, write_ocel
 from fame.log.recording import ModelRun, RecordedMessage, Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.team_state import KeyWriter, TeamState, shift_times
@@ -31,9 +31,6 @@ from fame.text import suggestion
 OCEL = ".ocel.json"
 FORMS: Sequence[str] = (".jsonl", ".csv", ".xes", OCEL)
 """The formats that a recording can be converted to, by suffix."""
-
-Level = Literal["mission", "all"]
-"""What a log has: what somebody drew, or everything."""
 
 OnProgress = Callable[[float], object]
 """Takes how much is done, 0 to 1."""
@@ -57,8 +54,8 @@ def convert(
     target: str | Path,
     on_progress: OnProgress = lambda done: None,
     *,
-    level: Level | None = None,
-    named: Named = MappingProxyType({}),
+    level: Literal["mission", "all"] | None = None,
+    named: ObjectVariables = MappingProxyType({}),
     robots: Sequence[str] = (),
 ) -> list[str]:
     """Convert a recording to the format given by the suffix of the target, without one to a bag of ROS 2.

@@ -42,7 +42,7 @@ from fame.log.recording import RecordedMessage, Recording
 from fame.log.team_state import TeamState
 from fame.text import suggestion
 
-Named = Mapping[str, str]
+ObjectVariables = Mapping[str, str]
 """Type of objects -> the variable whose values name them."""
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "abort", "fail": "fail"}
@@ -63,7 +63,11 @@ _EVENT_TYPES: Mapping[str, Mapping[str, str]] = {
 
 
 def write_ocel(
-    recording: Recording, models: Sequence[Definitions], mission: MissionLevel | None, named: Named, stream: BinaryIO
+    recording: Recording,
+    models: Sequence[Definitions],
+    mission: MissionLevel | None,
+    named: ObjectVariables,
+    stream: BinaryIO,
 ) -> None:
     """Write a recording with its models to `stream`; all of it without `mission`. `named`: type -> variable.
 
@@ -92,7 +96,7 @@ def write_ocel(
 class _Variables:
     """The variables of a team, and the objects that they name: `named` is type -> variable."""
 
-    def __init__(self, named: Named) -> None:
+    def __init__(self, named: ObjectVariables) -> None:
         for kind in named:
             if kind in _OBJECT_TYPES:
                 raise ConfigError(f"--object {kind}={named[kind]}: each log has objects of type {kind!r} already")
