@@ -20,10 +20,11 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from models import CASES, VARIABLES, Case, in_javascript
+from models import CASES, VARIABLES, Case, in_javascript, in_services
 
 HERE = Path(__file__).resolve().parent / "contenders"
 NPM = "bpmn-engine@25.0.1"
+CAMUNDA = "camunda-python==0.1.2"
 STACK = 900_000
 """kB of stack for an engine that recurses: with the usual one it ends after some hundred elements."""
 
@@ -69,7 +70,31 @@ def bpmn_engine() -> Engine:
     return Engine(name, lambda file, order: [*program, file, order, str(folder)], in_javascript)
 
 
-ENGINES: Mapping[str, Callable[[], Engine]] = {"SpiffWorkflow": spiffworkflow, "bpmn-engine": bpmn_engine}
+def camunda_python(*more: str) -> Engine:
+    """Installed on first use, as bpmn-engine is; it needs Python 3.12."""
+    folder = Path(tempfile.gettempdir()) / f"fame-{CAMUNDA}"
+    try:
+        if not (folder / "bin" / "pip").exists():
+            subprocess.run(["python3.12", "-m", "venv", str(folder)], check=True, capture_output=True)
+        subprocess.run([str(folder / "bin" / "pip"), "install", "--quiet", CAMUNDA], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        raise AbsentError(f"camunda-python needs python3.12, and pip install {CAMUNDA}") from None
+    program = [str(folder / "bin" / "python"), str(HERE / "camunda_python.py")]
+    name = " with ".join((f"camunda-python {CAMUNDA.rpartition('=')[2]}", *more))
+    return Engine(name, lambda file, order: [*program, file, order, *more], in_services)
+
+
+def fame_state() -> Engine:
+    return Engine("FAME with state", lambda file, order: [*fame_robots().command(file, order), "state"])
+
+
+ENGINES: Mapping[str, Callable[[], Engine]] = {
+    "SpiffWorkflow": spiffworkflow,
+    "bpmn-engine": bpmn_engine,
+    "camunda-python": camunda_python,
+    "camunda-python-sqlite": partial(camunda_python, "sqlite"),
+    "FAME-state": fame_state,
+}
 
 
 # ---- one run -----------------------------------------------------------------------------------------------------

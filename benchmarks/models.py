@@ -99,6 +99,19 @@ def in_javascript(text: str) -> str:
     return text.replace('"python"', '"javascript"')
 
 
+_SCRIPT = re.compile(r'<scriptTask id="([^"]*)" [^>]*><script>([^<]*)</script></scriptTask>')
+
+
+def in_services(text: str) -> str:
+    """The same file for engines without script tasks: service tasks named by the Python code; conditions ``${...}``."""
+
+    def service(found: re.Match[str]) -> str:
+        name = found[2].replace("\n", "&#10;").replace('"', "&quot;")
+        return f'<serviceTask id="{found[1]}" name="{name}" c:delegateExpression="${{code_{found[1]}}}"/>'
+
+    return re.sub(r'language="python">([^<]*)<', r">${\1}<", _SCRIPT.sub(service, text))
+
+
 # ---- models ------------------------------------------------------------------------------------------------------
 
 
@@ -107,6 +120,15 @@ def sequence(count: int) -> str:
     drawing = started()
     for number in range(count):
         drawing.script(f"t{number}", "x = x + 1")
+    drawing.put("endEvent", "e")
+    return file(drawing)
+
+
+def gateways(count: int) -> str:
+    """Exclusive gateways in a row: nothing but moves of a token."""
+    drawing = started()
+    for number in range(count):
+        drawing.put("exclusiveGateway", f"g{number}")
     drawing.put("endEvent", "e")
     return file(drawing)
 
@@ -268,6 +290,7 @@ class Case:
 
 
 CASES = (
+    Case("gateways", gateways, 1000),
     Case("sequence", sequence, 1000, expected=lambda size: {"x": size}),
     Case("loop", loop, 2_000, expected=lambda size: {"i": size}),
     Case("long loop", loop, 20_000, expected=lambda size: {"i": size}, own=True),

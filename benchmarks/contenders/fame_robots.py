@@ -1,8 +1,9 @@
-"""FAME as a contender: `fame.Simulation`, without an observer."""
+"""FAME as a contender: `fame.Simulation`, without an observer; with ``state`` the journal of `fame engine --state`."""
 
 from __future__ import annotations
 
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent))
 from measuring import Prepared, answer
 
 import fame
+from fame.robot.durable import DurableRecorder
+from fame.robot.journal import Journal, StateDirectory
 
 
 def read(file: str, order: dict[str, Any]) -> Callable[[], Prepared]:
@@ -22,6 +25,11 @@ def read(file: str, order: dict[str, Any]) -> Callable[[], Prepared]:
     def prepare() -> Prepared:
         simulation = fame.Simulation(definitions, order["process"], order["variables"])
 
+        folder = tempfile.TemporaryDirectory()
+        journal = Journal(StateDirectory(folder.name), {}) if sys.argv[3:] == ["state"] else None
+        if journal is not None:
+            DurableRecorder(simulation.node, journal).begin()
+
         def run() -> dict[str, Any]:
             simulation.run()
             for _ in range(order["signals"]):
@@ -31,6 +39,9 @@ def read(file: str, order: dict[str, Any]) -> Callable[[], Prepared]:
             last = simulation.instances[-1]
             if last.status != "completed" and not order["signals"]:
                 raise SystemExit(f"the process is {last.status}: {last.error or last.waiting}")
+            if journal is not None:
+                journal.close()  # all is on the disk
+            folder.cleanup()
             return {name: last.variables.get(name) for name in order["variables"]}
 
         return run
