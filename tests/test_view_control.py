@@ -22,7 +22,7 @@ import pytest
 from view_page import beyond, eventually, opened, shot, until
 
 from fame.cli import main, parser
-from fame.cli.view import _compared, _recorded_command, _source
+from fame.cli.view import _compared, _recorded_command, _source, viewed
 from fame.clock import SECOND
 from fame.errors import ConfigError, FameError
 from fame.log import About, Recording, logging_to
@@ -103,6 +103,20 @@ def test_a_task_is_completed_a_signal_sent_a_variable_set(porter: Scenario) -> N
     assert found.status == "completed"
     told = [str(event.detail) for event in found.reports]
     assert told == ["completed by a person: Sign", "set by a person: load = 4"]
+
+
+def test_a_run_that_begins_paused_has_done_nothing_until_somebody_resumes_it(porter: Scenario) -> None:
+    arguments = parser("run").parse_args(["run", "porter.bpmn", "--view", "--paused", "--no-open"])
+    with viewed(arguments, porter) as live:
+        assert live is not None
+        thread = threading.Thread(target=lambda: porter.run(observer=live.observer, pace=live))
+        thread.start()
+        status = eventually(lambda: next((one for one in live.news(None)[1] if one["type"] == "run"), None))
+        assert (status["paused"], status["stopped"], waiting(live)) == (True, "Paused before the first step.", [])
+        live.control({"do": "resume"})
+        eventually(lambda: waiting(live) == ["Sign"])
+        live._run.interrupted = True  # type: ignore[union-attr]
+        thread.join(60)
 
 
 def test_a_paused_run_stands_still_until_it_is_stepped() -> None:
