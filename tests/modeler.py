@@ -60,6 +60,16 @@ class Modeler:
         known = "id => modeler.get('elementTemplates').getAll(modeler.get('elementRegistry').get(id)).map(t => t.name)"
         return list(self.page.evaluate(known, element))
 
+    def apply(self, element: str, template: str) -> None:
+        """Choose a template for an element; the name is that in the list of the panel."""
+        self.page.evaluate(
+            """([id, name]) => {
+                const found = modeler.get('elementTemplates'), element = modeler.get('elementRegistry').get(id)
+                found.applyTemplate(element, found.getAll(element).find(template => template.name === name))
+            }""",
+            [element, template],
+        )
+
     def save(self) -> str:
         """The file."""
         return str(self.page.evaluate("modeler.saveXML({format: true}).then(saved => saved.xml)"))

@@ -122,6 +122,15 @@ def test_a_topic_is_received_as_the_fields_say() -> None:
     assert thrown(ALL["fame.receive"]).queue == 0
 
 
+def test_a_message_is_sent_to_the_robot_that_the_field_names() -> None:
+    filled = applied(ALL["fame.send"], type="geometry_msgs/msg/Point", payload="{x: ${x}}", to="${closest}")
+    task = node_of(f'<sendTask id="t" messageRef="m">{filled}</sendTask>', '<message id="m" name="order"/>')
+    assert task.topic is not None
+    assert task.topic.to is not None
+    assert (task.topic.qualified, task.topic.to.text) == ("/order", "${closest}")
+    assert "bpmn:ReceiveTask" in ALL["fame.receive"]["appliesTo"]
+
+
 def test_a_data_object_takes_the_fields_of_a_message() -> None:
     assert fields_of("geometry_msgs/msg/Vector3") == ("x", "y", "z")
     assert fields_of("geometry_msgs/msg/Twist") == ()  # linear.x and angular.x have one name

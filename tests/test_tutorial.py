@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from modeler import Modeler
 
+from fame.bpmn import read_text
 from fame.cli import main
 
 if TYPE_CHECKING:
@@ -87,3 +88,20 @@ def test_the_modeler_offers_the_templates_that_fame_writes(modeler: Modeler) -> 
     task = modeler.append(modeler.begun_with(), "Append task")
     assert {"Go To", "Detect Weed"} <= set(modeler.templates(task))
     assert "*Template*" in TUTORIAL
+    answer = modeler.append(task, "Append task")
+    modeler.change(task, "Send task")
+    modeler.apply(task, "ROS 2 send message")
+    modeler.fill(task, "Custom properties", Message_type="geometry_msgs/msg/Point", To="${closest}")
+    modeler.change(answer, "Receive task")
+    modeler.apply(answer, "ROS 2 receive correlated message")
+    modeler.fill(answer, "Custom properties", Correlate_by="order_id", Queue="3")
+    for each, name in ((task, "order"), (answer, "done")):
+        modeler.fill(each, "General", Name=name)
+    (process,) = read_text(modeler.save()).processes
+    sends, receives = (next(node for node in process.body.walk() if node.id == each) for each in (task, answer))
+    assert (sends.topic.name, sends.topic.type, sends.topic.to.text) == (
+        "order",
+        "geometry_msgs/msg/Point",
+        "${closest}",
+    )
+    assert (receives.topic.name, receives.topic.queue, receives.keys[0][0]) == ("done", 3, "order_id")

@@ -49,7 +49,7 @@ def templates(behaviours: Iterable[Behaviour]) -> dict[str, list[Template]]:
     """The templates by the name of their file, without its ending."""
     known = list({one.name: one for one in behaviours}.values())
     return {
-        "publish": [_publish(), *map(_publish_type, COMMON)],
+        "publish": [_publish(), _send(), *map(_publish_type, COMMON)],
         "receive": [_receive(), _correlate()],
         "data": [*map(_inputs, filter(lambda one: one.inputs, known)), *map(_fields, filter(fields_of, COMMON))],
         "library": [_call(one) for one in known],
@@ -92,6 +92,14 @@ def _publish() -> Template:
     )
 
 
+def _send() -> Template:
+    payload = _text("payload", "Payload", "YAML or JSON with ${variables}; nothing sends a message of defaults")
+    to = _text("to", "To", "the robot that receives it, as ${closest} or Tractor_${n}; nothing: all robots")
+    text = "Sends a BPMN message: to one robot, or to each instance whose correlation keys fit."
+    fields = [_types(), payload, to, *_delivery(), *_qos()]
+    return _template("send", "ROS 2 send message", text, ("bpmn:SendTask", *THROWS), fields, qos=True)
+
+
 def _publish_type(type: str) -> Template:
     """With the type's fields at their defaults as payload."""
     fields = [_property("type", "Hidden", type)]
@@ -106,7 +114,7 @@ def _publish_type(type: str) -> Template:
 
 def _receive() -> Template:
     text = "Catches a message on the topic of the signal's name. The fields go to the data object that it points to."
-    return _template("receive", "ROS 2 receive", text, CATCHES, [_types(), _queue(), _scope(), *_qos()], qos=True)
+    return _template("receive", "ROS 2 receive", text, RECEIVES, [_types(), _queue(), _scope(), *_qos()], qos=True)
 
 
 def _correlate() -> Template:
