@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from sim2d.ground import Weeds
 
 
+@cache
 def constructor(type: str) -> Callable[..., AnyMessage]:
     """Return the class of a message type. It takes fields in the order of ROS, without conversion or checks."""
     kind: Any = messages.message_type(type)

@@ -19,7 +19,7 @@ from fame.monitor.data_files import LabelledRun, Special, _read_parquet, read_la
 from fame.monitor.judge import judge_trained
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.configuration import load
-from fame.monitor.pipeline.elements import STRING, ElementFollower, active
+from fame.monitor.pipeline.elements import ElementFollower, active
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.node import ProcessingNode
 from fame.monitor.pipeline.phases import Phases
@@ -27,6 +27,7 @@ from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.recording import RecordingNode
 from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.robot.live import STRING
 from fame.robot.robot_state import RobotState
 
 RATE, RUNS = 50.0, 12

@@ -13,8 +13,6 @@ from uuid import uuid4
 
 from fame.clock import SECOND, Entry, Kind, Scheduler, Turns
 from fame.deploy.envelope import (
-    EVENTS_TOPIC,
-    MODEL_TOPIC,
     PLAIN,
     PROCESS_QOS,
     SIZE,
@@ -74,6 +72,7 @@ from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
 from fame.randomness import new_seed, robot_random
 from fame.robot.clock_server import ClockServer
+from fame.robot.live import EVENTS_TOPIC, MODEL_TOPIC
 
 if TYPE_CHECKING:
     from random import Random

@@ -19,8 +19,6 @@ PROCESS_QOS = QoS(depth=20)
 """Of ``bpmn_process``: reliable and volatile, so that every reliable publisher matches."""
 STATUS_QOS = QoS(durability="transient_local", depth=100)
 """Of subscriptions to ``bpmn_status``: the last report from before the match, and every one from then on."""
-EVENTS_TOPIC, MODEL_TOPIC = "bpmn_events", "bpmn_model"
-"""Topics of a robot on which it tells what happens in it (`fame.robot.live`)."""
 MATCHING = 5.0
 """How long a robot waits for the other ends of its topics, unless its sender says more or less (s)."""
 SILENCE = 5.0

@@ -8,6 +8,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from fame.deploy.envelope import STATES, Report
+from fame.deploy.status import WAITS
 from fame.errors import ConfigError
 from fame.imports import require
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 _SERIES: Mapping[str, tuple[str, Callable[[Report], float]]] = {
     "instances": ("Process instances that run now.", lambda report: report.instances),
     "waiting_tokens": ("Tokens that wait.", lambda report: len(report.waits) + report.more_waits),
-    "longest_wait_seconds": ("For how long the oldest of them waits, in the time of the mission.", lambda report: max(
+    "longest_wait_seconds": (f"How long the oldest of the first {WAITS} waits, in mission time.", lambda report: max(
         (report.now - wait.get("since", report.now) for wait in report.waits), default=0.0)),
     "incidents": ("Elements that have failed and wait for repair.", lambda report: len(report.incidents)),
     "warnings": ("Warnings of lost messages and of endpoints that do not match.", lambda report: len(report.warnings)),

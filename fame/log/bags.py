@@ -17,9 +17,10 @@ from fame.clock import Scheduler
 from fame.errors import ConfigError
 from fame.log.judge import runs
 from fame.log.live_judge import LiveJudge
-from fame.log.live_team import EVENTS_TOPIC, MODEL_TOPIC, LiveTeam
+from fame.log.live_team import LiveTeam
 from fame.middleware.interface import MAX_MESSAGE_SIZE
 from fame.properties import Judgement, Property, Vocabulary
+from fame.robot.live import EVENTS_TOPIC, MODEL_TOPIC
 from fame.text import read_json
 
 

@@ -15,13 +15,14 @@ from fame.log.channels import CLOCKS, GROUND, KEY, WORLD
 from fame.log.clocks import ClockDoubts
 from fame.log.judge import runs
 from fame.log.live_judge import LiveJudge
-from fame.log.live_team import DELAY, STRING, LiveTeam, now_since
+from fame.log.live_team import DELAY, LiveTeam, now_since
 from fame.log.recorder import LogTopics
 from fame.log.recording import ModelRun
 from fame.log.recording_file import Sink
 from fame.middleware.interface import ENGINE, LATCHED, MAX_MESSAGE_SIZE, AnyMessage, Middleware, QoS, TopicInfo
 from fame.middleware.qos import requested_of
 from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE, nanoseconds
+from fame.robot.live import EVENTS_TOPIC, MODEL_TOPIC, STRING
 from fame.scripting.transforms import TOPICS as TF_TOPICS
 from fame.text import read_json
 
@@ -34,7 +35,7 @@ _FLUSH = 2 * SECOND
 """Interval in which data are written to the file (ns): the most that a crash loses."""
 _TICK = SECOND // 20
 """Interval in which bounds are noticed that have passed while nothing happened (ns)."""
-_INTERNAL = ("bpmn_events", "bpmn_model", "bpmn_status", "bpmn_process", "bpmn_task", "bpmn_clock")
+_INTERNAL = (EVENTS_TOPIC, MODEL_TOPIC, "bpmn_status", "bpmn_process", "bpmn_task", "bpmn_clock")
 """Topics of engines that are not recorded as messages."""
 _GENERAL = frozenset(("/rosout", "/parameter_events", CLOCK, "/clock_done", "/world_state", WORLD_SCENE, WORLD_GROUND))
 

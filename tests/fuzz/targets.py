@@ -293,9 +293,10 @@ def read_events(data: bytes) -> None:
 def _batches() -> list[bytes]:
     from fame.clock import Scheduler
     from fame.deploy.engine_node import EngineNode
-    from fame.deploy.envelope import EVENTS_TOPIC, PROCESS_QOS, STRING
+    from fame.deploy.envelope import PROCESS_QOS, STRING
     from fame.middleware import messages
     from fame.middleware.local import LocalMiddleware
+    from fame.robot.live import EVENTS_TOPIC
 
     scheduler = Scheduler()
     middleware, found = LocalMiddleware(scheduler), []

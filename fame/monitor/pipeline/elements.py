@@ -23,7 +23,6 @@ from fame.monitor.pipeline.processor import ActiveElements, Samples
 from fame.robot.robot_state import RobotState
 from fame.text import read_json
 
-EVENTS_TOPIC, STRING = "bpmn_events", "std_msgs/msg/String"
 _KEPT = 1000
 """Changes of the active element that are kept."""
 

@@ -14,9 +14,10 @@ from fame.errors import ConfigError
 from fame.middleware.interface import Middleware, Node, resolve
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.pipeline.configuration import Configuration, Port
-from fame.monitor.pipeline.elements import EVENTS_TOPIC, STRING, ElementFollower
+from fame.monitor.pipeline.elements import ElementFollower
 from fame.monitor.pipeline.sinks import BagWriter, CsvFile, Influx, Row
 from fame.monitor.pipeline.subscriptions import Subscriptions, ThrottledReport, check_types
+from fame.robot.live import EVENTS_TOPIC, STRING
 
 FLUSH = 0.1
 """How long (s) a row may wait before it is on disk."""
