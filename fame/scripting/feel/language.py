@@ -93,34 +93,24 @@ def _joined(left: str, right: str) -> str:
     return text
 
 
-def _both(left: Evaluate, right: Evaluate) -> Evaluate:
-    """``and`` of three values: false wins over null (DMN 1.5, table 48)."""
+def _connective(decisive: bool) -> Callable[[Evaluate, Evaluate], Evaluate]:
+    """``and`` (false is decisive) or ``or`` (true is) of three values: what is decisive wins over null (DMN 1.5, table
+    48)."""
+    other = not decisive
 
-    def evaluate(variables: Mapping[str, Any]) -> bool | None:
-        first = left(variables)
-        if first is False:
-            return False
-        second = right(variables)
-        if second is False:
-            return False
-        return True if first is True and second is True else None
+    def connect(left: Evaluate, right: Evaluate) -> Evaluate:
+        def evaluate(variables: Mapping[str, Any]) -> Any:
+            first = left(variables)
+            if first is decisive:
+                return decisive
+            second = right(variables)
+            if second is decisive:
+                return decisive
+            return other if first is other and second is other else None
 
-    return evaluate
+        return evaluate
 
-
-def _either(left: Evaluate, right: Evaluate) -> Evaluate:
-    """``or`` of three values: true wins over null."""
-
-    def evaluate(variables: Mapping[str, Any]) -> bool | None:
-        first = left(variables)
-        if first is True:
-            return True
-        second = right(variables)
-        if second is True:
-            return True
-        return False if first is False and second is False else None
-
-    return evaluate
+    return connect
 
 
 def _between(parser: ExpressionParser, left: Evaluate) -> Evaluate:
@@ -282,8 +272,8 @@ def _literal(parser: ExpressionParser) -> Evaluate:
 
 def _table() -> dict[str, tuple[int, Infix]]:
     operators: dict[str, tuple[int, Callable[[Evaluate, Evaluate], Evaluate]]] = {
-        "or": (OR, _either),
-        "and": (AND, _both),
+        "or": (OR, _connective(True)),
+        "and": (AND, _connective(False)),
         "=": (COMPARE, _equality(operator.eq)),
         "!=": (COMPARE, _equality(operator.ne)),
         "<": (COMPARE, _comparison(operator.lt)),
