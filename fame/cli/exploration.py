@@ -271,7 +271,9 @@ def as_json(result: Exploration) -> dict[str, Any]:
         "seconds": round(result.seconds, 3),
         "outside": list(result.outside),
         "widened": [list(one) for one in result.widened],
-        "searches": [_without_judged(asdict(search)) for search in result.searches],
+        "searches": [
+            {name: value for name, value in asdict(search).items() if name != "judged"} for search in result.searches
+        ],
         "properties": [
             {
                 "property": one.name,
@@ -285,11 +287,6 @@ def as_json(result: Exploration) -> dict[str, Any]:
         ],
         "findings": [finding_as_json(one) for one in result.findings],
     }
-
-
-def _without_judged(search: dict[str, Any]) -> dict[str, Any]:
-    """A search without its verdicts about properties, which are given for all searches together."""
-    return {name: value for name, value in search.items() if name != "judged"}
 
 
 def finding_as_json(finding: Finding) -> dict[str, Any]:

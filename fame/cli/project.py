@@ -133,7 +133,7 @@ def apply(arguments: Namespace) -> None:
     Raises ConfigError, also for an argument that neither has.
     """
     leaf: Parser = arguments.leaf
-    known = {_argument(leaf, action): action for action in leaf.arguments}
+    known = {f"{leaf.prog.split()[-1]} {action.dest}": action for action in leaf.arguments}
     wanted = {name: action for name, action in known.items() if name in _POSITIONAL or action.dest in _OPTIONS}
     here = Path.cwd() if wanted and not arguments.no_project else None
     file = find(here) if here is not None else None
@@ -148,10 +148,6 @@ def apply(arguments: Namespace) -> None:
         output.named["project"] = {"name": name, "file": place}
         if not (getattr(arguments, "json", False) or getattr(arguments, "quiet", False)):
             output.note(f"fame: project {name}: {place}")
-
-
-def _argument(leaf: Parser, action: Action) -> str:
-    return f"{leaf.prog.split()[-1]} {action.dest}"
 
 
 def _take(arguments: Namespace, name: str, action: Action) -> Iterator[tuple[Action, list[str]]]:

@@ -395,7 +395,7 @@ class EngineNode:
             case ScheduleLoad():
                 self.scheduler.soon(partial(self._protocol.handle, LoadDue()), Kind.RESUMPTION)
             case Load(envelope):
-                self._load(envelope)
+                Work(self.scheduler, self._loading(envelope), self._on_loaded)
             case Discard():
                 self._discard()
             case AwaitEndpoints(envelope):
@@ -497,9 +497,6 @@ class EngineNode:
         except Exception as error:  # as somebody has moved a token since it was found to fit: others have started
             self._note(f"starts from the beginning: {error}")
             return candidate.process.start
-
-    def _load(self, envelope: Envelope) -> None:
-        Work(self.scheduler, self._loading(envelope), self._on_loaded)
 
     def _loading(self, envelope: Envelope) -> LoadingTask[RobotNode]:
         """The task that loads a process, which tells what happens in it."""

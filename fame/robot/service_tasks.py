@@ -48,7 +48,7 @@ def call_service(
     _make_client(task, topic, file, inbox)
     codes = _error_codes(task, file)
     request = compile(topic.payload, element=task.id, file=file) if topic.payload is not None else None
-    objects = _objects(process, task)
+    objects = [item for body in process.body.bodies() for item in body.data_objects if item.id in task.data_outputs]
 
     async def call(variables: dict[str, Any], fields: Any) -> None:
         try:
@@ -117,10 +117,6 @@ def _goal_error(error: GoalError, codes: Mapping[str | int, str]) -> BpmnError:
     reason = f"error code {number}{f', {text}' if text else ''}" if number else text
     message = f"{error.message} ({reason})" if reason else error.message
     return BpmnError(codes.get(number) or codes.get(error.code, error.code), message)
-
-
-def _objects(process: Process, task: Task) -> list[DataObject]:
-    return [item for body in process.body.bodies() for item in body.data_objects if item.id in task.data_outputs]
 
 
 def _outputs(task: Task, topic: Topic, objects: list[DataObject], response: Any) -> Mapping[str, Any]:

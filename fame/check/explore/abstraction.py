@@ -194,7 +194,7 @@ class Abstraction:
             closure = self.library.closure(*called)
         except FameError:  # the compiler refuses it
             return call
-        if any(topic in self.shared for there, process in closure for topic in _topics(there, process)):
+        if any(topic in self.shared for there, process in closure for topic, _ in _ends(there, process)):
             return call
         writes, results = {name for _, process in closure for name in _writes(process)}, set[str]()
         changes = self._with_aliases(name for _, process in closure for name in _may_change(process))
@@ -317,10 +317,6 @@ def _ends(home: model.Definitions, process: model.Process) -> Iterator[tuple[str
             for one in _script_topics(node.script):
                 if one.direction in ("publish", "subscribe"):
                     yield one.qualified, one.direction == "publish"
-
-
-def _topics(home: model.Definitions, process: model.Process) -> set[str]:
-    return {topic for topic, _ in _ends(home, process)}
 
 
 def _script_topics(script: model.Expression) -> Iterable:  # type: ignore[type-arg]

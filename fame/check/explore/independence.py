@@ -87,15 +87,12 @@ class Structure:
             if node.place == "boundary":
                 self._after[node.attached_to].add(node.id)
                 armed = any(not isinstance(one, model.ErrorDefinition) for one in node.definitions)
-                if armed or isinstance(self._node_of(node.attached_to), model.SubProcess | None):
+                if armed or isinstance(self._nodes.get(node.attached_to), model.SubProcess | None):
                     self._restless.add(node.attached_to)
         if isinstance(node, model.Task):
             if node.script is not None and node.script.language == "javascript":
                 self._restless.add(owner)
             self._touched[node.id].writes |= {node.result_variable} & self._kept
-
-    def _node_of(self, id: str) -> model.FlowNode | None:
-        return self._nodes.get(id)
 
     def commutes(self, element: str, reached: set[str], others: list[str]) -> bool:
         """Whether a step of the token at an element, to where it waits next, commutes with what the others may do."""
@@ -107,7 +104,7 @@ class Structure:
         touched = self._touches(passage)
         if not (touched.reads or touched.writes):
             return True
-        before = frozenset(self._joins & self._beyond(element))
+        before = frozenset(self._joins & self._future(element, frozenset()))
         return all(
             other in self._around and not touched.meets(self._touches(self._future(other, before))) for other in others
         )
@@ -147,9 +144,6 @@ class Structure:
                         pending.append(one)
             self._regions[key] = frozenset(found)
         return self._regions[key]
-
-    def _beyond(self, element: str) -> frozenset[str]:
-        return self._future(element, frozenset())
 
     def _next(self, element: str) -> Iterator[str]:
         """What follows an element, into sub-processes and out of them."""
