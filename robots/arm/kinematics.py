@@ -125,60 +125,12 @@ def sampled(times: Floats, positions: Floats, begin: Floats, period: float) -> J
 
     `begin` (joints,) is the velocity now. Samples are `period` s apart, from one period after now to the end.
     """
-    velocities = _spline_velocities(times, positions, begin)
-    accelerations = _spline_accelerations(times, positions, velocities)
+    from scipy.interpolate import BPoly, CubicSpline
+
+    spline = CubicSpline(times, positions, bc_type=((1, begin), (1, np.zeros_like(begin))))
+    velocities, accelerations = spline(times, 1), spline(times, 2)
+    accelerations[[0, -1]] = 0
+    quintics = BPoly.from_derivatives(times, np.stack([positions, velocities, accelerations], axis=1))
     at = period * np.arange(1, max(1, int(np.ceil(times[-1] / period - 1e-6))) + 1)
     at[-1] = times[-1]
-    piece = np.clip(np.searchsorted(times, at, side="left") - 1, 0, len(times) - 2)
-    span = (times[piece + 1] - times[piece])[:, None]
-    powers = ((at - times[piece])[:, None] / span)[:, :, None] ** np.arange(6)  # (cycles, 1, 6)
-    ends = [
-        part[side]
-        for part in (positions, velocities, accelerations)
-        for side in (piece, piece + 1)
-    ]  # fmt: skip
-    scale: list[float | Floats] = [1.0, 1.0, span, span, span**2, span**2]
-    given = np.stack([end * factor for end, factor in zip(ends, scale, strict=True)], axis=2)  # (cycles, joints, 6)
-    weights = given @ _QUINTIC.T
-    rates = np.arange(1, 6) * powers[:, :, :5]
-    bends = np.arange(2, 6) * np.arange(1, 5) * powers[:, :, :4]
-    return JointMotion(
-        (weights * powers).sum(axis=2),
-        (weights[:, :, 1:] * rates).sum(axis=2) / span,
-        (weights[:, :, 2:] * bends).sum(axis=2) / span**2,
-    )
-
-
-def _quintic() -> Floats:
-    """Matrix from end values (position, velocity, acceleration, each at 0 and 1) to coefficients of the quintic."""
-    powers = np.arange(6)
-    rows = []
-    for order in range(3):
-        factor = np.prod([powers - step for step in range(order)], axis=0) if order else np.ones(6)
-        rows += [np.where(powers == order, factor, 0.0), factor]
-    return np.asarray(np.linalg.inv(np.array(rows, dtype=np.float64)))
-
-
-_QUINTIC = _quintic()
-
-
-def _spline_velocities(times: Floats, positions: Floats, begin: Floats) -> Floats:
-    """Velocities of the clamped cubic spline, whose second derivative is continuous."""
-    count = len(times)
-    spans = np.diff(times)
-    slopes = np.diff(positions, axis=0) / spans[:, None]
-    matrix, right = np.eye(count), np.zeros_like(positions)
-    right[0] = begin
-    for row in range(1, count - 1):
-        before, after = spans[row - 1], spans[row]
-        matrix[row, row - 1 : row + 2] = after, 2 * (before + after), before
-        right[row] = 3 * (after * slopes[row - 1] + before * slopes[row])
-    return np.asarray(np.linalg.solve(matrix, right))
-
-
-def _spline_accelerations(times: Floats, positions: Floats, velocities: Floats) -> Floats:
-    result = np.zeros_like(positions)
-    spans = np.diff(times)[1:, None]
-    slopes = np.diff(positions, axis=0)[1:] / spans
-    result[1:-1] = (6 * slopes - 4 * velocities[1:-1] - 2 * velocities[2:]) / spans
-    return result
+    return JointMotion(*(quintics(at, order) for order in range(3)))

@@ -23,6 +23,7 @@ import numpy as np
 from fame.clock import SECOND, Entry, Scheduler
 from fame.config.values import Point, parameter
 from fame.errors import MissionError
+from fame.imports import require
 from fame.middleware import messages
 from robots.arm.bench import MOTOR, TABLE, Bench
 from robots.arm.dynamics import HOME, UR5E
@@ -65,6 +66,7 @@ class UR5e:
 
     def __init__(self, config: RobotConfig, world: RobotWorld) -> None:
         p: HandlerParameters = config.parameters
+        require("scipy")  # needed by its motions: fail before anything moves
         self.name, self.type = config.name, config.type
         self.outline = rectangle(p.base, p.base)
         self._pose = Pose(*config.at, config.heading)
