@@ -15,6 +15,7 @@ from monitor_runs import STATE, told
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
+from fame.middleware.typesystem import STRING
 from fame.monitor.data_files import LabelledRun, Special, _read_parquet, read_labelled_runs
 from fame.monitor.judge import judge_trained
 from fame.monitor.pipeline import processors
@@ -27,7 +28,6 @@ from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.recording import RecordingNode
 from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
-from fame.robot.live import STRING
 from fame.robot.robot_state import RobotState
 
 RATE, RUNS = 50.0, 12

@@ -72,7 +72,7 @@ from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
 from fame.randomness import new_seed, robot_random
 from fame.robot.clock_server import ClockServer
-from fame.robot.live import EVENTS_TOPIC, MODEL_TOPIC
+from fame.robot.robot_state import EVENTS_TOPIC, MODEL_TOPIC
 
 if TYPE_CHECKING:
     from random import Random

@@ -20,7 +20,7 @@ from fame.log.live_judge import LiveJudge
 from fame.log.live_team import LiveTeam
 from fame.middleware.interface import MAX_MESSAGE_SIZE
 from fame.properties import Judgement, Property, Vocabulary
-from fame.robot.live import EVENTS_TOPIC, MODEL_TOPIC
+from fame.robot.robot_state import EVENTS_TOPIC, MODEL_TOPIC
 from fame.text import read_json
 
 

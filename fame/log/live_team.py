@@ -23,8 +23,8 @@ from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.team_state import KeyWriter, Put, TeamState, shift_times
 from fame.middleware.interface import LATCHED, MAX_MESSAGE_SIZE, AnyMessage, Middleware, Node
-from fame.robot.live import EVENTS_TOPIC, MODEL_TOPIC, STRING
-from fame.robot.robot_state import RobotState
+from fame.middleware.typesystem import STRING
+from fame.robot.robot_state import EVENTS_TOPIC, MODEL_TOPIC, RobotState
 from fame.text import read_json
 
 DELAY = SECOND // 2

@@ -22,7 +22,8 @@ from fame.log.recording_file import Sink
 from fame.middleware.interface import ENGINE, LATCHED, MAX_MESSAGE_SIZE, AnyMessage, Middleware, QoS, TopicInfo
 from fame.middleware.qos import requested_of
 from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE, nanoseconds
-from fame.robot.live import EVENTS_TOPIC, MODEL_TOPIC, STRING
+from fame.middleware.typesystem import STRING
+from fame.robot.robot_state import EVENTS_TOPIC, MODEL_TOPIC
 from fame.scripting.transforms import TOPICS as TF_TOPICS
 from fame.text import read_json
 

@@ -25,7 +25,7 @@ from fame.robot.robot_state import COUNTED, RobotState
 if TYPE_CHECKING:
     from fame.robot.node import RobotNode
 
-EVENTS_TOPIC, MODEL_TOPIC, ELEMENT_TOPIC, STRING = "bpmn_events", "bpmn_model", "/fame_dt", "std_msgs/msg/String"
+STRING, ELEMENT_TOPIC = "std_msgs/msg/String", "/fame_dt"
 _PERIOD = SECOND // 20
 """Least time between two batches (ns)."""
 _KEY_PERIOD = 5 * SECOND

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+EVENTS_TOPIC, MODEL_TOPIC = "bpmn_events", "bpmn_model"
+"""Topics on which a robot tells what happens in it (`fame.robot.live`)."""
 EVENTS, VARIABLES, WAITING = "/fame/events", "/fame/variables", "/fame/waiting"
 """The channels of what changes in a robot."""
 COUNTED = frozenset(("enter", "leave", "take", "cancel", "fail"))

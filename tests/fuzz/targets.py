@@ -296,7 +296,7 @@ def _batches() -> list[bytes]:
     from fame.deploy.envelope import PROCESS_QOS, STRING
     from fame.middleware import messages
     from fame.middleware.local import LocalMiddleware
-    from fame.robot.live import EVENTS_TOPIC
+    from fame.robot.robot_state import EVENTS_TOPIC
 
     scheduler = Scheduler()
     middleware, found = LocalMiddleware(scheduler), []

@@ -19,6 +19,7 @@ import numpy as np
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError, FameError
 from fame.middleware.interface import Middleware, Node, Publisher, resolve
+from fame.middleware.typesystem import STRING
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.elements import ElementFollower
@@ -27,7 +28,7 @@ from fame.monitor.pipeline.parameters import ParameterServer
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import as_samples, assign, make_processors, pair
 from fame.monitor.pipeline.subscriptions import Subscriptions, ThrottledReport, check_types
-from fame.robot.live import EVENTS_TOPIC, STRING
+from fame.robot.robot_state import EVENTS_TOPIC
 
 _LAST_SECOND = 2.0**31
 """Seconds of builtin_interfaces/msg/Time end here."""

@@ -13,11 +13,12 @@ from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware, Node, resolve
 from fame.middleware.local import LocalMiddleware
+from fame.middleware.typesystem import STRING
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.elements import ElementFollower
 from fame.monitor.pipeline.sinks import BagWriter, CsvFile, Influx, Row
 from fame.monitor.pipeline.subscriptions import Subscriptions, ThrottledReport, check_types
-from fame.robot.live import EVENTS_TOPIC, STRING
+from fame.robot.robot_state import EVENTS_TOPIC
 
 FLUSH = 0.1
 """How long (s) a row may wait before it is on disk."""
