@@ -84,7 +84,7 @@ def test_the_mission_that_somebody_draws_who_follows_the_tutorial_runs(modeler: 
     assert main(["run", str(tmp_path / "patrol.yaml"), "--json"]) == 0
 
 
-def test_the_modeler_offers_the_templates_that_fame_writes(modeler: Modeler) -> None:
+def test_the_modeler_offers_the_templates_that_fame_writes_and_fame_reads_what_is_filled_in(modeler: Modeler) -> None:
     task = modeler.append(modeler.begun_with(), "Append task")
     assert {"Go To", "Detect Weed"} <= set(modeler.templates(task))
     assert "*Template*" in TUTORIAL
