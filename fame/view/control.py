@@ -276,7 +276,7 @@ class RunControl:
             instance.root.variables[name] = value
         node.engine.stepped()
         node.runner.poll()
-        _report(run, node, f"set by a person: {name} = {json.dumps(value)}")
+        _report(run, node, f"set by {_who(command)}: {name} = {json.dumps(value)}")
         return f"{name} is set."
 
     def _do_fault(self, run: Run, command: _Command) -> str:
