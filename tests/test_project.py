@@ -211,7 +211,7 @@ def test_the_file_of_another_user_is_refused(team: Path, monkeypatch, capsys) ->
     err = capsys.readouterr().err
     assert err.startswith(f"fame: error: {team / 'fame.yaml'}: belongs to another user")
     assert err.count("\n") == 1
-    assert main(["check", "--no-project", "calls.bpmn", "--library", "behaviours"]) == 0
+    assert main(["check", "--no-project", "calls.bpmn", "--library", "behaviours", "--types", "msgs"]) == 0
 
 
 # ---- mistakes of newcomers -------------------------------------------------------------------------------------------
