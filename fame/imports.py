@@ -25,7 +25,7 @@ _EXTRAS = {
     "pytest": ("tests of missions need pytest", "test"),
     "pyarrow": ("Parquet files need pyarrow", "parquet"),
     "pymunk": ("the 2D world needs pymunk", "sim"),
-    "scipy": ("paths and runs of arms need scipy", "ml"),
+    "scipy": ("paths and runs of arms need scipy", "sim"),
     "starlette": ("the page needs starlette and uvicorn", "view"),
     "uvicorn": ("the page needs starlette and uvicorn", "view"),
     "sklearn": ("training needs scikit-learn", "ml"),

@@ -367,11 +367,11 @@ def test_what_a_recording_does_not_have_is_not_compared(own_code: Path) -> None:
 
 
 def test_the_page_follows_a_run_and_controls_it(chromium: Browser, porter: Scenario) -> None:
-    with running(porter, RunControl()) as (live, result), opened(chromium, live) as page:
+    with running(porter, RunControl()) as (live, result), opened(chromium, live, has_touch=True) as page:
         until(page, "fame.player.following && fame.store.end > 0")
-        page.get_by_role("button", name="With results").click()
+        page.get_by_role("button", name="With results").tap()
         page.get_by_label("Results").fill("by = Ada")
-        page.locator("dialog").get_by_role("button", name="Complete").click()
+        page.locator("dialog").get_by_role("button", name="Complete").tap()
         until(page, "[...fame.state.waits.get(0).values()].some((one) => one.element === 'Wait')")
         page.evaluate("fame.control.send({do: 'signal', topic: '/go', robot: 'PORTER', value: ''})")
         until(page, "[...fame.state.waits.get(0).values()].some((one) => one.element === 'Full')")
@@ -384,17 +384,17 @@ def test_the_page_follows_a_run_and_controls_it(chromium: Browser, porter: Scena
 
 def test_the_page_asks_before_it_branches_and_opens_the_tab_at_once(chromium: Browser, own_code: Path) -> None:
     arguments = parser("view").parse_args(["view", str(own_code / "run.mcap"), "--no-open"])
-    with _source(own_code / "run.mcap", arguments) as replay, opened(chromium, replay) as page:
+    with _source(own_code / "run.mcap", arguments) as replay, opened(chromium, replay, has_touch=True) as page:
         page.evaluate("fame.player.seek(0.5e9)")
-        page.get_by_role("button", name="Branch here").click()
+        page.get_by_role("button", name="Branch here").tap()
         said = page.locator("dialog[open]").inner_text()
         assert f"{own_code / 'own.py'}\nas recorded" in said
         shot(page, "branch")
-        page.get_by_role("button", name="Cancel").click()
+        page.get_by_role("button", name="Cancel").tap()
         assert not (own_code / "ran").exists()
-        page.get_by_role("button", name="Branch here").click()
+        page.get_by_role("button", name="Branch here").tap()
         with page.expect_popup() as popup:
-            page.get_by_role("button", name="Run", exact=True).click()
+            page.get_by_role("button", name="Run", exact=True).tap()
         popup.value.wait_for_url("http://**", timeout=60_000)  # at first it is empty
         until(popup.value, "document.querySelector('.chip.live') !== null && fame.control.status.time === 0.5e9")
         popup.value.get_by_role("button", name="Resume", exact=True).wait_for()

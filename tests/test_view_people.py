@@ -37,7 +37,7 @@ def waits(live: LiveRun) -> list[dict[str, Any]]:
 
 @pytest.fixture
 def page(chromium: Browser, hospital: LiveRun) -> Iterator[Page]:
-    with opened(chromium, hospital, tab="team") as found:
+    with opened(chromium, hospital, tab="team", has_touch=True) as found:
         until(found, "fame.team.rows.length === 7")
         yield found
 
@@ -138,15 +138,15 @@ def test_each_part_is_used_with_the_fingers_on_a_phone_and_an_incident_is_mended
 
 
 def test_a_variable_is_set_before_the_retry(page: Page) -> None:
-    page.get_by_role("button", name="Set and retry").click()
+    page.get_by_role("button", name="Set and retry").tap()
     assert page.locator("dialog .field").first.inner_text() == "water"
     page.locator("dialog").get_by_label("water").fill("9")
-    page.locator("dialog").get_by_role("button", name="Retry").click()
+    page.locator("dialog").get_by_role("button", name="Retry").tap()
     until(page, f"{row('Cleaner')}.state === 'running'")
 
 
 def test_a_skipped_element_is_in_the_log_with_who_skipped_it(page: Page, hospital: LiveRun) -> None:
-    page.locator(".ask.incident").get_by_role("button", name="Skip").click()
+    page.locator(".ask.incident").get_by_role("button", name="Skip").tap()
 
     def told() -> list[str]:
         return [str(detail) for block in hospital._packer.blocks for detail in block.details.values()]
@@ -168,21 +168,21 @@ def test_a_task_with_a_boundary_timer_has_a_deadline(page: Page, hospital: LiveR
 
 
 def test_a_form_is_filled_in_and_checked_by_the_browser(page: Page, hospital: LiveRun) -> None:
-    page.locator(".ask.user").get_by_role("button", name="Complete").click()
+    page.locator(".ask.user").get_by_role("button", name="Complete").tap()
     dialog = page.locator("dialog.ask")
     assert "FAME does not draw fields of type filepicker" in dialog.inner_text()
-    dialog.get_by_role("button", name="Complete").click()
+    dialog.get_by_role("button", name="Complete").tap()
     assert dialog.is_visible()  # the ward is required
     dialog.get_by_label("Ward").select_option(label="Ward 2")
     dialog.get_by_label("Boxes for each porter").fill("7")
-    dialog.get_by_role("button", name="Complete").click()
+    dialog.get_by_role("button", name="Complete").tap()
     assert dialog.is_visible()  # six at most
     dialog.get_by_label("Boxes for each porter").fill("3")
     dialog.get_by_label("Urgent").check()
     dialog.get_by_label("Late").check()
     dialog.get_by_label("Day").fill("2026-11-27")
     dialog.get_by_label("Reference").fill("AB-12")
-    dialog.get_by_role("button", name="Complete").click()
+    dialog.get_by_role("button", name="Complete").tap()
     given = {"ward": "ward_2", "boxes": 3, "urgent": True, "shift": "late", "day": "2026-11-27", "reference": "AB-12"}
     values = eventually(
         lambda: variables(hospital, "Dispatcher") if "ward" in variables(hospital, "Dispatcher") else None
@@ -208,13 +208,13 @@ def test_a_robot_whose_engine_is_gone_is_lost(page: Page, hospital: LiveRun) -> 
 
 
 def test_one_button_pauses_the_run_and_one_choice_sets_its_speed(page: Page, hospital: LiveRun) -> None:
-    page.get_by_role("button", name="Pause").click()
+    page.get_by_role("button", name="Pause").tap()
     eventually(lambda: hospital.control_of_run.paused)
-    page.get_by_role("button", name="Resume").click()
+    page.get_by_role("button", name="Resume").tap()
     eventually(lambda: not hospital.control_of_run.paused)
     page.get_by_label("Speed").select_option(label="2\N{MULTIPLICATION SIGN}")
     eventually(lambda: hospital.control_of_run.speed == 2.0)
-    page.get_by_role("button", name="Previous event").click()
+    page.get_by_role("button", name="Previous event").tap()
     page.get_by_role("button", name="Play").wait_for()
     assert page.evaluate("document.querySelector('.speed select').title") == "Speed of the replay"
 

@@ -445,20 +445,20 @@ def test_people_retry_set_and_move_with_the_buttons_of_the_page(chromium: Browse
     thread = threading.Thread(target=field.run, args=(600,))
     thread.start()
     try:
-        with opened(chromium, field.view) as page:
+        with opened(chromium, field.view, has_touch=True) as page:
             waits = "[...fame.state.waits.get(0).values()].map((one) => one.element).join()"
-            page.get_by_role("button", name="Set and retry").click()
+            page.get_by_role("button", name="Set and retry").tap()
             page.get_by_label("Other variables").fill("speed = 4")
-            page.locator("dialog").get_by_role("button", name="Retry").click()
+            page.locator("dialog").get_by_role("button", name="Retry").tap()
             until(page, f"{waits} === 'Sign'")
-            page.get_by_role("button", name="Set", exact=True).click()
+            page.get_by_role("button", name="Set", exact=True).tap()
             page.get_by_label("Name").fill("load")
             page.get_by_label("Value").fill("2.5")
             page.get_by_label("Value").press("Enter")
             until(page, "[...fame.state.variables.values()].some((one) => one.values.get('load')?.[0] === 2.5)")
-            page.get_by_role("button", name="Move").click()
+            page.get_by_role("button", name="Move").tap()
             page.locator("dialog select").select_option(label="Rest")
-            page.get_by_role("button", name="Move", exact=True).click()
+            page.get_by_role("button", name="Move", exact=True).tap()
             until(page, f"{waits} === 'Rest'")
     finally:
         field.scheduler.stop()
