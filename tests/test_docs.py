@@ -180,6 +180,8 @@ def command_is_right(line: str) -> bool:
         case [program, "-m", module, *arguments] if program.endswith("python"):
             assert import_module(module)
             assert all((ROOT / name).exists() for name in arguments if name.startswith("tests/"))
+        case ["python", script, *_] if script.endswith(".py"):
+            assert (ROOT / script).exists()
         case [program, "install" | "wheel", *arguments] if program.endswith("pip"):
             extras = re.findall(r"(?:fame-robots|fame|\.)\[([a-z,]+)\]", " ".join(arguments))
             assert {name for each in extras for name in each.split(",")} <= EXTRAS.keys()
