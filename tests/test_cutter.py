@@ -118,5 +118,5 @@ def test_broken_encoders_say_nothing() -> None:
 
 def test_without_scipy_the_world_says_so_before_anything_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "scipy", None)
-    with pytest.raises(UnavailableError, match=r"scipy.*pip install 'fame-robots\[ml\]'"):
+    with pytest.raises(UnavailableError, match=r"scipy.*pip install 'fame-robots\[sim\]'"):
         Cell()

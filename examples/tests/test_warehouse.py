@@ -77,6 +77,13 @@ def test_a_station_that_cannot_be_reached_is_replaced_by_the_next_one(mission: M
     assert [call.variables["poses_goal"][-1] for call in way.calls[:2]] == [[14.2, 7.7], [14.2, 2.3]]
 
 
+def test_stations_that_are_all_blocked_are_tried_by_turns(mission: MissionLoader) -> None:
+    m = hall(mission, (1, 1))
+    way = m.stub("NavigateThroughPoses", after=10, raises=["aborted", "aborted", "aborted", None])
+    m.run_until(published="/parcel_delivered")
+    assert [call.variables["poses_goal"][-1] for call in way.calls[:4]] == 2 * [[14.2, 7.7], [14.2, 2.3]]
+
+
 def test_a_carrier_with_a_low_battery_charges_and_then_goes_on_to_the_shelf(mission: MissionLoader) -> None:
     m = hall(mission, (1, 1), charges=[0.9, 0.2, 0.5, 0.9])
     m.stub("NavigateThroughPoses", after=10)
