@@ -9,6 +9,7 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
+from linecache import getlines
 from typing import Any
 
 from fame.errors import UnavailableError
@@ -56,7 +57,8 @@ def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]],
 
     Public are the names that the package imports under ``if TYPE_CHECKING``, as ``from module import name as name``.
     """
-    source = sys.modules[package].__spec__.loader.get_source(package)  # type: ignore[union-attr]
+    module = sys.modules[package]
+    source = "".join(getlines(str(module.__file__), vars(module)))  # of any loader, as tracebacks show it
     blocks = (node.body for node in ast.parse(source).body if isinstance(node, ast.If))
     imports = (node for block in blocks for node in block if isinstance(node, ast.ImportFrom))
     modules = {alias.name: str(node.module) for node in imports for alias in node.names}
