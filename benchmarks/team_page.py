@@ -20,6 +20,7 @@ from typing import Any
 from playwright.sync_api import Page, sync_playwright
 
 from fame.clock import SECOND, WallScheduler
+from fame.deploy import STATUS_QOS
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED
 from fame.middleware.local import LocalMiddleware
@@ -61,7 +62,7 @@ class Robot:
         self._events = node.publisher(f"/{name}/bpmn_events", STRING)
         self._model = node.publisher(f"/{name}/bpmn_model", STRING, LATCHED)
         self._status, self._charge = (
-            node.publisher(f"/{name}/bpmn_status", STRING),
+            node.publisher(f"/{name}/bpmn_status", STRING, STATUS_QOS),
             node.publisher(f"/{name}/battery_state", BATTERY),
         )
         self.waits = False
