@@ -107,6 +107,7 @@ def test_a_check_finds_what_fame_does_not_look_for(orchard: Path, capsys: pytest
     [
         ("def check_patience(definitions):\n    return 1 / 0\n", "failed: ZeroDivisionError: division by zero"),
         ("def check_patience(definitions):\n    return ['slow']\n", "gave something else than findings"),
+        ("def check_patience(definitions):\n    raise SystemExit(0)\n", "failed: SystemExit: 0"),
         ("import no_such_module\n", "failed: ConfigError: orchard cannot be imported: ModuleNotFoundError"),
     ],
 )
@@ -122,6 +123,19 @@ def test_a_check_that_fails_is_an_error_and_no_silence(
         MODEL.replace('<serviceTask id="Open" name="Open Door" camunda:topic="open"/>', '<task id="Open"/>')
     )
     assert main(["run", str(model), "--quiet"]) == 0  # which asks no such check
+
+
+def test_two_packages_with_one_name_are_an_error(orchard: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = orchard / "meadow-1.0.dist-info"
+    other.mkdir()
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: meadow\nVersion: 1.0\n")
+    (other / "entry_points.txt").write_text("[fame.checks]\npatience = meadow:check\n")
+    (orchard / "door.bpmn").write_text(MODEL)
+    registered.cache_clear()
+    assert main(["check", str(orchard / "door.bpmn")]) == 2
+    said = capsys.readouterr().err
+    assert "two packages have the name 'patience' in fame.checks" in said
+    assert "meadow:check" in said
 
 
 @pytest.mark.usefixtures("orchard")

@@ -17,6 +17,7 @@ from fame.clock import SECOND
 from fame.log import logging_to
 from fame.log.elements import element_info
 from fame.log.xes import xes
+from fame.robot import changes
 from fame.robot.events import Event, combine_observers
 from fame.scenario import Scenario
 
@@ -209,6 +210,19 @@ def test_what_a_variable_names_is_an_object(tmp_path: Path, capsys: pytest.Captu
     assert "each log has objects of type 'robot' already" in told([*give, "robot=parcel"], capsys)
     assert "expected TYPE=VARIABLE, as in parcel=parcel_id, got 'parcel'" in told([*give, "parcel"], capsys)
     assert "--object is for .ocel.json only" in told([source, "-o", str(tmp_path / "x.xes"), *objects], capsys)
+
+
+def test_a_recording_that_does_not_say_what_a_sub_process_sees_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(changes, "_place", lambda scope: {"instance": scope.instance.key, "scope": scope.key})
+    (tmp_path / "orders.bpmn").write_text(ORDERS)
+    scenario = Scenario.load(tmp_path / "orders.bpmn", duration=10)
+    with logging_to(tmp_path / "old.mcap", scenario.closures()) as log:
+        scenario.run(observer=log)
+    words = [str(tmp_path / "old.mcap"), "-o", str(tmp_path / "old.ocel.json")]
+    assert "does not say which variables an event sees" in told([*words, "--object", "order=order_id"], capsys)
+    assert main(["log", "convert", *words]) == 0
 
 
 def test_a_log_of_a_part_says_so_and_judges_and_draws_nothing(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

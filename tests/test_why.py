@@ -230,3 +230,19 @@ def test_feedback_of_another_quality_of_service_is_told(watched: Watched) -> Non
     watched.run(action="drive", type=DRIVE, payload="{distance: 3}")
     why = "receives nothing from /REX/driver: reliability: offered best_effort, requested reliable"
     watched.until_told("its server has said nothing for ", f"{feedback.topic}: /REX/fame_engine {why}")
+
+
+def test_each_of_parallel_repetitions_is_told_with_its_own_values(field: Field) -> None:
+    inner = """<startEvent id="In"/><sequenceFlow id="i0" sourceRef="In" targetRef="Full"/>
+        <intermediateCatchEvent id="Full"><conditionalEventDefinition>
+        <condition>load &gt; 9</condition></conditionalEventDefinition></intermediateCatchEvent>"""
+    lines = why(
+        field,
+        START.format("Set")
+        + f"""<scriptTask id="Set"><script>loads = [1, 2]</script></scriptTask>
+        <sequenceFlow id="f1" sourceRef="Set" targetRef="Fill"/>
+        <subProcess id="Fill"><multiInstanceLoopCharacteristics
+        camunda:collection="loads" camunda:elementVariable="load"/>
+        {inner}</subProcess>""",
+    )
+    assert [line.strip() for line in lines if line.startswith("    load")] == ["load = 1", "load = 2"]

@@ -91,7 +91,7 @@ def _added(name: str, place: str, definitions: Definitions) -> Sequence[Finding]
     """What a check of another package finds. Raises ConfigError if the check itself fails: nothing is known then."""
     try:
         found = list(find_object(place, Path())(definitions))
-    except Exception as error:  # whatever the code of a package raises
+    except (Exception, SystemExit) as error:  # whatever the code of a package raises
         raise ConfigError(f"the check {name!r} ({place}) failed: {type(error).__name__}: {error}") from error
     if not all(isinstance(each, Finding) for each in found):
         raise ConfigError(f"the check {name!r} ({place}) gave something else than findings (fame.check.Finding)")

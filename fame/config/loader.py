@@ -120,8 +120,16 @@ def meant_for(content: object, kind: FileKind) -> str:
 
 @cache
 def registered(group: str) -> Mapping[str, str]:
-    """What installed packages add to FAME in one group of entry points: name -> ``module:Name`` (docs/extending.md)."""
-    return {entry.name: entry.value for entry in entry_points(group=group)}
+    """What installed packages add to FAME in one group of entry points: name -> ``module:Name`` (docs/extending.md).
+
+    Raises ConfigError for a name that two packages give to different things.
+    """
+    found: dict[str, str] = {}
+    for entry in entry_points(group=group):
+        if found.setdefault(entry.name, entry.value) != entry.value:
+            both = f"{found[entry.name]} and {entry.value}"
+            raise ConfigError(f"two packages have the name {entry.name!r} in {group}: {both}; uninstall one")
+    return found
 
 
 def find_object(name: str, folder: Path) -> Any:

@@ -26,6 +26,7 @@ from fame.log.recording_file import RecordingFile
 from fame.log.team_state import KeyWriter, TeamState, shift_times
 from fame.log.writing import RECORDING, logging_to, new_file
 from fame.robot.events import Event
+from fame.robot.robot_state import COUNTED
 from fame.text import suggestion
 
 OCEL = ".ocel.json"
@@ -124,7 +125,7 @@ def _write_events(
             log(Event(0, "", 0, 0, "", PART, kept))
         length, reported = max(1, recording.end - recording.start), 0.0
         for event in recording.events(robots=robots):
-            if mission is None or event.element in mission.elements or event.what in ("start", "end", "log"):
+            if mission is None or event.element in mission.elements or event.what not in COUNTED:
                 log(event)
             done = (event.time - recording.start) / length
             if done >= reported + 0.01:

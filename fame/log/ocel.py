@@ -75,7 +75,7 @@ def write_ocel(
     """
     signals = {topic.name: topic.type for topic in recording.topics.values() if topic.encoding == "cdr"}
     epoch = parse_datetime(recording.metadata["epoch"]) if "epoch" in recording.metadata else EPOCH
-    log, elements, caught = _Log(epoch, _Variables(named)), element_info(models), _Catching()
+    log, elements, caught = _Log(epoch, _Variables(named, str(recording.file))), element_info(models), _Catching()
     messages = recording.messages((KEY, EVENTS, VARIABLES, WAITING, *signals))
     for _, group in groupby(messages, attrgetter("time")):
         instant = list(group)
@@ -88,27 +88,33 @@ def write_ocel(
             elif message.topic in signals and (mission is None or mission.has_signal(message)):
                 _add_signal(log, message, signals[message.topic], caught)
         log.variables.end(instant)
-    log.variables.check(str(recording.file))
+    log.variables.check()
     text = json.dumps(log.to_json(), ensure_ascii=False, separators=(",", ":"))
     stream.write(text.encode("utf-8", "backslashreplace"))
 
 
 class _Variables:
-    """The variables of a team, and the objects that they name: `named` is type -> variable."""
+    """The variables of a team, and the objects that they name: `named` is type -> variable.
 
-    def __init__(self, named: ObjectVariables) -> None:
+    Raises ConfigError for a recording that does not say what a sub-process sees: earlier versions made such ones.
+    """
+
+    def __init__(self, named: ObjectVariables, file: str) -> None:
         for kind in named:
             if kind in _OBJECT_TYPES:
                 raise ConfigError(f"--object {kind}={named[kind]}: each log has objects of type {kind!r} already")
-        self.named = named
+        self.named, self._file = named, file
         self._team = TeamState(0)
-        self._seen, self._found = set[str](), set[str]()
+        self._known, self._found = set[str](), set[str]()  # variables; types of which there is an object
+        self._roots: dict[tuple[str, int], int] = {}  # instance -> its scope that sees itself alone
 
     def begin(self, instant: Sequence[RecordedMessage]) -> None:
         """Take the values that variables have at the end of an instant; scopes that end are there until `end`."""
         for message in instant if self.named else ():
-            if message.topic == KEY and not self._team.robots:
+            if message.topic == KEY:  # after a gap, too
                 self._team = TeamState.from_key(message.time, message.json())
+                scopes = (scope for robot in self._team.robots.values() for scope in robot.scopes.values())
+                self._known.update(name for scope in scopes for name in scope.values)
             elif message.topic == VARIABLES:
                 self._change(message, gone=False)
 
@@ -121,29 +127,33 @@ class _Variables:
     def _change(self, message: RecordedMessage, *, gone: bool) -> None:
         data = message.json()
         changes = [each for each in data["changes"] if bool(each.get("gone")) is gone]
-        self._seen.update(name for each in changes for name in each.get("set", ()))
+        self._known.update(name for each in changes for name in each.get("set", ()))
         self._team.apply(message.time, VARIABLES, {**data, "changes": changes})
 
     def of(self, robot: str, place: Mapping[str, Any]) -> dict[str, str]:
         """Type -> value, of the variables that are seen at a place: an event or a token."""
         state = self._team.robots.get(robot)
-        scopes = state.scopes if state is not None else {}
-        seen = [scopes[key].values for key in place.get("sees", (place["scope"],)) if key in scopes]
-        found = {}
+        if state is None or not self.named:
+            return {}
+        instance = robot, place["instance"]
+        if "sees" not in place and self._roots.setdefault(instance, place["scope"]) != place["scope"]:
+            text = "does not say which variables an event sees: an earlier FAME made it; --object needs a new one"
+            raise ConfigError(text, file=self._file)
+        values, found = state.visible(place), {}
         for kind, variable in self.named.items():
-            value = next((values[variable] for values in seen if variable in values), None)
+            value = values.get(variable)
             if isinstance(value, str | int | float):
                 found[kind] = str(value)
                 self._found.add(kind)
         return found
 
-    def check(self, file: str) -> None:
+    def check(self) -> None:
         """Raises ConfigError for a variable that named nothing."""
         for kind, variable in self.named.items():
-            if variable not in self._seen:
-                raise ConfigError(f"has no variable {variable!r}: {suggestion(variable, self._seen)}", file=file)
+            if variable not in self._known:
+                raise ConfigError(f"has no variable {variable!r}: {suggestion(variable, self._known)}", file=self._file)
             if kind not in self._found:
-                raise ConfigError(f"the variable {variable!r} is never text or a number at an event", file=file)
+                raise ConfigError(f"the variable {variable!r} is never text or a number at an event", file=self._file)
 
 
 @dataclass(slots=True)

@@ -74,10 +74,7 @@ def explain(state: RobotState, model: Mapping[str, Any], element: str, now: int)
         label = infos.get(token["element"], UNKNOWN).name
         if element and element not in (token["element"], label):
             continue
-        known: dict[str, Any] = {}
-        for scope in sorted(state.scopes.values(), key=lambda scope: len(scope.path)):
-            if scope.instance == token["instance"] and tuple(token["path"][: len(scope.path)]) == scope.path:
-                known.update(scope.values)
+        known = state.visible(token)
         names = {name for condition in token.get("conditions", ()) for name in condition["reads"]}
         values = {name: known[name] for name in sorted(names) if name in known}
         reasons.append(WaitReason(token, label, values, max(0.0, (now - token["since"]) / SECOND), now))

@@ -86,6 +86,14 @@ class RobotState:
             for key in data["gone"]:
                 self.tokens.pop(key, None)
 
+    def visible(self, place: Mapping[str, Any]) -> dict[str, Any]:
+        """The variables that an event or token sees (`scope`, `sees`): name -> value in the nearest scope."""
+        found: dict[str, Any] = {}
+        for key in reversed(place.get("sees", (place["scope"],))):
+            if key in self.scopes:
+                found.update(self.scopes[key].values)
+        return found
+
     def _apply_mark(self, instance: int, mark: Sequence[Any]) -> None:
         element, what = mark[:2]
         if what in COUNTED:
