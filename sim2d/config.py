@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
@@ -31,21 +31,60 @@ KEYS = {
     "step": "one step of the physics, s: 0.0001 to 0.05 (0.01)",
     "walls": "whether solid walls surround the ground (true)",
     "resolution": "cell size of the robots' map, m: 0.01 to 1; at most 25 million cells (0.05)",
-    "obstacles": "solid, and in the robots' map: a disc (`at`, `radius`), a box (`at`, `size`, `angle`) or a `polygon`",
-    "targets": "solid, and not in the robots' map: shapes as those of obstacles",
+    "obstacles": "solid, and in the robots' map, each with the keys below",
+    "targets": "solid, and not in the robots' map, with the keys of obstacles",
     "weeds": "flat: neither solid nor in the map; a blade cuts them",
     "chargers": "flat: charge the batteries of robots that stand on them",
-    "stations": "flat places of a warehouse",
-    "parcels": "what a carrier moves, at a station or a place",
+    "stations": "flat: places of a warehouse",
+    "parcels": "flat: what a carrier moves",
     "doors": "solid while they are closed, and not in the map",
     "robots": "the robots by name, which is also the namespace: `type`, `at`, `heading` and the parameters of the type",
 }
 """Of a world file, with their meanings."""
-_SHAPES = {
-    "radius": ("name", "at", "radius"),
-    "size": ("name", "at", "size", "angle"),
-    "polygon": ("name", "polygon"),
+OBSTACLE_KEYS = {
+    "name": "of its own (`obstacle_1`, `target_1` ...)",
+    "at": "the centre: `[x, y]` in m",
+    "radius": "of a disc, m",
+    "size": "of a box: `[width, height]` in m",
+    "angle": "of a box, degrees (0)",
+    "polygon": "instead: the corners of a convex polygon, in order around it: `[[x, y], ...]`",
 }
+"""Of an obstacle or a target."""
+PARCEL_KEYS = {
+    "name": "of its own (`parcel_1` ...)",
+    "at": "a station, or `[x, y]` in m",
+    "to": "the station where it is wanted: for the summary of a run, which says where it lies; without effect",
+}
+"""Of a parcel."""
+DOOR_KEYS = {
+    "name": "of its own, of letters, digits and _ (`door_1` ...)",
+    "from": "one end: `[x, y]` in m",
+    "to": "the other end",
+    "time": "seconds in which it opens (1.5)",
+    "open": "seconds after the last call until it closes, as soon as no robot stands in it (8)",
+}
+"""Of a door."""
+WEED_KEYS = {
+    "name": "of its own (`weed_1` ...)",
+    "at": "`[x, y]` in m, anywhere on the ground",
+    "radius": "m (0.1)",
+}
+"""Of a weed."""
+CHARGER_KEYS = {
+    "name": "of its own (`charger_1` ...)",
+    "at": "`[x, y]` in m",
+    "radius": "within which the centre of a robot must be, m (0.5)",
+    "power": "W (500)",
+    "heading": "in which robots dock with Nav2, degrees (0)",
+}
+"""Of a charger."""
+STATION_KEYS = {
+    "name": "of its own (`station_1` ...)",
+    "at": "`[x, y]` in m",
+    "radius": "within which a parcel lies at the station, m (0.6)",
+}
+"""Of a station."""
+_SHAPES = {"radius": ("name", "at", "radius"), "size": ("name", "at", "size", "angle"), "polygon": ("name", "polygon")}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
@@ -87,14 +126,14 @@ def world_config(world: ConfigValue | Mapping[str, Any]) -> WorldConfig:
         least = math.ceil(math.sqrt(area / _CELLS) * 100) / 100
         text = f"expected a resolution of at least {least:g}, got a map of {area / resolution**2:.0f} cells"
         raise keys.get("resolution", value).error(text)
-    stations = tuple(_flat(keys.get("stations"), "station", StationConfig, bounds))
+    stations = tuple(_flat(keys.get("stations"), "station", StationConfig, STATION_KEYS, bounds))
     return WorldConfig(
         bounds,
         robots=_robots(keys["robots"], bounds) if "robots" in keys else (),
         obstacles=_things(keys.get("obstacles"), "obstacle", bounds),
         targets=_things(keys.get("targets"), "target", bounds),
-        weeds=tuple(_flat(keys.get("weeds"), "weed", WeedConfig, bounds)),
-        chargers=tuple(_flat(keys.get("chargers"), "charger", ChargerConfig, bounds)),
+        weeds=tuple(_flat(keys.get("weeds"), "weed", WeedConfig, WEED_KEYS, bounds)),
+        chargers=tuple(_flat(keys.get("chargers"), "charger", ChargerConfig, CHARGER_KEYS, bounds)),
         stations=stations,
         parcels=tuple(_parcels(keys.get("parcels"), stations, bounds)),
         doors=tuple(_doors(keys.get("doors"), bounds)),
@@ -161,12 +200,13 @@ def _shape(kind: str, value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Ou
     return box(centre, width, height, math.radians(angle))
 
 
-def _flat(listed: ConfigValue | None, kind: str, make: type[_Flat], bounds: Extent) -> Iterator[_Flat]:
+def _flat(
+    listed: ConfigValue | None, kind: str, make: type[_Flat], known: Mapping[str, str], bounds: Extent
+) -> Iterator[_Flat]:
     """Flat things: each with a name, a place, and positive numbers that have defaults."""
-    numbers: list[str] = [one.name for one in fields(make) if one.name not in ("name", "at")]
     names: set[str] = set()
     for number, value in enumerate(listed.items() if listed else (), 1):
-        keys = value.mapping(("name", "at", *numbers))
+        keys = value.mapping(known)
         name = keys["name"].text() if "name" in keys else f"{kind}_{number}"
         if name in names:
             raise value.error(f"expected a name of its own, got a second {kind} named {name!r}")
@@ -174,7 +214,8 @@ def _flat(listed: ConfigValue | None, kind: str, make: type[_Flat], bounds: Exte
         at = value.required("at", "[x, y] in m").point()
         if not inside(bounds, at):
             raise keys["at"].expected(f"a place on the ground, inside {list(bounds)}")
-        yield make(name, at, **{key: _flat_number(key, keys[key]) for key in numbers if key in keys})
+        numbers = {key: _flat_number(key, item) for key, item in keys.items() if key not in ("name", "at")}
+        yield make(name, at, **numbers)
 
 
 def _flat_number(key: str, value: ConfigValue) -> float:
@@ -185,7 +226,7 @@ def _parcels(listed: ConfigValue | None, stations: tuple[StationConfig, ...], bo
     """Parcels, which lie at a station or at a place."""
     places = {station.name: station.at for station in stations}
     for number, value in enumerate(listed.items() if listed else (), 1):
-        keys = value.mapping(("name", "at", "to"))
+        keys = value.mapping(PARCEL_KEYS)
         at = value.required("at", "a station, or [x, y] in m")
         place = places[at.choice(places, "a station")] if isinstance(at.data, str) else at.point()
         if not inside(bounds, place):
@@ -197,7 +238,7 @@ def _parcels(listed: ConfigValue | None, stations: tuple[StationConfig, ...], bo
 def _doors(listed: ConfigValue | None, bounds: Extent) -> Iterator[DoorConfig]:
     names: set[str] = set()
     for number, value in enumerate(listed.items() if listed else (), 1):
-        keys = value.mapping(("name", "from", "to", "time", "open"))
+        keys = value.mapping(DOOR_KEYS)
         name = keys["name"].text() if "name" in keys else f"door_{number}"
         if not _NAME.fullmatch(name) or name in names:
             raise value.error(f"expected a name of its own, of letters, digits and _, got {name!r}")

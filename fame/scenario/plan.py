@@ -115,26 +115,30 @@ KEYS = {
     "world": "a world: its file, or its keys here",
     "seed": "random seed (0)",
     "duration": "maximum duration, simulated s (600)",
-    "epoch": "the date at simulated second 0, for date timers and `now()`; or `now` (1970-01-01T00:00Z)",
+    "epoch": "the date at simulated second 0, for date timers, `robot.date`, `now()` and `today()`; or `now` "
+    "(1970-01-01T00:00Z)",
     "library": "folders with called processes",
-    "types": "folders with .msg, .srv and .action files in ROS packages",
+    "types": "folders with .msg, .srv and .action files in ROS packages, for every command that reads the scenario; a "
+    "file that cannot be read is left out, and the error that its type is unknown names it",
     "computers": "pools without a body in the world, such as a monitor",
     "complete": "tasks to complete, each with the keys below",
     "signal": "messages from outside of the team, each with the keys below",
     "network": "the network between the robots, with the keys below",
-    "variables": "mission parameters: `{speed: 0.5, REX: {speed: 0.7}}` is for every robot, and another value for REX",
+    "variables": "mission parameters: `{speed: 0.5, REX: {speed: 0.7}}` sets the variable `speed` of every robot, and "
+    "that of REX, instead of the model's data objects",
     "properties": "properties of the team by name, each a sentence: every run judges them",
 }
 """Of a scenario file, with their meanings."""
 SIGNAL_KEYS = {
-    "at": "simulated second",
+    "at": "simulated second; the run does not end before the last one",
     "name": "topic, without its first slash or with it",
     "payload": "the message, of the type in the model; without it, an empty one",
 }
 COMPLETE_KEYS = {
     "at": "simulated second",
     "robot": "the robot",
-    "element": "id or label of a user, manual or receive task; where no token waits, this is reported",
+    "element": "id or label of a user, manual or receive task; if no token waits there at that time, this is reported "
+    "and has no effect",
     "values": "results, by variable",
 }
 
