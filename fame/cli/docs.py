@@ -39,7 +39,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _page(name: str) -> Path:
-    """The file of a page. Raises FameError if there is none, or no site."""
+    """The file of a page. Raises FameError if the page or the site does not exist."""
     pages = {path.stem: path for path in sorted((_SITE / "docs").glob("*.html"))}
     if not pages:
         raise FameError(f"{_SITE}: the site is not built; make docs builds it")
