@@ -147,7 +147,7 @@ BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
 OTHERS = {
-    "apt cmake colcon dask docker git scp ssh systemctl": "a program of others",
+    "apt cmake colcon dask docker git ip scp sed ssh systemctl": "a program of others",
     "cd cp done export for source text wait": "a word of the shell",
     "python3": "makes a virtual environment",
     "ros2": "another ROS 2 program; make test-ros runs those of FAME",

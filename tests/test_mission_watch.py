@@ -47,7 +47,7 @@ def test_a_mission_that_fails_after_its_start_is_told_with_its_reason(seconds: i
 def test_a_mission_that_completes_is_over_without_a_failure():
     field = Field("p")
     watch, lines = watched(field, field.deploy(mission(60)), 120)
-    assert (watch.over, lines, watch.failures) == (True, [], {})
+    assert (watch.over, lines, watch.failures) == (True, ["p: the mission has ended"], {})
     assert field.scheduler.now >= 60 * SECOND
 
 

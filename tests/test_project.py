@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -79,6 +80,20 @@ def test_a_new_project_checks_runs_and_passes_its_tests_without_arguments(folder
     assert tested.returncode == 0, tested.stdout + tested.stderr
     assert "3 passed" in tested.stdout
     assert "total: 100.0 %" in tested.stdout
+
+
+def test_the_page_on_projects_lets_a_test_fail_and_mends_the_mission(folder: Path) -> None:
+    main(["new", "hospital", "--json"])
+    os.chdir(folder / "hospital")
+    change, mend = re.findall(r"^sed .*$", (ROOT / "docs" / "projects.md").read_text(encoding="utf-8"), re.MULTILINE)
+    subprocess.run(change, shell=True, check=True)
+    failed = fame_test()
+    assert failed.returncode == 1
+    assert "SCOUT  at Gateway_Reply since 8 s, waits for topic /joined, which no other node publishes or timer" in (
+        failed.stdout
+    )
+    subprocess.run(mend, shell=True, check=True)
+    assert fame_test().returncode == 0
 
 
 @pytest.mark.parametrize("name", ["2024", "no", "null", "1.5", "Krankenhaus_Süd"])

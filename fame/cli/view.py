@@ -98,6 +98,9 @@ def add_page(parser: Parser) -> None:
     )  # fmt: skip
 
 
+_STAYS = "The page stays until Ctrl-C."
+
+
 def _person(text: str) -> tuple[str, str]:
     user, _, role = (part.strip() for part in text.partition(":"))
     if not user or not role:
@@ -123,6 +126,7 @@ def run(arguments: Namespace) -> int:
     if vars(arguments)["as"]:
         raise ConfigError("--as is for a running team (with --control) or a run: nobody completes tasks of a file")
     with _source(path, arguments) as source, _serving(source, arguments), suppress(KeyboardInterrupt):
+        note(_STAYS)
         threading.Event().wait()
     return 0
 
@@ -171,6 +175,7 @@ def _team(arguments: Namespace) -> int:
             if arguments.allow:
                 view.allow_change(arguments.change, arguments.library)
             served.enter_context(_serving(view, arguments))
+            note(_STAYS)
             return view
 
         serve(arguments.middleware, arguments.network, build)

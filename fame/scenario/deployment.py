@@ -70,7 +70,8 @@ class MissionWatch:
         self._quiet = (now if self._quiet is None else self._quiet) if idle else None
         self.over = self._quiet is not None and now - self._quiet >= _SETTLED
         if self.over:
-            lines += [f"{robot}: nothing has started" for robot in self._robots if robot not in self._begun]
+            begun = ("nothing has started", "the mission has ended")
+            lines += [f"{robot}: {begun[robot in self._begun]}" for robot in self._robots if robot not in self.failures]
         return lines
 
     def _ended(self, robot: str) -> bool:
@@ -160,7 +161,7 @@ class Sending:
                         reported = True
                         log(f"waiting up to {patience:g} s: {error}")
                     continue
-                text = f"{error}; start an engine with: fame engine NAME"
+                text = f"{error}; start an engine with: fame engine NAME (on another machine: docs/network.md)"
                 raise DeploymentError(text) from None
             break
         self.scheduler.run(self.scheduler.now + _FINDING)  # for others of a multi-instance pool
