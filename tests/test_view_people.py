@@ -135,6 +135,16 @@ def test_each_part_is_used_with_the_fingers_on_a_phone_and_an_incident_is_mended
         page.get_by_role("button", name="Keyboard and legend").tap()
         page.locator("#help").get_by_role("button", name="Close").tap()
         assert page.locator("#help").is_hidden()
+        page.get_by_role("tab", name="Log").first.tap()
+        page.get_by_role("button", name="Fault").tap()
+        assert [beyond(page), page.evaluate(SMALL)] == [[], []]
+        page.locator("dialog").get_by_role("button", name="Cancel").tap()
+        page.get_by_role("button", name="Fault").tap()
+        page.get_by_label("Robot and part").select_option(label="Porter_4: engine")
+        page.get_by_role("button", name="Inject").tap()
+        page.get_by_text("engine of Porter_4 is broken.").wait_for()
+        page.get_by_role("tab", name="Team").tap()
+        until(page, f"{row('Porter_4')}.state === 'lost'")
 
 
 def test_a_variable_is_set_before_the_retry(page: Page) -> None:
@@ -250,6 +260,11 @@ def parts(page: Page, tabs: Sequence[str]) -> Iterator[str]:
     page.locator(".ask.user").get_by_role("button", name="Complete").click()
     yield "form"
     page.keyboard.press("Escape")
+    page.evaluate("fame.tabs.choose('log')")
+    page.get_by_role("button", name="Fault").click()
+    yield "fault"
+    page.keyboard.press("Escape")
+    page.evaluate("fame.tabs.choose('needs')")
     page.keyboard.press("?")
     yield "help"
     page.keyboard.press("Escape")
