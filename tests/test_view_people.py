@@ -62,6 +62,11 @@ def test_what_a_robot_does_is_said_in_the_words_of_the_diagram_with_the_way_to_g
     assert page.evaluate(f"{row('Porter_3')}.doing") == "Waits: lift is here"
     assert page.locator(".robot", has_text="Porter_3").locator(".missed").inner_text().startswith("lift is here")
     assert page.evaluate(f"{row('Lift')}.doing") == "Check the door of the lift"
+    page.evaluate("fame.tabs.choose('diagram')")  # the timeline says the same
+    until(page, "document.querySelectorAll('.lane:not(.property) small').length === 7")
+    said = "(row) => fame.timeline.captions[row.r].textContent === row.doing"
+    until(page, f"fame.team.rows.every({said}) && {row('Cleaner')}.doing === 'Rinse the brush'")
+    page.evaluate("fame.tabs.choose('team')")
     assert 0.4 < page.evaluate(f"{row('Porter_3')}.battery") < 0.47
 
 
@@ -129,6 +134,7 @@ def test_each_part_is_used_with_the_fingers_on_a_phone_and_an_incident_is_mended
         page.get_by_role("tab", name="Team").tap()
         page.locator(".robot", has_text="Porter_3").get_by_role("button", name="Take over").tap()
         until(page, f"{row('Porter_3')}.state === 'suspended'")
+        assert page.evaluate(LOWEST) <= page.evaluate("document.querySelector('#steer').getBoundingClientRect().top")
         page.locator("#steer").get_by_role("button", name="Resume").tap()
         until(page, f"{row('Porter_3')}.state !== 'suspended'")
         page.get_by_role("button", name="Light or dark").tap()
@@ -283,6 +289,7 @@ def test_what_is_written_of_seven_robots_is_legible_and_nothing_is_written_on_it
         page.evaluate(f"fame.tabs.choose('{tab}')")
         until(page, f"{SIZES}.every(([, size]) => size >= 9)")
         assert page.evaluate(f"({OVERLAPPING})(fame.world.written)") == []
+    assert page.evaluate(ELSEWHERE) == []
     names = [text for text, _ in page.evaluate(SIZES)]
     assert {"Dispatcher", "Porter", "Lift", "Cleaner", "Go to the", "delivered", "yes"} <= set(names)
     assert until(page, "fame.timeline.written?.size")
@@ -358,6 +365,17 @@ def test_panes_are_moved_collapsed_and_maximised_with_pointer_and_keys(page: Pag
 SEEN = "(one) => { const { width, bottom } = one.getBoundingClientRect(); return width > 0 && bottom > 0; }"
 SIZES = f"""[...document.querySelectorAll('body *')].filter((one) => !one.childElementCount && one.textContent.trim() && ({SEEN})(one) && !one.closest('title, .unseen, option'))
   .map((one) => [one.textContent, parseFloat(getComputedStyle(one).fontSize) * (one.ownerSVGElement ? Math.hypot(one.getScreenCTM().a, one.getScreenCTM().b) : 1)])"""
+LOWEST = "document.querySelector('#world .frame').getBoundingClientRect().bottom"
+ELSEWHERE = """(() => {
+  const { shapes, groups, pins } = fame.diagram.current, box = (one) => one.getBoundingClientRect();
+  const pools = pins.frames.map(({ number }) => box(groups.get(number)));
+  const apart = (a, b) => a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top;
+  return [...groups].filter(([number, one]) => shapes.has(number) && !one.classList.contains('frame')).flatMap(([, one]) => {
+    const home = pools.find((pool) => !apart(pool, box(one.firstElementChild)));
+    return [...one.querySelectorAll('text:not([hidden])')].filter((name) => pools.some((pool) => pool !== home && !apart(pool, box(name)))).map((name) => name.textContent);
+  });
+})()"""
+"""Names of a diagram that reach into another pool than that of their shape."""
 SMALL = """[...document.querySelectorAll('button, select, input, textarea')].map((one) => one.closest('.choice, .field.checkbox') ?? one.closest('.who')?.closest('.robot') ?? one).filter((one) => {
   const { width, height } = one.getBoundingClientRect();
   return width && (width < 43.9 || height < 43.9);

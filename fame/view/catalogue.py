@@ -177,12 +177,11 @@ class Catalogue:
             values["topics"] = [[topic.qualified, "throw" if throws else "catch"] for topic, throws in element.topics()]
             values["script"] = element.script.text if element.script is not None else ""
             values["uses"] = _progress_names(element)
-            owner = self.elements[body].element if body != NOWHERE else None
-            inside = owner.body if isinstance(owner, Process | FlowNode) else None
+            inside = self._body(body)
             values["form"] = task_fields(element, inside, self.files[file])
             if isinstance(element, Task):
                 values["users"], values["groups"] = list(element.human.users), list(element.human.groups)
-            if due := self._due(file, element, body):
+            if due := _due(element, inside):
                 values["due"] = due
         if called != NOWHERE or (isinstance(element, FlowNode) and element.body is not None):
             values["inside"] = self._plane_inside(number)
@@ -201,13 +200,10 @@ class Catalogue:
         inside = (self._plane_of.get(self._number[self.elements[process].file, node.id]) for node in body.body.nodes)
         return next((plane for plane in inside if plane is not None), NOWHERE)
 
-    def _due(self, file: int, node: FlowNode, body: int) -> float:
-        """The seconds until the first interrupting boundary timer of an activity, if that is a literal; else 0."""
-        owner = self.elements[body].element if body != NOWHERE else None
-        inside = owner.body if isinstance(owner, Process | FlowNode) else None
-        events = inside.boundary(node.id) if inside is not None and isinstance(node, Activity) else ()
-        found = [_seconds(timer) for event in events if event.interrupting for timer in event.defined(TimerDefinition)]
-        return min(filter(None, found), default=0.0)
+    def _body(self, number: int) -> Body | None:
+        """What is inside a process or sub-process."""
+        owner = self.elements[number].element if number != NOWHERE else None
+        return owner.body if isinstance(owner, Process | FlowNode) else None
 
     # ---- building ----------------------------------------------------------------------------------------------------
 
@@ -273,6 +269,13 @@ def _progress_names(node: FlowNode) -> list[str]:
     texts = [expression.text for expression, _ in node.texts()]
     words = " ".join((*texts, *node.properties.values()))
     return [name for name in _PROGRESS if name in words]
+
+
+def _due(node: FlowNode, inside: Body | None) -> float:
+    """The seconds until the first interrupting boundary timer of an activity, if that is a literal; else 0."""
+    events = inside.boundary(node.id) if inside is not None and isinstance(node, Activity) else ()
+    found = [_seconds(timer) for event in events if event.interrupting for timer in event.defined(TimerDefinition)]
+    return min(filter(None, found), default=0.0)
 
 
 def _seconds(timer: TimerDefinition) -> float:

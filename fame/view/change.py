@@ -229,14 +229,14 @@ class ModelChange(ModelWatch):
         """``deploy`` or ``migrate`` what was shown, by its hash (`force`: despite an objection); ``examine`` again."""
         act, about = command.get("do"), self._about
         if act == "examine":
-            self._stamps = []
+            self._stamps = {}
             return {}
         if act not in ("deploy", "migrate"):
             raise FameError("expected deploy or migrate")
         if not about.hash or about.asking or about.model is None:
             raise FameError("this model cannot be sent")
         if command.get("hash") != about.hash or _hash(about.model, about.library) != about.hash:
-            self._stamps = []
+            self._stamps = {}
             raise FameError("the model has changed since it was shown: look at it again")
         force = command.get("force") is True
         options: dict[str, Any] = {"approve": self._approval(about)} if act == "migrate" and not force else {}

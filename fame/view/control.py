@@ -235,11 +235,11 @@ class RunControl:
 
     def _do_suspend(self, run: Run, command: _Command) -> str:
         _node(run, command["robot"]).suspension.suspend(_who(command))
-        return "The mission is suspended."
+        return f"The mission of {command['robot']} is suspended."
 
     def _do_continue(self, run: Run, command: _Command) -> str:
         _node(run, command["robot"]).suspension.go_on(_who(command), str(command.get("lease", "")))
-        return "The mission continues."
+        return f"The mission of {command['robot']} continues."
 
     def _do_restart(self, run: Run, command: _Command) -> str:
         element = str(command["element"])

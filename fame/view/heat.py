@@ -9,7 +9,6 @@ from __future__ import annotations
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from math import ceil
@@ -18,7 +17,6 @@ from typing import Any, NamedTuple
 
 from fame.bpmn.model import FlowNode, Human
 from fame.clock import SECOND
-from fame.closing import Closing
 from fame.deploy import model_hash
 from fame.errors import ConfigError, FameError
 from fame.view.blocks import COLUMNS, Block
@@ -26,6 +24,7 @@ from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import mission_json
 from fame.view.replay import Replay
 from fame.view.state import ENTER, FAIL, LEAVE, TAKE
+from fame.view.watch import FileWatch, Stamp, stamps_of
 
 
 @dataclass(slots=True)
@@ -135,11 +134,9 @@ class _Place(NamedTuple):
 
 _POLL = 1.0
 """Seconds between two looks at the folder."""
-_Stamp = tuple[int, int]
-"""When a file was written last (ns), and its size."""
 
 
-class HeatMap(Closing):
+class HeatMap(FileWatch):
     """The source of the page of all recordings (.mcap) below a folder, which a thread reads: each once, and again when
     it has been written again. What each element did in all runs is summed as they are read, not as the page asks.
 
@@ -152,7 +149,7 @@ class HeatMap(Closing):
         self._folder, self._show = folder, show
         self.paths: list[Path] = []
         self._run_of: dict[Path, int] = {}  # run: its place in paths
-        self._stamps: dict[Path, _Stamp] = {}  # of what was read
+        self._stamps: dict[Path, Stamp] = {}  # of what was read
         if not self._stamped():
             text = (
                 "has no recordings (.mcap): expected those of fame run --log, fame log record or fame campaign --record"
@@ -166,31 +163,19 @@ class HeatMap(Closing):
         self._sums: defaultdict[_Place, ElementHeat] = defaultdict(ElementHeat)
         self._shown: dict[_Place, dict[str, float | None]] = {}  # sums as JSON, until another run changes them
         self._pages: dict[int, str] = {}  # run -> address of its page
-        self._left = self._version = 0  # recordings still to be read
-        self._lock = threading.Lock()
-        self._closed, self._settled = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._read_all, name="fame view: heat", daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop reading."""
-        self._closed.set()
-        self._thread.join()
+        self._left = 0  # recordings still to be read
+        self._lock, self._settled = threading.Lock(), threading.Event()
+        super().__init__()
 
     def wait(self) -> None:
         """Wait until everything that was there at first is read."""
         self._settled.wait()
 
-    def _stamped(self) -> dict[Path, _Stamp]:
-        found = {}
-        for path in sorted(self._folder.rglob("*.mcap")):
-            with suppress(OSError):
-                stat = path.stat()
-                found[path] = stat.st_mtime_ns, stat.st_size
-        return found
+    def _stamped(self) -> dict[Path, Stamp]:
+        return stamps_of(sorted(self._folder.rglob("*.mcap")))
 
-    def _read_all(self) -> None:
-        before, first = dict[Path, _Stamp](), True
+    def _watch(self) -> None:
+        before, first = dict[Path, Stamp](), True
         while first or not self._closed.wait(_POLL):
             now = self._stamped()
             fresh = [path for path, stamp in now.items() if self._stamps.get(path) != stamp]
@@ -266,22 +251,15 @@ class HeatMap(Closing):
     def mission(self) -> Mapping[str, Any]:
         with self._lock:
             runs, read = len(set().union(*self._missions.values())), len(self.paths)
+            count = f"{runs} of {read} runs" if runs < read else f"{runs} runs"
+            left = [f"{self._left} recordings are still to be read"] if self._left else []
             return mission_json(
                 "model",
                 self._folder.resolve().name,
                 self.catalogue,
                 (),
-                chips=[
-                    (
-                        f"{runs} of {read} runs" if runs < read else f"{runs} runs",
-                        "",
-                        f"recordings below {self._folder}",
-                    )
-                ],
-                notices=[
-                    *([f"{self._left} recordings are still to be read"] if self._left else []),
-                    *chain(*self.notices.values()),
-                ],
+                chips=[(count, "", f"recordings below {self._folder}")],
+                notices=[*left, *chain(*self.notices.values())],
                 control=["runs", *(["show"] if self._show is not None else [])],
                 heat=self._heat(),
                 version=self._version,
@@ -308,13 +286,6 @@ class HeatMap(Closing):
         with self._lock:
             return self.catalogue.plane_json(number)
 
-    def block(self, number: int) -> Mapping[str, Any]:
-        raise LookupError(number)
-
-    def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
-        version = self._version
-        return version, [] if known == version else [{"type": "reload"}]
-
     def tasks(self, element: str) -> list[Human]:
         return []
 
@@ -324,10 +295,8 @@ class HeatMap(Closing):
             case {"do": "runs", "element": int(number)} if 0 <= number < len(self.catalogue.elements):
                 file, element, _ = self.catalogue.elements[number]
                 with self._lock:
-                    found = self._found.get(_Place(file, element.id), {})
-                    return {
-                        "runs": [{"run": run, "name": self._name(run), **one.to_json()} for run, one in found.items()]
-                    }
+                    found = self._found.get(_Place(file, element.id), {}).items()
+                    return {"runs": [{"run": run, "name": self._name(run), **one.to_json()} for run, one in found]}
             case {"do": "show", "run": int(run)} if self._show is not None and 0 <= run < len(self.paths):
                 if run not in self._pages:
                     self._pages[run] = self._show(self.paths[run])

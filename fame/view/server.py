@@ -14,6 +14,7 @@ import threading
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
+from ipaddress import ip_address
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Protocol
@@ -319,10 +320,8 @@ def _is_loopback(host: str) -> bool:
 
 def _is_number(host: str) -> bool:
     """Whether a host is an IP address: names could be rebound to this server by a foreign page."""
-    for family in (socket.AF_INET, socket.AF_INET6):
-        with suppress(OSError):
-            socket.inet_pton(family, host)
-            return True
+    with suppress(ValueError):
+        return bool(ip_address(host))
     return False
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
@@ -21,6 +21,43 @@ from fame.view.mission import Chip, mission_json
 
 _POLL = 0.25
 """Seconds between two looks at the files."""
+Stamp = tuple[int, int]
+"""When a file was written last (ns), and its size."""
+
+
+def stamps_of(paths: Iterable[Path]) -> dict[Path, Stamp]:
+    """The state of files on disk; one that is being replaced is not there for a moment."""
+    found = {}
+    for path in paths:
+        with suppress(OSError):
+            stat = path.stat()
+            found[path] = stat.st_mtime_ns, stat.st_size
+    return found
+
+
+class FileWatch(Closing):
+    """The source of a page without a run, about files that a thread watches until it is closed."""
+
+    def __init__(self) -> None:
+        self._version = 0  # of what was read
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="fame view: watch", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop watching."""
+        self._closed.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        raise NotImplementedError
+
+    def block(self, number: int) -> Mapping[str, Any]:
+        raise LookupError(number)
+
+    def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
+        version = self._version
+        return version, [] if known == version else [{"type": "reload"}]
 
 
 @dataclass(slots=True)
@@ -34,7 +71,7 @@ class _Reading:
     library: Library = field(default_factory=Library)
 
 
-class ModelWatch(Closing):
+class ModelWatch(FileWatch):
     """The source of a page that shows a model, or the model of a scenario, as it is now.
 
     `library` adds folders with called processes. Raises ConfigError if there is no such file, unless it is to `wait`.
@@ -44,17 +81,9 @@ class ModelWatch(Closing):
         self._path, self._folders = Path(path), tuple(library)
         if not wait and not self._path.is_file():
             raise ConfigError("cannot be read: no such file", file=str(path))
-        self._version = 0
         self._now = self._read(None)
-        self._stamps = self._stamped() if not wait else []
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="fame view: watch", daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop watching."""
-        self._closed.set()
-        self._thread.join()
+        self._stamps = self._stamped() if not wait else {}
+        super().__init__()
 
     def _watch(self) -> None:
         while not self._closed.wait(_POLL):
@@ -68,14 +97,8 @@ class ModelWatch(Closing):
     def on_read(self) -> None:
         """Do more with what was read; in the thread that watches."""
 
-    def _stamped(self) -> list[tuple[str, int, int]]:
-        """The state of the files on disk; a file that is being replaced is not there for a moment."""
-        found = []
-        for path in (self._path, *self._now.files):
-            with suppress(OSError):
-                stat = path.stat()
-                found.append((str(path), stat.st_mtime_ns, stat.st_size))
-        return found
+    def _stamped(self) -> dict[Path, Stamp]:
+        return stamps_of((self._path, *self._now.files))
 
     def _read(self, before: _Reading | None) -> _Reading:
         """Read the file; if that fails, return the previous diagrams with the error."""
@@ -131,13 +154,6 @@ class ModelWatch(Closing):
 
     def plane(self, number: int) -> Mapping[str, Any]:
         return self._now.catalogue.plane_json(number)
-
-    def block(self, number: int) -> Mapping[str, Any]:
-        raise LookupError(number)
-
-    def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
-        version = self._version
-        return version, [] if known == version else [{"type": "reload"}]
 
     def tasks(self, element: str) -> list[Human]:
         return self._now.catalogue.tasks(element)

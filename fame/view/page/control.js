@@ -62,14 +62,17 @@ export class Control {
     if (!found) return;
     const files = h("ul", { cls: "files" }, found.files.map(([path, state]) => h("li", null, path, h("br"), h("small", { cls: "quiet" }, state))));
     const agreed = await ask("Run these files?", [], found.changed ? "Run although they differ" : "Run", [h("p", null, "The recording names: ", h("code", null, found.command)), files]);
-    if (!agreed) return;
+    if (agreed) await this.openTab({ ...command, yes: true, changed: found.changed });
+  }
+
+  /** Open a tab now, as browsers allow it only at a click, and show there the page that a command makes. */
+  async openTab(command) {
     const tab = window.open("", "_blank");
     if (tab) {
       tab.opener = null;
-      tab.document.title = "Branch";
-      tab.document.body.textContent = "The run begins …";
+      tab.document.title = tab.document.body.textContent = "The page begins …";
     }
-    const answer = await this.send({ ...command, yes: true, changed: found.changed });
+    const answer = await this.send(command);
     if (answer && tab) tab.location = answer.address;
     else if (answer) this.app.toast(`The browser has blocked the tab of ${answer.address}`, true);
     else tab?.close();

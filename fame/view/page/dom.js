@@ -166,6 +166,13 @@ export const isDark = () => document.documentElement.dataset.theme === "dark";
 /** The colour of robot number `index`. */
 export const robotColour = (index) => (isDark() ? DARK : LIGHT)[index % LIGHT.length];
 
+/** A small square in the colour of a robot. */
+export function swatch(index) {
+  const square = h("i", { cls: "swatch" });
+  square.style.background = robotColour(index);
+  return square;
+}
+
 const variables = new Map();
 
 /** The value of a CSS variable. The browser is asked once for each theme: it would bring its styles up to date each time. */
@@ -187,4 +194,31 @@ export function sharp(canvas, width, height) {
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   return context;
+}
+
+/** Make a line through these points the path of a context, without what was in it. */
+export function trace(context, points) {
+  context.beginPath();
+  points.forEach(([x, y], place) => context[place ? "lineTo" : "moveTo"](x, y));
+}
+
+/** Fill the path of a context, and draw along it, in these colours. */
+export function paint(context, { fill, stroke, width = 1.5 }) {
+  if (fill) {
+    context.fillStyle = fill;
+    context.fill();
+  }
+  if (stroke) {
+    context.strokeStyle = stroke;
+    context.lineWidth = width;
+    context.stroke();
+  }
+}
+
+/** A cross about a point, which reaches as far as `half` (px). */
+export function cross(context, x, y, half, stroke, width) {
+  for (const side of [1, -1]) {
+    trace(context, [[x - half, y - side * half], [x + half, y + side * half]]);
+    paint(context, { stroke, width });
+  }
 }

@@ -111,14 +111,6 @@ export class Heat {
   list() {
     const [, , text] = MEASURES[this.measure], of = (row) => row[this.measure] ?? 0;
     return this.table([...this.runs.rows].sort((a, b) => of(b) - of(a) || a.run - b.run).map((row) =>
-      [this.app.control.can.has("show") ? h("button", { cls: "link", title: "Show this run in a page of its own", onclick: () => this.show(row) }, row.name) : row.name, text(of(row)), row.run]));
-  }
-
-  async show({ run }) {
-    const tab = window.open("", "_blank"), answer = await this.app.control.send({ do: "show", run });
-    if (tab) tab.opener = null;
-    if (answer && tab) tab.location = answer.address;
-    else if (answer) this.app.toast(`The browser has blocked the tab of ${answer.address}`, true);
-    else tab?.close();
+      [this.app.control.can.has("show") ? h("button", { cls: "link", title: "Show this run in a page of its own", onclick: () => this.app.control.openTab({ do: "show", run: row.run }) }, row.name) : row.name, text(of(row)), row.run]));
   }
 }

@@ -1,6 +1,6 @@
 // The inspector: of the chosen robot (or all) at the cursor, what its tokens wait for, its variables, its messages and log.
 
-import { h, icon, clock, duration, isDark, robotColour, renew } from "./dom.js";
+import { h, icon, clock, duration, isDark, renew, swatch } from "./dom.js";
 import { FAIL, LOG, REPORT, END, after } from "./store.js";
 
 const RECENT = 2e9, LINES = 200;
@@ -147,9 +147,7 @@ export class Inspector {
   }
 
   robot(r) {
-    const swatch = h("i", { cls: "swatch" });
-    swatch.style.background = robotColour(r);
-    return h("button", { cls: "who", onclick: () => this.app.select({ robot: r }) }, swatch, this.app.mission.robots[r]?.name ?? "");
+    return h("button", { cls: "who", onclick: () => this.app.select({ robot: r }) }, swatch(r), this.app.mission.robots[r]?.name ?? "");
   }
 
   element(number, path = []) {

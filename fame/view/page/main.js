@@ -137,21 +137,6 @@ class App {
     this.select({ robot, element }, { reveal: element >= 0 });
   }
 
-  /** What a robot does at an instant: the outermost activity under way, and the innermost. */
-  doing(state, r) {
-    let outer = null, inner = null;
-    for (const token of state.tokens.values()) {
-      if (token.r !== r) continue;
-      const depth = state.scopeOf(r, token.s)?.depth ?? 0, element = this.mission.elements[token.e];
-      if (element === undefined || /Gateway/.test(element.tag)) continue;
-      const rank = /task|callActivity|process/i.test(element.tag) ? 2 : 1;
-      if (depth === 0 && (outer === null || rank >= outer.rank)) outer = { rank, text: `${rank === 1 ? "waits: " : ""}${element.name || element.id}` };
-      if (depth === 1 && rank === 2 && (inner === null || rank >= inner.rank)) inner = { rank, text: element.name || element.id };
-    }
-    if (outer === null) return "";
-    return inner && outer.rank === 2 && inner.text !== outer.text ? `${outer.text}: ${inner.text}` : outer.text;
-  }
-
   controlKey() {
     return `${JSON.stringify(this.control.status)}${[...this.breakpoints]}`;
   }

@@ -61,7 +61,8 @@ function begins({ owner, at: [, y, , height], lines }, size) {
 export class Names {
   /** The names of a plane: a text is inside its shape, or beside it with a halo; pools and lanes are named by pins. */
   constructor({ drawing, groups, shapes, shift, pins }) {
-    this.bands = pins.frames.filter(({ turned }) => turned).map(({ box }) => moved(box, shift));
+    this.pools = pins.frames.map(({ box }) => moved(box, shift));
+    this.bands = this.pools.filter((_, at) => pins.frames[at].turned);
     this.shapes = [...shapes].filter(([number]) => groups.has(number) && !groups.get(number).classList.contains("frame")).map(([number, box]) => [groups.get(number), moved(box, shift)]);
     this.names = [];
     for (const node of drawing.querySelectorAll("text")) {
@@ -91,6 +92,12 @@ export class Names {
     }
   }
 
+  /** Whether a name that grows stays in the pools and lanes that its shape is in, and out of the others. */
+  stays({ owner }, box) {
+    const within = ([x, y, width, height], [left, top, wide, high]) => x >= left && y >= top && x + width <= left + wide && y + height <= top + high;
+    return !owner || this.pools.every((pool) => (within(owner, pool) ? within(box, pool) : apart(box, pool)));
+  }
+
   /** The first place at or around its own where a name is on nothing else: {lines, top, x}; null if there is none. */
   beside(name, size, taken, shapes) {
     const { lines } = name, grown = size > name.size, width = Math.max(...lines.map((line) => wide(line, size))), tall = lines.length * size * LEADING;
@@ -99,7 +106,7 @@ export class Names {
     const left = Math.max(name.x - width / 2, ...(grown ? bands : [])); // not under the name of a pool
     if (size > MOST * name.size) return null;
     const box = AROUND.map(([x, y]) => [x * aside, y * tall]).map(([dx, dy]) => [left + dx, top + dy, width, tall])
-      .find((one) => taken.every((other) => apart(spaced(one, size), other)) && shapes.every((other) => apart(one, other)));
+      .find((one) => taken.every((other) => apart(spaced(one, size), other)) && shapes.every((other) => apart(one, other)) && (!grown || this.stays(name, one)));
     if (!box && grown) return null;
     taken.push(box ?? name.at);
     return !grown && (!box || (box[0] === left && box[1] === top)) ? {} : { lines, top: box[1], x: box[0] + width / 2 };

@@ -1,6 +1,6 @@
 // Properties: a lane for each in the timeline, with what is pending, how much is left, and where it was violated.
 
-import { h, clock, css, show } from "./dom.js";
+import { h, clock, cross, css, paint, show, trace } from "./dom.js";
 
 const HEIGHT = 26;
 
@@ -95,8 +95,7 @@ export class Properties {
         const x = timeline.x(span.until);
         context.fillStyle = failed;
         context.fillRect(x - 1.5, top + 2, 3, HEIGHT - 4);
-        this.line(context, [[x - 5, top + 8], [x + 5, top + 18]], failed);
-        this.line(context, [[x - 5, top + 18], [x + 5, top + 8]], failed);
+        cross(context, x, top + 13, 5, failed, 1.2);
       }
       hits.push([left - 5, top, wide + 10, HEIGHT, null, null, null, [lane, span]]);
     }
@@ -108,11 +107,8 @@ export class Properties {
   }
 
   line(context, points, colour) {
-    context.strokeStyle = colour;
-    context.lineWidth = 1.2;
-    context.beginPath();
-    points.forEach(([x, y], place) => (place ? context.lineTo(x, y) : context.moveTo(x, y)));
-    context.stroke();
+    trace(context, points);
+    paint(context, { stroke: colour, width: 1.2 });
   }
 
   tip(lane, span) {

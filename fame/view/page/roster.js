@@ -35,9 +35,7 @@ function reports({ block, position }) {
 
 function describe(app, state, time, row, said, lost) {
   const [ended, at] = said.get(row.r) ?? ["idle", -1];
-  row.open = row.waits.filter(needsSomebody).sort((a, b) => a.since - b.since);
-  const [task] = row.open, e = task === undefined ? -1 : drawn(app, state.openers(row.r, task.scope), task.e);
-  Object.assign(row, activity(app, state, row) ?? { doing: e < 0 ? "" : nameOf(app, e), since: at, element: e });
+  occupy(app, state, row, at);
   const suspended = row.waits.find((wait) => wait.suspended);
   if (lost !== undefined) Object.assign(row, { state: "lost", since: lost });
   else if (row.open.some((wait) => wait.kind === "incident")) row.state = "incident";
@@ -48,6 +46,19 @@ function describe(app, state, time, row, said, lost) {
   if (row.open.length) row.since = Math.min(...row.open.map((wait) => wait.since));
   row.battery = battery(app, state, row, time);
   row.missed = row.waits.reduce((last, { missed, e }) => (missed && (!last || missed.time > last.time) ? { ...missed, e } : last), null);
+}
+
+/** Add to a row what its robot does, and the tokens that need somebody. `idle`: since when it does nothing. */
+function occupy(app, state, row, idle = -1) {
+  row.open = row.waits.filter(needsSomebody).sort((a, b) => a.since - b.since);
+  const [task] = row.open, e = task === undefined ? -1 : drawn(app, state.openers(row.r, task.scope), task.e);
+  return Object.assign(row, activity(app, state, row) ?? { doing: e < 0 ? "" : nameOf(app, e), since: idle, element: e });
+}
+
+/** What a robot does at an instant, in the words of the diagram. */
+export function doing(app, state, r) {
+  const tokens = [...state.tokens.values()].filter((token) => token.r === r);
+  return occupy(app, state, { r, tokens, waits: [...(state.waits.get(r)?.values() ?? [])] }).doing;
 }
 
 /** The element of the diagram that a token belongs to: of what a library does, the call activity that is drawn. */

@@ -1,7 +1,6 @@
 // What is known of the run: blocks, and the state at any instant. Mirrors fame/view/blocks.py and state.py.
 
 export const START = 0, ENTER = 1, LEAVE = 2, TAKE = 3, CANCEL = 4, FAIL = 5, END = 6, LOG = 7, REPORT = 8, ANSWER = 9;
-export const WHATS = ["start", "enter", "leave", "take", "cancel", "fail", "end", "log", "report", "answer"];
 const COLUMNS = ["t", "r", "i", "s", "e", "w"];
 const LISTS = ["variables", "waits", "messages", "poses", "world", "properties"];
 
@@ -16,6 +15,9 @@ export function after(values, time, of = (value) => value) {
   return low;
 }
 
+/** A scope as the page keeps it, from its row. */
+const scopeFrom = ([r, s, i, parent, opener, depth]) => [`${r}/${s}`, { r, s, i, parent, opener, depth }];
+
 /** Whether a token is this one, of whose scope the path alone is known. */
 const isByPath = (token, r, i, e) => token.s < -1 && token.r === r && token.i === i && token.e === e;
 
@@ -28,21 +30,16 @@ export class State {
     const key = block.key;
     this.tokens = new Map();
     this.counts = new Map();
-    this.scopes = new Map();
+    this.scopes = new Map(key.scopes.map(scopeFrom));
     this.variables = new Map();
     this.waits = new Map(key.waits.map(([r, tokens]) => [r, new Map(tokens.map((token) => [token.key, token]))]));
     this.poses = new Map(key.poses);
     this.world = new Map(Object.entries(key.world));
     for (const [r, i, s, e, n, since] of key.tokens) this.tokens.set(`${r}/${i}/${s}/${e}`, { r, i, s, e, n, since });
     for (const [r, e, done, failed, cancelled] of key.counts) this.counts.set(r * 1048576 + e, [done, failed, cancelled]);
-    for (const row of key.scopes) this.scope(row);
     for (const [r, s, values] of key.variables) {
       this.variables.set(`${r}/${s}`, { r, s, values: new Map(Object.entries(values)) });
     }
-  }
-
-  scope([r, s, i, parent, opener, depth]) {
-    this.scopes.set(`${r}/${s}`, { r, s, i, parent, opener, depth });
   }
 
   count(r, e, outcome, by = 1) {
@@ -331,12 +328,11 @@ function byTopic(block) {
 }
 
 function prepared(data) {
-  const block = { number: data.number, start: data.start, end: data.end, key: data.key, details: new Map(), scopeIndex: new Map() };
+  const block = { number: data.number, start: data.start, end: data.end, key: data.key, details: new Map(), scopeIndex: new Map(data.key.scopes.map(scopeFrom)) };
   block.held = new Set(data.key.tokens.map(([r, i, s, e]) => `${r}/${i}/${s}/${e}`)); // where tokens are at its start
   block.columns = Object.fromEntries(COLUMNS.map((name) => [name, data[name]])); // not copied: `extend` adds nothing that is there
   for (const name of LISTS) block[name] = data[name];
   block.scopes = [];
-  for (const [r, s, i, parent, opener, depth] of data.key.scopes) block.scopeIndex.set(`${r}/${s}`, { r, s, i, parent, opener, depth });
   extend(block, data);
   return block;
 }
@@ -349,9 +345,8 @@ function extend(block, data) {
   for (const name of LISTS) for (const row of data[name].slice(block[name].length - data.at[name])) block[name].push(row);
   for (const [at, detail] of Object.entries(data.d)) block.details.set(Number(at), detail);
   for (const row of data.scopes.slice(block.scopes.length - data.at.scopes)) {
-    const [r, s, i, parent, opener, depth] = row;
     block.scopes.push(row);
-    block.scopeIndex.set(`${r}/${s}`, { r, s, i, parent, opener, depth });
+    block.scopeIndex.set(...scopeFrom(row));
   }
   block.end = Math.max(block.end, data.end);
   block.spans = null;

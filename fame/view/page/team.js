@@ -1,6 +1,6 @@
 // The first look: a table of the robots, those who need somebody first, and what people have to do, the oldest first.
 
-import { arrange, h, icon, isDark, renew, robotColour } from "./dom.js";
+import { arrange, h, icon, isDark, renew, swatch } from "./dom.js";
 import { STATES, STATE_WORDS, drawn, nameOf, roster } from "./roster.js";
 import { FAIL, REPORT } from "./store.js";
 
@@ -89,7 +89,7 @@ export class Team {
     const by = row.state === "suspended" && row.by ? `by ${row.by}` : "", lost = missed ? `${ago(time - missed.time)} ago` : "";
     const hand = app.acts.can("take_over") && HELD.has(row.state) && app.steer.held?.r !== row.r, small = (text) => (text ? h("small", null, text) : null);
     return [
-      [`${row.name} ${row.element} ${isDark()}`, () => h("button", { cls: "who", title: `Show ${row.name} in its diagram`, onclick: () => app.goTo(row.r, row.element) }, this.swatch(row.r), row.name)],
+      [`${row.name} ${row.element} ${isDark()}`, () => h("button", { cls: "who", title: `Show ${row.name} in its diagram`, onclick: () => app.goTo(row.r, row.element) }, swatch(row.r), row.name)],
       [row.state + by, () => [h("span", { cls: "glyph" }, icon(SIGNS[row.state])), STATE_WORDS[row.state], small(by)]],
       [`${row.doing} ${row.more} ${row.progress}`, () => [row.doing, small(row.more ? `and ${row.more} more` : ""), small(row.progress)]],
       [since, () => [since]],
@@ -98,12 +98,6 @@ export class Team {
       [`${missed?.e} ${lost}`, () => (missed ? [nameOf(app, missed.e), small(lost)] : [])],
       [String(hand), () => [hand ? h("button", { cls: "text", title: `Suspend the mission of ${row.name}, and steer it`, onclick: () => app.steer.takeOver(row.r) }, "Take over") : null]],
     ];
-  }
-
-  swatch(r) {
-    const swatch = h("i", { cls: "swatch" });
-    swatch.style.background = robotColour(r);
-    return swatch;
   }
 
   battery(charge) {
@@ -139,7 +133,7 @@ export class Team {
     const { row, wait, place, text, due } = ask, left = due === null ? null : due - time;
     return h("section", { cls: `ask ${wait.kind}`, dataset: { key: `${row.r}/${wait.key}` } },
       h("h3", null, h("span", { cls: "glyph" }, icon(wait.kind === "incident" ? "alert" : "person")), h("button", { cls: "link", title: "Show it in the diagram", onclick: () => this.app.goTo(row.r, wait.e) }, nameOf(this.app, wait.e))),
-      h("p", { cls: "quiet" }, this.swatch(row.r), ` ${row.name}${place ? `, in ${place}` : ""}${ask.whose ? ` · for ${ask.whose}` : ""} · since ${ago(time - wait.since)}`, left === null ? null : h("b", { cls: left < 0 ? "late" : "due" }, left < 0 ? ` · ${ago(-left)} late` : ` · due in ${ago(left)}`)),
+      h("p", { cls: "quiet" }, swatch(row.r), ` ${row.name}${place ? `, in ${place}` : ""}${ask.whose ? ` · for ${ask.whose}` : ""} · since ${ago(time - wait.since)}`, left === null ? null : h("b", { cls: left < 0 ? "late" : "due" }, left < 0 ? ` · ${ago(-left)} late` : ` · due in ${ago(left)}`)),
       text ? h("p", { cls: "said" }, text) : null, this.app.acts.buttons(row.r, wait));
   }
 }

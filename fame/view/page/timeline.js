@@ -1,12 +1,13 @@
 // The timeline: a lane per robot with its elements as bars, signals as arrows between lanes, plots, and the cursor.
 
-import { h, clock, duration, robotColour, show, sharp, css, isDark } from "./dom.js";
+import { h, clock, cross, css, duration, isDark, paint, robotColour, sharp, show, swatch, trace } from "./dom.js";
 import { CANCEL, FAIL, LEAVE, REPORT, spansOf } from "./store.js";
 import { Axis, step } from "./axis.js";
 import { overlap } from "./names.js";
 import { Transport } from "./transport.js";
 import { link, signalsAreNew, signalsOf } from "./signals.js";
 import { Plots } from "./plots.js";
+import { doing } from "./roster.js";
 import { Properties } from "./properties.js";
 
 const GUTTER = 148, ROW = 16, PAD = 3, LANE = 33, MOST_ROWS = 4;
@@ -177,7 +178,7 @@ export class Timeline {
     const { state } = this.app;
     this.shown = time;
     if (state !== null) (this.captions ?? []).forEach((caption, r) => {
-      const text = this.app.doing(state, r);
+      const text = doing(this.app, state, r);
       if (caption.textContent !== text) caption.textContent = text;
     });
     this.plots.values(time);
@@ -210,10 +211,8 @@ export class Timeline {
       show(this.labels, lanes.map(({ r, top, height }) => {
         const caption = h("small");
         this.captions[r] = caption;
-        const swatch = h("i");
-        swatch.style.background = robotColour(r);
         const lane = h("button", { cls: `lane${selected.robot === r ? " on" : ""}`, title: `Choose ${mission.robots[r].name}`, "aria-pressed": String(selected.robot === r),
-          onclick: () => this.app.select({ robot: selected.robot === r ? -1 : r }) }, swatch, h("span", null, h("b", null, mission.robots[r].name), caption));
+          onclick: () => this.app.select({ robot: selected.robot === r ? -1 : r }) }, swatch(r), h("span", null, h("b", null, mission.robots[r].name), caption));
         lane.style.top = `${top}px`;
         lane.style.height = `${height}px`;
         return lane;
@@ -309,7 +308,7 @@ export class Timeline {
     const goesOn = Boolean(following?.data) && following.start <= this.until; // then the next block draws what is under way
     const now = following ? end : Math.max(end, this.app.store.end); // what is under way goes on, also if nothing is new
     const { elements } = this.app.mission, { element: chosen } = this.app.selected, width = this.width;
-    const open = css("--open"), failed = css("--failed"), sheet = css("--panel"), ink = css("--ink");
+    const open = css("--open"), failed = css("--failed"), ink = css("--ink");
     context.font = "11px system-ui, sans-serif";
     context.textBaseline = "middle";
     for (const span of spansOf(data)) {
@@ -331,7 +330,7 @@ export class Timeline {
         context.fillStyle = span.how === FAIL ? failed : colour;
         context.globalAlpha *= activity ? 0.85 : 0.5;
         context.fillRect(left, y + 1, Math.max(1, wide), ROW - 3);
-      } else this.bar(context, left, y + 1, wide, ROW - 3, { colour, activity, how: span.how, failed, sheet });
+      } else this.bar(context, left, y + 1, wide, ROW - 3, { colour, activity, how: span.how, failed });
       context.globalAlpha = chosen >= 0 && chosen !== span.e ? 0.5 : 1;
       if (wide > 26) this.text(context, element.name || element.id, Math.max(left, 0) + 5, y + ROW / 2, Math.min(right, width) - Math.max(left, 0) - 8, ink);
       if (wide > 2) hits.push([left, y, wide, ROW, span]);
@@ -347,12 +346,8 @@ export class Timeline {
   bar(context, x, y, width, height, { colour, activity, how, failed }) {
     context.beginPath();
     context.roundRect(x, y, width, height, 3);
-    context.fillStyle = activity ? `${colour}${isDark() ? "55" : "38"}` : `${colour}10`;
-    context.fill();
-    context.strokeStyle = how === FAIL ? failed : colour;
-    context.lineWidth = how === FAIL ? 2 : 1;
     if (!activity) context.setLineDash([3, 2]);
-    context.stroke();
+    paint(context, { fill: activity ? `${colour}${isDark() ? "55" : "38"}` : `${colour}10`, stroke: how === FAIL ? failed : colour, width: how === FAIL ? 2 : 1 });
     context.setLineDash([]);
     if (how === CANCEL) {
       context.save();
@@ -366,14 +361,7 @@ export class Timeline {
       context.stroke();
       context.restore();
     }
-    if (how === FAIL) {
-      context.beginPath();
-      context.moveTo(x + width - 8, y + 4);
-      context.lineTo(x + width - 3, y + height - 4);
-      context.moveTo(x + width - 3, y + 4);
-      context.lineTo(x + width - 8, y + height - 4);
-      context.stroke();
-    }
+    if (how === FAIL) cross(context, x + width - 5.5, y + height / 2, 2.5, failed, 2);
   }
 
   text(context, text, x, y, room, colour) {
@@ -403,7 +391,6 @@ export class Timeline {
       this.arrowsVersion = store.version;
       this.arrows = link(store.blocks, mission);
     }
-    context.lineWidth = 1.2;
     context.font = "10.5px system-ui, sans-serif";
     const drawn = new Map(), texts = [];
     for (const arrow of this.arrows) {
@@ -415,20 +402,14 @@ export class Timeline {
       drawn.set(key, x1);
       const y0 = down ? a.top + a.height - 4 : a.top + 4, y1 = down ? b.top + 3 : b.top + b.height - 4;
       context.globalAlpha = selected.robot >= 0 && selected.robot !== arrow.sender && selected.robot !== arrow.receiver ? 0.25 : 1;
-      context.strokeStyle = context.fillStyle = ink;
-      context.beginPath();
-      context.moveTo(x0, y0);
-      context.lineTo(x1, y1);
-      context.stroke();
+      trace(context, [[x0, y0], [x1, y1]]);
+      paint(context, { stroke: ink, width: 1.2 });
       context.beginPath();
       context.arc(x0, y0, 2.6, 0, 7);
-      context.fill();
-      const angle = Math.atan2(y1 - y0, x1 - x0);
-      context.beginPath();
-      context.moveTo(x1, y1);
-      context.lineTo(x1 - 7 * Math.cos(angle - 0.45), y1 - 7 * Math.sin(angle - 0.45));
-      context.lineTo(x1 - 7 * Math.cos(angle + 0.45), y1 - 7 * Math.sin(angle + 0.45));
-      context.fill();
+      paint(context, { fill: ink });
+      const angle = Math.atan2(y1 - y0, x1 - x0), barb = (aside) => [x1 - 7 * Math.cos(angle + aside), y1 - 7 * Math.sin(angle + aside)];
+      trace(context, [[x1, y1], barb(-0.45), barb(0.45)]);
+      paint(context, { fill: ink });
       hits.push([x1 - 4, Math.min(y0, y1), 8, Math.abs(y1 - y0), null, arrow]);
       texts.push([arrow, x0, y0, down]);
     }
@@ -454,21 +435,11 @@ export class Timeline {
       for (const at of data.marks) {
         const { t, r, w } = data.columns, x = this.x(t[at]), lane = lanes[r[at]];
         if (x < -5 || x > this.width + 5 || !lane) continue;
-        const y = lane.top + 5, bad = w[at] === FAIL;
-        context.fillStyle = context.strokeStyle = bad ? failed : warning;
-        context.beginPath();
-        if (bad) {
-          context.lineWidth = 2.2;
-          context.moveTo(x - 3.5, y - 3.5);
-          context.lineTo(x + 3.5, y + 3.5);
-          context.moveTo(x + 3.5, y - 3.5);
-          context.lineTo(x - 3.5, y + 3.5);
-          context.stroke();
-        } else {
-          context.moveTo(x, y - 4);
-          context.lineTo(x + 4, y + 3);
-          context.lineTo(x - 4, y + 3);
-          context.fill();
+        const y = lane.top + 5;
+        if (w[at] === FAIL) cross(context, x, y, 3.5, failed, 2.2);
+        else {
+          trace(context, [[x, y - 4], [x + 4, y + 3], [x - 4, y + 3]]);
+          paint(context, { fill: warning });
         }
         hits.push([x - 5, lane.top, 10, 11, null, null, [data, at]]);
       }

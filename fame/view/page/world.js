@@ -1,8 +1,9 @@
 // The world from above, as in FAME's pictures: ground, obstacles, weeds, chargers, robots with their sensors and trails.
 
-import { h, icon, isDark, robotColour, css, sharp } from "./dom.js";
+import { h, icon, isDark, paint, robotColour, css, sharp, trace } from "./dom.js";
 import { Viewport } from "./viewport.js";
 import { overlap } from "./names.js";
+import { doing } from "./roster.js";
 import { after } from "./store.js";
 
 const TAU = 2 * Math.PI, SMALLEST = 26, MOST_NAMES = 24, LOW = 0.2;
@@ -133,19 +134,22 @@ export class World {
     this.writeLabels(pen);
   }
 
-  polygon({ context, at }, corners) {
-    context.beginPath();
-    corners.forEach((corner, place) => context[place ? "lineTo" : "moveTo"](...at(corner)));
+  polygon({ context, at }, corners, look) {
+    trace(context, corners.map(at));
     context.closePath();
+    paint(context, look);
   }
 
-  shape(pen, thing) {
-    if (thing.radius === undefined) {
-      this.polygon(pen, thing.corners);
-      return;
-    }
-    pen.context.beginPath();
-    pen.context.arc(...pen.at(thing.at), thing.radius * pen.scale, 0, TAU);
+  /** A circle about a point (m), of a radius in px. */
+  circle({ context, at }, place, radius, look) {
+    context.beginPath();
+    context.arc(...at(place), radius, 0, TAU);
+    paint(context, look);
+  }
+
+  shape(pen, thing, look) {
+    if (thing.radius === undefined) this.polygon(pen, thing.corners, look);
+    else this.circle(pen, thing.at, thing.radius * pen.scale, look);
   }
 
   drawGround(pen, ground) {
@@ -160,20 +164,10 @@ export class World {
     context.lineWidth = 2;
     context.strokeRect(left, top, right - left, bottom - top);
     for (const [things, fill, edge] of [[ground.obstacles, look.obstacle, look.edge], [ground.targets, look.target, look.targetEdge]]) {
-      for (const thing of things) {
-        this.shape(pen, thing);
-        context.fillStyle = fill;
-        context.strokeStyle = edge;
-        context.lineWidth = 1.5;
-        context.fill();
-        context.stroke();
-      }
+      for (const thing of things) this.shape(pen, thing, { fill, stroke: edge });
     }
     for (const charger of ground.chargers) {
-      this.shape(pen, charger);
-      context.strokeStyle = look.charger;
-      context.lineWidth = 2;
-      context.stroke();
+      this.shape(pen, charger, { stroke: look.charger, width: 2 });
       const [x, y] = at(charger.at);
       this.label(pen, charger.name, x, y + charger.radius * pen.scale + 11, look.charger, 11);
     }
@@ -194,43 +188,29 @@ export class World {
       context.strokeRect(x - half, y - half, 2 * half, 2 * half);
       this.label(pen, name, x, y - half - 6, look.station, 11);
     }
-    context.strokeStyle = look.door;
-    context.lineWidth = Math.max(3, 0.1 * scale);
     for (const { from, to, opening } of ground.doors ?? []) {
       const part = Math.max(0.5 * (1 - opening), 0.05), along = [0, 1].map((axis) => (to[axis] - from[axis]) * part);
       for (const [end, sign] of [[from, 1], [to, -1]]) {
-        context.beginPath();
-        context.moveTo(...at(end));
-        context.lineTo(...at([end[0] + sign * along[0], end[1] + sign * along[1]]));
-        context.stroke();
+        trace(context, [end, [end[0] + sign * along[0], end[1] + sign * along[1]]].map(at));
+        paint(context, { stroke: look.door, width: Math.max(3, 0.1 * scale) });
       }
     }
     for (const parcel of ground.parcels ?? []) if (!parcel.carrier) this.drawParcel(pen, box(...parcel.at, PARCEL, PARCEL));
   }
 
   drawParcel(pen, corners) {
-    this.polygon(pen, corners);
-    pen.context.fillStyle = pen.look.parcel;
-    pen.context.strokeStyle = pen.look.parcelEdge;
-    pen.context.lineWidth = 1.5;
-    pen.context.fill();
-    pen.context.stroke();
+    this.polygon(pen, corners, { fill: pen.look.parcel, stroke: pen.look.parcelEdge });
   }
 
   drawWeed(pen, weed, time, ground) {
-    const { context, look, at, scale } = pen, radius = Math.max(weed.radius * scale, 7) / scale;
+    const { look, at, scale } = pen, radius = Math.max(weed.radius * scale, 7) / scale;
     const grown = weed.cut === null || weed.cut * 1e9 > time;
     const leaves = Array.from({ length: 12 }, (_, step) => {
       const reach = radius * (step % 2 ? 0.45 : 1), turn = (Math.PI * step) / 6;
       return [weed.at[0] + reach * Math.cos(turn), weed.at[1] + reach * Math.sin(turn)];
     });
-    this.polygon(pen, leaves);
     const cutter = this.app.mission.robots.findIndex((robot) => robot.name === weed.by);
-    context.fillStyle = grown ? look.weed : look.stubble;
-    context.strokeStyle = grown ? look.weedEdge : cutter >= 0 ? robotColour(cutter) : look.faint;
-    context.lineWidth = 1.5;
-    context.fill();
-    context.stroke();
+    this.polygon(pen, leaves, { fill: grown ? look.weed : look.stubble, stroke: grown ? look.weedEdge : cutter >= 0 ? robotColour(cutter) : look.faint });
     if (ground.weeds.length <= MOST_NAMES) {
       const [x, y] = at(weed.at);
       this.label(pen, grown ? weed.name : `${weed.name} ✓`, x, y + radius * scale + 10, grown ? look.weedEdge : look.faint, 10.5);
@@ -315,26 +295,16 @@ export class World {
     context.globalAlpha = 1;
   }
 
-  drawSenses({ context, at, scale }, { r, pose }) {
-    const colour = robotColour(r);
+  drawSenses(pen, { r, pose }) {
+    const { context, at, scale } = pen, colour = robotColour(r);
     if (pose.cone) {
       const { pose: [x, y, heading], angle, length } = pose.cone, [cx, cy] = at([x, y]);
       context.beginPath();
       context.moveTo(cx, cy);
       context.arc(cx, cy, length * scale, -heading - angle / 2, -heading + angle / 2);
-      context.closePath();
-      context.fillStyle = `${colour}2c`;
-      context.fill();
+      paint(context, { fill: `${colour}2c` });
     }
-    if (pose.footprint) {
-      context.beginPath();
-      context.arc(...at([pose.x, pose.y]), pose.footprint * scale, 0, TAU);
-      context.fillStyle = `${colour}22`;
-      context.strokeStyle = `${colour}77`;
-      context.lineWidth = 1.5;
-      context.fill();
-      context.stroke();
-    }
+    if (pose.footprint) this.circle(pen, [pose.x, pose.y], pose.footprint * scale, { fill: `${colour}22`, stroke: `${colour}77` });
   }
 
   growth(outline, scale) {
@@ -347,64 +317,26 @@ export class World {
     const colour = robotColour(r), ahead = Math.max(...outline.map(([x]) => x)) * growth, led = LEDS[pose.led];
     const chosen = this.app.selected.robot === r;
     if (chosen) {
-      context.beginPath();
-      context.arc(...pen.at([pose.x, pose.y]), ahead * scale * 1.7 + 3, 0, TAU);
-      context.strokeStyle = colour;
       context.setLineDash([5, 4]);
-      context.lineWidth = 2;
-      context.stroke();
+      this.circle(pen, [pose.x, pose.y], ahead * scale * 1.7 + 3, { stroke: colour, width: 2 });
       context.setLineDash([]);
     }
     const lamp = placed([[-ahead * 0.4 / growth, 0]])[0];
-    if (led) this.glow(pen, lamp, ahead, led);
-    if (pose.blade) {
-      this.polygon(pen, disc([pose.x, pose.y], pose.blade * growth * 1.25));
-      context.fillStyle = `${look.ink}40`;
-      context.strokeStyle = look.ink;
-      context.lineWidth = 1.5;
-      context.fill();
-      context.stroke();
-    }
+    for (const [reach, part] of led ? [[2.2, "3c"], [1.4, "6e"]] : []) this.circle(pen, lamp, ahead * scale * reach, { fill: led + part }); // it glows
+    if (pose.blade) this.circle(pen, [pose.x, pose.y], pose.blade * growth * 1.25 * scale, { fill: `${look.ink}40`, stroke: look.ink });
     const pieces = (pose.workpieces ?? []).map((piece) => [piece.corners, piece.kind, piece.closed]);
     for (const [corners, kind, closed = true] of [...pieces, ...(SYMBOLS[pose.type ?? robot.type] ?? vehicle)(outline), ...limb(outline, pose)]) {
       const fill = { robot: colour, paper: look.paper, ink: look.ink, fixture: look.fixture, part: look.target, cut: look.targetEdge }[kind];
-      if (closed) {
-        this.polygon(pen, placed(corners));
-        context.fillStyle = fill;
-        context.fill();
-        if (kind !== "paper") {
-          context.strokeStyle = kind === "part" || kind === "cut" ? look.targetEdge : kind === "fixture" ? look.edge : look.ink;
-          context.lineWidth = 1.2;
-          context.stroke();
-        }
-      } else {
-        context.beginPath();
-        placed(corners).forEach((corner, place) => context[place ? "lineTo" : "moveTo"](...pen.at(corner)));
-        context.strokeStyle = fill;
-        context.lineWidth = 2.5;
-        context.stroke();
+      const stroke = { robot: look.ink, ink: look.ink, fixture: look.edge, part: look.targetEdge, cut: look.targetEdge }[kind];
+      if (closed) this.polygon(pen, placed(corners), { fill, stroke, width: 1.2 });
+      else {
+        trace(context, placed(corners).map(pen.at));
+        paint(context, { stroke: fill, width: 2.5 });
       }
     }
     if (pose.cargo) this.drawParcel(pen, placed(box(0, 0, PARCEL, PARCEL)));
-    if (led) {
-      context.beginPath();
-      context.arc(...pen.at(lamp), Math.max(ahead * scale * 0.35, 2.5), 0, TAU);
-      context.fillStyle = led;
-      context.strokeStyle = look.paper;
-      context.fill();
-      context.stroke();
-    }
+    if (led) this.circle(pen, lamp, Math.max(ahead * scale * 0.35, 2.5), { fill: led, stroke: look.paper });
     if ((pose.charge ?? 1) < LOW) this.battery(pen, pose);
-  }
-
-  glow(pen, place, ahead, led) {
-    const { context, at, scale } = pen;
-    for (const [reach, part] of [[2.2, "3c"], [1.4, "6e"]]) {
-      context.beginPath();
-      context.arc(...at(place), ahead * scale * reach, 0, TAU);
-      context.fillStyle = led + part;
-      context.fill();
-    }
   }
 
   battery({ context, look, at }, pose) {
@@ -416,13 +348,11 @@ export class World {
     context.lineWidth = 2;
     context.fillRect(x - 12, y - 7, 22, 14);
     context.strokeRect(x - 12, y - 7, 22, 14);
-    context.fillStyle = context.strokeStyle = css("--failed");
+    context.fillStyle = css("--failed");
     if (pose.charge > 0) context.fillRect(x - 9, y - 4, 16 * pose.charge, 8);
     else {
-      context.beginPath();
-      context.moveTo(x - 15, y + 10);
-      context.lineTo(x + 14, y - 10);
-      context.stroke();
+      trace(context, [[x - 15, y + 10], [x + 14, y - 10]]);
+      paint(context, { stroke: css("--failed"), width: 2 });
     }
   }
 
@@ -431,7 +361,7 @@ export class World {
     const far = Math.max(...outline.map(([ahead]) => ahead)) * this.growth(outline, pen.scale) * pen.scale;
     const near = robots.filter((other) => other.r !== r).map((other) => pen.at([other.pose.x, other.pose.y])).filter(([ox, oy]) => Math.abs(ox - x) < 90 && Math.abs(oy - y) < 56);
     const above = y > 60 && near.every(([, oy]) => oy >= y), aside = !above && (y + far + 28 > this.size.height || near.some(([, oy]) => oy >= y)), name = pose.altitude >= 0.05 ? `${robot.name}  ${pose.altitude.toFixed(1)} m` : robot.name;
-    const task = this.app.doing(state, r), base = above ? y - far - (task ? 19 : 7) : aside ? y + (task ? -2 : 4) : y + far + 15;
+    const task = doing(this.app, state, r), base = above ? y - far - (task ? 19 : 7) : aside ? y + (task ? -2 : 4) : y + far + 15;
     const inside = (text, size) => {
       pen.context.font = `600 ${size}px system-ui, sans-serif`;
       const half = pen.context.measureText(text).width / 2;
@@ -444,12 +374,8 @@ export class World {
 
   drawScale(pen, ground, width, height) {
     const { context, look, scale } = pen, length = roundLength(40 / scale), x = width - 14, y = height - 12;
-    context.strokeStyle = look.ink;
-    context.lineWidth = 2;
-    context.beginPath();
-    context.moveTo(x - length * scale, y);
-    context.lineTo(x, y);
-    context.stroke();
+    trace(context, [[x - length * scale, y], [x, y]]);
+    paint(context, { stroke: look.ink, width: 2 });
     this.label(pen, `${Number(length.toPrecision(2))} m`, x - (length * scale) / 2, y - 5, look.ink, 11, TASK);
   }
 
