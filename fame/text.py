@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -76,6 +77,24 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     words = list(known)
     close = get_close_matches(word, words, n=1)
     return f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(words) or 'none'}"
+
+
+def unreadable(error: OSError) -> str:
+    """Why a file cannot be read."""
+    missing = isinstance(error, FileNotFoundError) and error.filename
+    return f"cannot be read: {error.strerror}{similar_file(error.filename) if missing else ''}"
+
+
+def similar_file(path: str | os.PathLike[str]) -> str:
+    """A hint at a file with a similar name, for one that does not exist; else empty."""
+    from difflib import get_close_matches
+
+    folder, name = os.path.split(path)
+    try:
+        beside = os.listdir(folder or ".")
+    except (OSError, ValueError):
+        beside = []
+    return "".join(f"; did you mean {each!r}?" for each in get_close_matches(name, beside, n=1))
 
 
 def is_ros_name(name: str) -> bool:

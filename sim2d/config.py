@@ -174,6 +174,7 @@ def _things(listed: ConfigValue | None, kind: str, bounds: Extent) -> tuple[Thin
 def _thing(value: ConfigValue, default_name: str) -> Thing:
     kinds = [key for key in _SHAPES if key in value.mapping()]
     if len(kinds) != 1:
+        value.mapping(OBSTACLE_KEYS)  # a misspelt key
         raise value.error(f"expected one of radius, size and polygon, got {' and '.join(kinds) or 'none'}")
     keys = value.mapping(_SHAPES[kinds[0]])
     name = keys["name"].text() if "name" in keys else default_name

@@ -316,3 +316,57 @@ def test_a_folder_that_cannot_be_written_is_named(monkeypatch, capsys) -> None:
     err = capsys.readouterr().err
     assert err.startswith("fame: error: hospital: the folder /proc cannot be written (")
     assert err.endswith("): change to one of yours\n")
+
+
+WRONG_SCENARIOS = {
+    "a model that is not there": ("model: call.bpmn", "/a.yaml:1: model: expected a file, relative to the folder"),
+    "a misspelt model": ("model: cals.bpmn", "got 'cals.bpmn'; did you mean 'calls.bpmn'?"),
+    "robots beside the world": ("robots: {}", "/a.yaml:2: robots: is a key of the world: expected it below world"),
+    "a misspelt radius": ("world: {size: [9, 9], obstacles: [{at: [1, 1], raduis: 1}]}", "did you mean 'radius'?"),
+    "round brackets": ("world: {size: (9, 9)}", "world.9): unknown key; expected square brackets around a list"),
+    "no colon": ("seed 1\nduration: 9", "/a.yaml:2: is not valid YAML: could not find expected ':'"),
+    "a unit": ("duration: 9 s", "/a.yaml:2: duration: expected a number above 0, got '9 s'"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_SCENARIOS)
+def test_a_wrong_scenario_is_one_line_with_what_would_be_right(wrong: str, team: Path, capsys) -> None:
+    text, said = WRONG_SCENARIOS[wrong]
+    (team / "a.yaml").write_text(text if text.startswith("model") else f"model: calls.bpmn\n{text}\n")
+    assert main(["run", str(team / "a.yaml")]) == 2
+    err = capsys.readouterr().err.splitlines()
+    assert said in err[-1]
+    assert all(line.startswith("fame: project own") for line in err[:-1])
+
+
+WRONG_FILES_OF_COMMANDS = {
+    "a scenario to draw": ("draw a.yaml -o a.svg", "a.yaml: expected a model (.bpmn), such as the one that a scenario"),
+    "a scenario to deploy": (
+        "deploy a.yaml",
+        "a.yaml: expected a model (.bpmn), such as the one that a scenario names",
+    ),
+    "a scenario to test": ("test a.yaml", "a.yaml: expected tests (.py): fame run and fame check take scenarios and"),
+    "a misspelt test": ("test test_at.py", "No such file or directory; did you mean 'test_it.py'?"),
+    "a misspelt scenario": (
+        "run aa.yaml",
+        "aa.yaml: cannot be read: No such file or directory; did you mean 'a.yaml'?",
+    ),
+    "a misspelt model": ("check cals.bpmn", "cals.bpmn: there is no such file; did you mean 'calls.bpmn'?"),
+    "a misspelt recording": (
+        "view runn.mcap",
+        "runn.mcap: cannot be read: No such file or directory; did you mean 'run",
+    ),
+    "a misspelt pattern": ("new x --no-project --from cookbook acution", "did you mean 'auction'?"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_FILES_OF_COMMANDS)
+def test_a_wrong_file_of_a_command_is_one_line_with_what_would_be_right(wrong: str, team: Path, capsys) -> None:
+    words, said = WRONG_FILES_OF_COMMANDS[wrong]
+    for name in ("run.mcap", "test_it.py"):
+        (team / name).touch()
+    (team / "a.yaml").write_text("model: calls.bpmn\n")
+    assert main(shlex.split(words)) == 2
+    err = capsys.readouterr().err.splitlines()
+    assert said in err[-1]
+    assert all(line.startswith("fame: project own") for line in err[:-1])

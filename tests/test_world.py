@@ -76,7 +76,8 @@ def test_the_example_of_the_documentation_can_be_read(tmp_path):
         ("radius: 0.3", "radius: 0", 3, "obstacles[0].radius: expected a number above 0, got 0"),
         ("radius: 0.3", "radius: .nan", 3, "obstacles[0].radius: expected a finite number above 0, got nan"),
         ("radius: 0.3", "radius: big", 3, "obstacles[0].radius: expected a number above 0, got 'big'"),
-        ("radius: 0.3", "r: 0.3", 3, "obstacles[0]: expected one of radius, size and polygon, got none"),
+        ("radius: 0.3", "r: 0.3", 3, "obstacles[0].r: unknown key; known are: name, at, radius, size, angle, polygon"),
+        (", radius: 0.3", "", 3, "obstacles[0]: expected one of radius, size and polygon, got none"),
         (
             "radius: 0.3",
             "radius: 0.3, size: [1, 1]",

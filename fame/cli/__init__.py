@@ -200,7 +200,7 @@ class _Top(Parser):
                 "a running team, also as fame team COMMAND:",
                 *wrap(" ".join(GROUPS["team"]), 96, initial_indent=" ", subsequent_indent=" "),
                 *("learned models on the data of robots:", f" monitor {' | '.join(GROUPS['monitor'])}"),
-                *("recordings:", " log record | merge | convert"),
+                *("recordings:", " log record | convert | merge | judge"),
                 *("tools:", f" {' '.join(GROUPS['tools'])}\n"),
                 "fame COMMAND --help describes a command; fame team, fame monitor and fame log list theirs.",
                 "Exit codes: 0 success, 1 the mission or a check failed, 2 wrong request, 3 not known, 130 Ctrl-C.\n",

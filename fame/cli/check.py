@@ -14,6 +14,7 @@ from fame.cli.arguments import BackendNames, Commands, add_json, add_library, co
 from fame.cli.network import connected, interface
 from fame.cli.output import coloured, print_json
 from fame.errors import ConfigError, ModelError
+from fame.text import similar_file
 
 if TYPE_CHECKING:
     from fame.bpmn.library import Library
@@ -200,6 +201,6 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
 def _expect_file(path: Path) -> None:
     """Raise ConfigError where no file is."""
     if not path.exists():
-        raise ConfigError("there is no such file", file=str(path))
+        raise ConfigError(f"there is no such file{similar_file(path)}", file=str(path))
     if path.is_dir():
         raise ConfigError(f"expected files, got a folder: {path / '*.bpmn'}", file=str(path))

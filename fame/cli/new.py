@@ -31,7 +31,7 @@ def add_new(commands: Commands) -> None:
     parser.add_argument(
         "--from", dest="source", nargs="+", metavar="NAME",
         help="copy an example of FAME, or a pattern of its cookbook, with models and tests, instead; "
-        "the word example may come before the name",
+        "the word example or cookbook may come before the name",
     )  # fmt: skip
     add_json(parser)
 
@@ -46,10 +46,9 @@ def add_demo(commands: Commands) -> None:
 def run_new(arguments: Namespace) -> int:
     """Write the project and say what to do next."""
     *kind, example = arguments.source or ("",)
-    if kind not in ([], ["example"]):
-        raise ConfigError(
-            f"--from: got {kind[0]!r}; {suggestion(kind[0], ['example'])}, as in --from example warehouse"
-        )
+    if kind not in ([], ["example"], ["cookbook"]):
+        known = suggestion(kind[0], ["example", "cookbook"])
+        raise ConfigError(f"--from: got {kind[0]!r}; {known}, as in --from example warehouse")
     name = arguments.name or example
     if not name:
         raise ConfigError("expected a name for the project, as in fame new hospital")

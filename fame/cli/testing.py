@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 from argparse import Namespace
+from errno import ENOENT
 from pathlib import Path
 
 from fame.cli.arguments import Commands, add_library, command
+from fame.errors import ConfigError
+from fame.text import unreadable
 
 _EXAMPLES = (
     "fame test examples/tests",
@@ -60,6 +64,11 @@ def run(arguments: Namespace) -> int:
     """Run the tests and return the exit code."""
     from fame.imports import require
 
+    for path in map(str, arguments.paths):
+        if path.endswith((".yaml", ".yml", ".bpmn")):
+            raise ConfigError("expected tests (.py): fame run and fame check take scenarios and models", file=path)
+        if not os.path.exists(path.partition("::")[0]):
+            raise ConfigError(unreadable(FileNotFoundError(ENOENT, os.strerror(ENOENT), path)), file=path)
     require("pytest")
     import pytest
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fame.config.values import ConfigValue, Source, join
 from fame.errors import ConfigError
+from fame.text import unreadable
 
 if TYPE_CHECKING:
     import yaml
@@ -37,7 +38,7 @@ def read_document(path: str | PathLike[str], kind: FileKind | None = None) -> Co
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", file=file) from None
+        raise ConfigError(unreadable(error), file=file) from None
     except UnicodeDecodeError:
         raise ConfigError("is not UTF-8 text", file=file) from None
     document = parse_document(text, file)
@@ -59,7 +60,8 @@ def parse_document(text: str, file: str = "") -> ConfigValue:
         _note_lines(node, "", lines, columns, set(), file)
         return ConfigValue(loader.construct_document(node), "", Source(file, lines, columns))
     except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 0
+        mark = error.context_mark if error.context == "while scanning a simple key" else error.problem_mark
+        line = mark.line + 1 if mark else 0
         raise ConfigError(f"is not valid YAML: {error.problem or error.context}", file=file, line=line) from None
     except (yaml.YAMLError, ValueError) as error:  # ValueError: numbers and dates that do not exist
         raise ConfigError(f"is not valid YAML: {error}", file=file) from None

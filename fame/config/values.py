@@ -95,7 +95,8 @@ class ConfigValue:
             if not isinstance(key, str):
                 raise value.error(f"expected a text as key, got {key!r}")
             if known is not None and key not in known:
-                raise value.error(f"unknown key; {suggestion(key, known)}")
+                hint = "expected square brackets around a list" if key.endswith(")") else suggestion(key, known)
+                raise value.error(f"unknown key; {hint}")
             values[key] = value
         return values
 

@@ -18,7 +18,7 @@ from fame.errors import ConfigError, display_name
 from fame.log.elements import element_info
 from fame.log.mission_level import PART
 from fame.log.recording import Recording
-from fame.text import suggestion
+from fame.text import suggestion, unreadable
 
 _Row = Mapping[str, Any]
 PART_MESSAGE = "has only a part of its run ({}): give the recording that it was converted from"
@@ -196,7 +196,7 @@ def rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
         with path.open(encoding="utf-8", newline="") as stream:
             yield _whole(rows(stream), str(path))
     except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
+        raise ConfigError(unreadable(error), file=str(path)) from None
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError, csv.Error):
         raise ConfigError("is not the log of a run, as written by fame run --log", file=str(path)) from None
 

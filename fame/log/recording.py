@@ -24,6 +24,7 @@ from fame.log.channels import CHANNELS, EVENTS, FORMAT, GROUND, KEY, VARIABLES, 
 from fame.log.mcap_index import ChunkPlace, chunk_messages, read_index
 from fame.log.team_state import TeamState
 from fame.robot.events import Event
+from fame.text import unreadable
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
@@ -90,7 +91,7 @@ class Recording(Closing):
         try:
             self._stream: BinaryIO = Path(path).open("rb")  # noqa: SIM115 (open until `close`)
         except OSError as error:
-            raise ConfigError(f"cannot be read: {error.strerror}", file=self.file) from None
+            raise ConfigError(unreadable(error), file=self.file) from None
         try:
             with self._as_written("content"):
                 self._open()

@@ -25,6 +25,7 @@ import numpy as np
 from fame.errors import ConfigError, UnavailableError
 from fame.imports import fame_version
 from fame.monitor.arrays import Floats, Whole
+from fame.text import similar_file
 
 _INFLATION, _SLACK = 10, 10_000_000
 """How much more than its own size a file may unpack to: times, and bytes on top. What we store is not compressed."""
@@ -88,7 +89,7 @@ def read_artefact(path: Path, maker: str) -> Any:
     """What `write_artefact` stored, by the command `maker`. Raises ConfigError if it is not there, corrupt, or holds
     anything that could run."""
     if not path.is_file():
-        raise ConfigError("there is no such file", file=str(path))
+        raise ConfigError(f"there is no such file{similar_file(path)}", file=str(path))
     most = _INFLATION * path.stat().st_size + _SLACK
     try:
         total = _unpacked(path, most)

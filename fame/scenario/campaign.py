@@ -360,7 +360,9 @@ class Folder:
     def begin(self, campaign: Campaign) -> None:
         """Write the description of the campaign. Raises ConfigError if another one is in the folder."""
         if (self.path / ABOUT).exists():
-            raise ConfigError("has a campaign already; use --resume to continue it", file=str(self.path))
+            raise ConfigError(
+                "has a campaign already; use --resume to continue it, or -o for another folder", file=str(self.path)
+            )
         self.path.mkdir(parents=True, exist_ok=True)
         (self.path / ABOUT).write_text(json.dumps(asdict(campaign), indent=2) + "\n", encoding="utf-8")
 

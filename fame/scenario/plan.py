@@ -17,6 +17,7 @@ from fame.clock import EPOCH, parse_epoch
 from fame.config.values import Source
 from fame.engine.data import is_variable
 from fame.errors import ConfigError, MessageError
+from fame.text import similar_file
 
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue
@@ -173,7 +174,8 @@ def _beside(path: Path, name: ConfigValue) -> Path:
     """A file that a scenario names, without ``folder/..`` in its path, unless a link makes that another file."""
     whole = path.parent / name.text()
     if not os.path.isfile(whole):  # False for a name that is too long, too
-        raise name.expected("a file, relative to the folder of the scenario")
+        refused = name.expected("a file, relative to the folder of the scenario")
+        raise name.error(f"{refused.text}{similar_file(whole)}")
     plain = Path(os.path.normpath(whole))
     return plain if whole.exists() and plain.exists() and plain.samefile(whole) else whole
 
@@ -187,11 +189,14 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
     from fame.properties.files import properties_of
     from fame.scenario.settings import read_network, read_variables
     from fame.scenario.variation import changed
-    from sim2d.config import read_world, world_config
+    from sim2d.config import KEYS as WORLD_KEYS, read_world, world_config
 
     document = read_document(path, "scenario")
     if changes:
         document = replace(document, data=changed(document.data, changes, str(path)))
+    for key, value in document.mapping().items():
+        if key in WORLD_KEYS and key not in KEYS:
+            raise value.error("is a key of the world: expected it below world, with more spaces before it")
     keys = document.mapping(KEYS)
     model = document.required("model", "FILE.bpmn")
     types = tuple(_registered(path, item) for item in keys["types"].items()) if "types" in keys else ()

@@ -108,8 +108,8 @@ class Server(Closing):
         people: Sequence[Person] = (),
         tls: tuple[Path, Path] | None = None,
     ) -> None:
-        require("starlette")
-        require("uvicorn")
+        for package in ("starlette", "uvicorn", "websockets"):
+            require(package)
         self._tls = tls
         if tls is not None:
             _check_certificate(*tls)

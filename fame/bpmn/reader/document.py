@@ -52,6 +52,7 @@ from fame.bpmn.reader.xml import (
     text_of,
 )
 from fame.errors import ModelError, expect
+from fame.text import unreadable
 
 _ROOTS_WITHOUT_EFFECT = ("choreography", "globalChoreographyTask", "conversation")
 _ENCODING = re.compile(r"""\sencoding\s*=\s*(["'])[^"']*\1""")
@@ -74,7 +75,7 @@ def read(source: str | PathLike[str] | bytes | Definitions, *, file: str = "") -
     try:
         content = read_file(path)
     except OSError as error:
-        raise ModelError(f"cannot be read: {error.strerror}", file=str(path)) from None
+        raise ModelError(unreadable(error), file=str(path)) from None
     return _read_content(content, file or str(path))
 
 

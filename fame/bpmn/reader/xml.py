@@ -62,6 +62,10 @@ def parse_any(source: bytes, file: str, *, keep_all: bool = False) -> Node:
     except etree.XMLSyntaxError as error:
         if source.startswith(b"PK\x03\x04"):
             raise ModelError("is a zip archive: extract the .bpmn file from it", file=file) from None
+        if file.endswith((".yaml", ".yml")):
+            raise ModelError(
+                "expected a model (.bpmn), such as the one that a scenario names, got YAML", file=file
+            ) from None
         reason = re.sub(r", line \d+, column \d+.*", "", error.msg or "it is empty")
         raise ModelError(f"not well-formed XML: {reason}", file=file, line=error.lineno or 0) from None
     if root.getroottree().docinfo.internalDTD is not None:
