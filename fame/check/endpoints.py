@@ -138,7 +138,7 @@ def declared_type(ends: Iterable[TopicEndpoint]) -> str | None:
 
 def fields_taken(names: Sequence[str], topic: Topic, type: str) -> tuple[str, ...]:
     """The variables of a data object that a caught message sets; all of them if the type is unknown."""
-    return tuple(message_fields(names, topic, type)) if type and _is_known(type) else tuple(names)
+    return tuple(message_fields(names, topic, type)) if _is_known(type) else tuple(names)
 
 
 def message_fields(names: Sequence[str], topic: Topic, type: str) -> Mapping[str, str]:
@@ -148,6 +148,8 @@ def message_fields(names: Sequence[str], topic: Topic, type: str) -> Mapping[str
 
 
 def _is_known(type: str) -> bool:
+    if not type:
+        return False
     try:
         messages.fields(type)
     except MessageError:

@@ -438,7 +438,7 @@ class EngineNode:
         """Start the candidate's process, or let it take over the state of what runs, when that is on the disk."""
         before, self._before = self._before, candidate.envelope.hash
         migrates = self._migrates(candidate)
-        go_on = self._take_over(candidate, before) if migrates else candidate.process.start
+        go_on, timers = self._take_over(candidate, before) if migrates else (candidate.process.start, None)
         if self.running is not None and self.running.acknowledged is not None and not migrates:
             self.running.acknowledged.leave()
         self._close_running("suspended" if migrates else "terminated")
@@ -446,7 +446,7 @@ class EngineNode:
         start = partial(self._start, candidate, go_on, migrates)
         if self._keeper is not None:
             self._trouble = self._lost_promise = ""
-            self._keeper.begin(candidate.envelope, candidate.process, start)
+            self._keeper.begin(candidate.envelope, candidate.process, start, timers)
         else:
             start()
 
@@ -486,8 +486,11 @@ class EngineNode:
             self._foreseen = candidate.envelope.deployment, foreseen
             self._protocol.handle(Mapped(foreseen.blocked))
 
-    def _take_over(self, candidate: LoadedCandidate, before: str) -> Callable[[], object]:
-        """Give the candidate's process the state of what runs, of the model `before`. Returns what lets it go on."""
+    def _take_over(self, candidate: LoadedCandidate, before: str) -> tuple[Callable[[], object], dict[str, Any] | None]:
+        """Give the candidate's process the state of what runs, of the model `before`.
+
+        Returns what lets it go on, and the timers that this sets; none if it starts from its beginning.
+        """
         assert self.running is not None
         envelope = candidate.envelope
         forced = ", whatever the exploration finds (--force)" if envelope.plan.get("forced") else ""
@@ -496,7 +499,7 @@ class EngineNode:
             return migrate_robot(candidate.process, self.running, envelope.plan, text)
         except Exception as error:  # as somebody has moved a token since it was found to fit: others have started
             self._note(f"starts from the beginning: {error}")
-            return candidate.process.start
+            return candidate.process.start, None
 
     def _loading(self, envelope: Envelope) -> LoadingTask[RobotNode]:
         """The task that loads a process, which tells what happens in it."""

@@ -136,9 +136,12 @@ def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) 
     return Foreseen(hash, tokens, gone, (state or {}) if sent else {})
 
 
-def migrate_robot(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], text: str) -> Callable[[], object]:
-    """Give a loaded process the state of what runs, which is held. Returns what lets it go on, and reports the `text`.
+def migrate_robot(
+    new: RobotNode, old: RobotNode, plan: Mapping[str, Any], text: str
+) -> tuple[Callable[[], object], dict[str, Any]]:
+    """Give a loaded process the state of what runs, which is held.
 
+    Returns what lets it go on, and reports the `text`; and the timers that it sets then, as `timers_of` gives them.
     Raises MissionError if the state does not fit.
     """
     from fame.robot.state_transfer import go_on_after, timers_of, transfer_state
@@ -151,7 +154,7 @@ def migrate_robot(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], text:
         new.note("", f"{text}: {changed}")
         go_on_after(new, timers)
 
-    return go_on
+    return go_on, timers
 
 
 def write_plan(path: Path, foreseen: Mapping[str, Foreseen]) -> None:

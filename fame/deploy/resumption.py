@@ -155,8 +155,10 @@ class StateKeeper:
         else:
             self.directory.remove_file(_PROMISE)
 
-    def begin(self, envelope: Envelope, process: RobotNode, start: Callable[[], object]) -> None:
-        """Record a process, and `start` it when its beginning is on the disk."""
+    def begin(
+        self, envelope: Envelope, process: RobotNode, start: Callable[[], object], timers: dict[str, Any] | None
+    ) -> None:
+        """Record a process, and `start` it when its beginning is on the disk. `timers`: those that it takes over."""
         from fame.robot.durable import DurableRecorder
         from fame.robot.journal import Journal
 
@@ -175,7 +177,7 @@ class StateKeeper:
         journal = Journal(self.directory, header, partial(process.scheduler.worker, "fame journal"))
         self.recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble)
         clean = partial(self._remove_all_but, name, envelope.order)
-        self.recorder.begin_with(lambda: self.directory.write_file(name, data), clean, start)
+        self.recorder.begin_with(lambda: self.directory.write_file(name, data), clean, start, timers)
 
     def _remove_all_but(self, name: str, order: tuple[int, str]) -> None:
         """Remove the deployments of before, as soon as no journal names them, and their promises."""

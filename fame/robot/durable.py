@@ -17,7 +17,7 @@ property ``retry`` says.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, NamedTuple
 from uuid import NAMESPACE_URL, uuid5
@@ -31,7 +31,8 @@ from fame.middleware.interface import Publisher
 from fame.robot.journal import Journal, JournalRecord
 from fame.robot.node import RobotNode
 from fame.robot.restoring import epoch_of, go_on, set_timers, tables_of
-from fame.robot.state_tables import StateTables, Tables, instance_data
+from fame.robot.state_tables import StateTables, TableRows, Tables, instance_data
+from fame.robot.state_transfer import arm_taken_over
 from fame.robot.stored_values import plain_messages
 from fame.scripting.requests import Act, Call
 
@@ -94,6 +95,8 @@ class DurableRecorder:
         self._before: Callable[[], object] = _nothing
         self._start: Callable[[], object] = _nothing
         self._after: Callable[[], object] = _nothing
+        self._begins: Tables = {}
+        self._gathers = False
         self._trouble = ""
         self._quiet = False
         node.engine.settled = self.settled
@@ -110,24 +113,47 @@ class DurableRecorder:
         self._before = self._after = _nothing
 
     def begin_with(
-        self, before: Callable[[], object], after: Callable[[], object], start: Callable[[], object]
+        self,
+        before: Callable[[], object],
+        after: Callable[[], object],
+        start: Callable[[], object],
+        timers: TableRows | None,
     ) -> None:
         """The same, and something before and after it; if the disk cannot be written, all of it is tried again.
 
-        `start` is called when it has been written.
+        `start` is called when it has been written. `timers`: those of the process that this one takes over, None for
+        one that starts from its beginning. Until the record after `start`, the state says that it is to be started.
         """
-        self._before, self._after = before, after
+        self._before, self._after, self._start = before, after, start
+        self._begins = {"begins": {"": "process" if timers is None else "taken over"}}
+        if timers is not None:
+            self._begins["timers"] = timers
         try:
             self.begin()
         except OSError as error:
-            self._start = start
             self._fail(error)
         else:
+            self._start_process()
+
+    def _start_process(self) -> None:
+        start, self._start = self._start, _nothing
+        with self._one_record():
             start()
+
+    @contextmanager
+    def _one_record(self) -> Iterator[None]:
+        """Record all that the block does at once, and that the process has started."""
+        self._gathers = True
+        try:
+            yield
+        finally:
+            self._gathers = False
+            self._begins = {"begins": {}}
+        self.settled()
 
     def settled(self) -> None:
         """Record the changes of a stimulus that has run to completion, then send its effects."""
-        if self._quiet or self._trouble:
+        if self._quiet or self._gathers or self._trouble:
             return
         batch = self._close_batch()
         try:
@@ -159,6 +185,7 @@ class DurableRecorder:
             "effects": self._recorded,
             "requests": {str(wait.key): made for wait, made in self._requests.items()},
             "recorder": {"next": self._next},
+            **self._begins,
         }
         if whole or self._has_ended:
             more["ended"], self._has_ended = self._ended, False
@@ -317,8 +344,7 @@ class DurableRecorder:
         for batch in list(self._leaving):
             self._let_leave(batch)
         self._on_trouble("")
-        start, self._start = self._start, _nothing
-        start()
+        self._start_process()
 
     def _report_unstorable(self, name: str, reason: str) -> None:
         if (name, reason) in self._reported:
@@ -345,15 +371,18 @@ class DurableRecorder:
         self._next = tables["recorder"]["next"]
         node.host.make_safe("suspended")
         missed = set_timers(node, tables, max(0, set_back))
+        begins = tables.get("begins", {}).get("")
         self._quiet = True  # until the new state is written as a whole, a second crash finds the old one
-        if (
-            RECOVERED in engine.listeners or RECOVERED in engine.program.starts
-        ):  # a message needs its type: slow to load
+        if begins == "process":
+            engine.begin({})
+        elif RECOVERED in engine.listeners or RECOVERED in engine.program.starts:  # its type is slow to load
             engine.deliver(RECOVERED, self._recovered(away))
         for wait in missed:
             if wait.alive:
                 wait.catch.give_up(engine, wait, BpmnError("missed", "the timer came due while the engine was away"))
         engine.run()
+        if begins == "taken over":
+            arm_taken_over(node)
         self._quiet = False
         self._close_batch()
         try:

@@ -127,10 +127,15 @@ def transfer_state(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[
 def go_on_after(new: RobotNode, timers: dict[str, Any]) -> None:
     """Continue a process that has taken over; `timers` are those of the old one, from `timers_of`."""
     set_timers(new, {"timers": timers})
+    arm_taken_over(new)
+    go_on(new)
+
+
+def arm_taken_over(new: RobotNode) -> None:
+    """Release a process that has taken over, unless something else holds it, and arm what only its model has."""
     if not (new.engine.incidents or new.suspension.by):
         new.engine.release()
     arm_new(new.engine)
-    go_on(new)
 
 
 def timers_of(old: RobotNode) -> dict[str, Any]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import itertools
 import signal
 import threading
 import time
@@ -17,7 +15,7 @@ from fame.bpmn.pools import pools_of, shared_topics
 from fame.check.gate import refuse_literals
 from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError
-from fame.gc_tuning import former_exempt, rarely_collected
+from fame.gc_tuning import MemoryGrowth, former_exempt, rarely_collected
 from fame.middleware import messages, qos
 from fame.middleware.interface import Publisher
 from fame.middleware.local import LocalMiddleware
@@ -43,9 +41,7 @@ _SLICE = 1.0  # simulated s between two progress reports at most
 _PROGRESS = 0.1  # wall s between two progress reports
 _YOUNG = 100_000
 """New objects after which garbage is collected: more than all messages in flight at an instant."""
-_RUNS = itertools.count(1)
-"""The runs of this process; before every `_COLLECTED`-th its garbage is collected."""
-_COLLECTED = 8
+_memory = MemoryGrowth()
 
 
 class Pace(Protocol):
@@ -389,10 +385,9 @@ def seldom_collected() -> Iterator[None]:
     """Exempt existing objects from garbage collection and collect rarely; restore the former settings afterwards.
 
     Exempt objects never become due for collection. Worlds and engines of former runs, which refer to each other, are
-    therefore collected here, every few runs: the memory of many runs in one process stays flat.
+    therefore collected here, as soon as memory has grown: that of many runs in one process stays flat.
     """
-    if next(_RUNS) % _COLLECTED == 0:
-        gc.collect()
+    _memory.collect()
     with former_exempt(), rarely_collected(_YOUNG):
         yield
 

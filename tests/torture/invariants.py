@@ -234,9 +234,9 @@ _SUSPENDING = {
 
 
 def goals(team: Team) -> Iterator[str]:
-    """No goal is sent twice, unless A was killed meanwhile or the server was away."""
+    """No goal is sent twice, unless A was killed or held meanwhile, or the server was away."""
     crashes = sum(process.startswith("A#") for process, _ in {(said.process, 0) for said in team.said}) > 1
-    if crashes or team.unserved or any(step.kind in _SUSPENDING for step in team.plan.steps):
+    if crashes or team.unserved or "A" in team.held or any(step.kind in _SUSPENDING for step in team.plan.steps):
         return
     for count, number in Counter(count for _, count in team.goals).items():
         if number > 1:
@@ -246,7 +246,10 @@ def goals(team: Team) -> Iterator[str]:
 def stuck(team: Team) -> Iterator[str]:
     """A mission that runs goes on."""
     robot = team.robots["A"]
-    if robot.engine is None or robot.engine.state != "running":
+    if robot.engine is None or robot.engine.state not in ("running", "idle"):
+        return
+    if robot.engine.state == "idle":
+        yield "A has lost its mission, which has no end"
         return
     ticks = team.fabric.published.get("/tick", ())
     if not ticks or team.scheduler.now / SECOND - ticks[-1][0] > 5:

@@ -148,6 +148,7 @@ class Team:
         self.programs["monitor"] = Program(
             "monitor", Machine("monitor", self.scheduler, self.plan.seed), self._begin_monitor
         )
+        self.held = set[str]()  # robots that have held a deployment
         self.goals: list[tuple[str, int]] = []  # (process of the server, count), as they were accepted
         self.expired = Counter[str]()  # signals that were not acknowledged, by receiver
         self.unserved = 0  # how often the server was not there
@@ -459,7 +460,9 @@ class Team:
         self._listen(robot, robot.engine, process)
 
     def _on_report(self, event: Event) -> None:
-        """Count the acknowledged signals that have expired."""
+        """Count the acknowledged signals that have expired, and note who holds."""
+        if str(event.detail).startswith("holds deployment"):
+            self.held.add(event.robot)
         if found := re.search(r"(\w) has not acknowledged (?:number|(\d+) of)", str(event.detail)):
             self.expired[found[1]] += int(found[2] or 1)
             self.note(f"{event.robot}: {event.detail}")
