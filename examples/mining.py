@@ -87,7 +87,8 @@ def events_of(recordings: Iterable[Path]) -> pd.DataFrame:
     frames = []
     with tempfile.TemporaryDirectory() as folder:
         for path in recordings:
-            convert(path, table := Path(folder, "run.csv"))
+            for warning in convert(path, table := Path(folder, "run.csv")):
+                print(warning, file=sys.stderr)
             frames.append(pd.read_csv(table, dtype={"detail": str, "name": str}).assign(run=path.stem))
     frame = pd.concat(frames, ignore_index=True)
     frame["activity"] = frame["name"].fillna("").where(frame["name"].fillna("") != "", frame["element"])
@@ -104,14 +105,14 @@ def bodies(process: Any) -> Iterator[tuple[str, Any]]:
             yield node.name or node.id, node.body
 
 
-def compare(name: str, body: Any, events: pd.DataFrame) -> None:
-    """Print how well the log of a diagram fits it, and the model that is discovered from that log."""
+def compare(name: str, body: Any, events: pd.DataFrame) -> bool:
+    """Print how well the log of a diagram fits it, and the model that is discovered from it; whether there is one."""
     visible = frozenset(node.id for node in body.nodes if has_events(node))
     log = events[(events["what"] == "leave") & events["element"].isin(visible)]
     cases = log["case:concept:name"].nunique()
     if not cases:
         print(f"{name}: never executed")
-        return
+        return False
     log = log.assign(**{"concept:name": log["activity"]})[["case:concept:name", "concept:name", TIME]]
     drawn = Net(body, visible)
     nets = {"drawn": (drawn.net, *drawn.markings), "discovered": pm4py.discover_petri_net_inductive(log)}
@@ -126,6 +127,7 @@ def compare(name: str, body: Any, events: pd.DataFrame) -> None:
     for activity, seconds in durations(events, visible).items():
         times, median, longest = (seconds[key] for key in ("count", "50%", "max"))
         print(f"  {activity:<24} {times:5.0f} times, median {median:6.1f} s, longest {longest:6.1f} s")
+    return True
 
 
 def has_events(node: Any) -> bool:
@@ -156,10 +158,15 @@ def main() -> None:
     found = sorted(arguments.recordings.rglob("*.mcap")) if arguments.recordings.is_dir() else [arguments.recordings]
     if not found:
         sys.exit(f"{arguments.recordings}: has no recordings (.mcap)")
-    events = events_of(found)
-    for process in fame.read(arguments.model).processes:
-        for name, body in bodies(process):
-            compare(name, body, events)
+    try:
+        processes, events = fame.read(arguments.model).processes, events_of(found)
+    except fame.FameError as error:
+        sys.exit(str(error))
+    executed = [compare(name, body, events) for process in processes for name, body in bodies(process)]
+    if not any(executed):
+        sys.exit(
+            f"{arguments.recordings}: nothing of {arguments.model} was executed: expected recordings of this model"
+        )
 
 
 if __name__ == "__main__":

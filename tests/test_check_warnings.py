@@ -80,6 +80,14 @@ WARNINGS = {
         row(throw("a", "done", Type=BOOL)),
         "a: its property 'Type' has no effect: did you mean 'type'?",
     ),
+    "a property of another element": (
+        row(throw("a", "done", missed="skip")),
+        "a: its property 'missed' has no effect here: it is for timer events",
+    ),
+    "a queue of an event that throws": (
+        row(throw("a", "done", queue="1")),
+        "a: its property 'queue' has no effect here: only an element that catches has one",
+    ),
     "a default flow with a condition": (
         row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g") + flow("g", "a", "x")
         + flow("g", "b", "x"),
@@ -203,6 +211,12 @@ WARNINGS = {
 @pytest.mark.parametrize(("content", "expected"), WARNINGS.values(), ids=WARNINGS.keys())
 def test_it_is_a_warning(content: str, expected: str) -> None:
     assert expected in told(alone(content), "warning")
+
+
+def test_a_property_whose_letters_are_swapped_and_a_payload_that_is_caught_are_warnings() -> None:
+    assert "a: its property 'tpye' has no effect: did you mean 'type'?" in told(alone(row(throw("a", tpye=BOOL))))
+    caught = told(alone(row(catch("a", payload="true"))))
+    assert "a: its property 'payload' has no effect here: only an element that throws has one" in caught
 
 
 def test_a_signal_that_nobody_catches_is_a_warning_where_the_file_has_all_robots() -> None:

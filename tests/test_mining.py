@@ -42,3 +42,23 @@ def test_what_was_drawn_fits_and_what_was_not_does_not(tmp_path: Path) -> None:
     assert found["Pack_Orders"] == (1.0, 1.0)
     drawn, discovered = found["Order"]
     assert drawn < discovered == 1.0
+
+
+def test_what_cannot_be_compared_is_one_line(tmp_path: Path) -> None:
+    pytest.importorskip("pm4py")
+    (tmp_path / "orders.bpmn").write_text(ORDERS)
+    (tmp_path / "other.bpmn").write_text(ORDERS.replace('id="', 'id="other_').replace('Ref="', 'Ref="other_'))
+    scenario = Scenario.load(tmp_path / "orders.bpmn", duration=10)
+    with logging_to(tmp_path / "run.mcap", scenario.closures()) as log:
+        scenario.run(observer=log)
+    for model, recording, text in (
+        ("none.bpmn", "run.mcap", "none.bpmn: cannot be read: No such file or directory"),
+        ("orders.bpmn", "none", "none: cannot be read: No such file or directory"),
+        ("orders.bpmn", "orders.bpmn", "orders.bpmn: is not an MCAP file"),
+        ("other.bpmn", "run.mcap", "run.mcap: nothing of other.bpmn was executed: expected recordings of this model"),
+    ):
+        command = [sys.executable, "-W", "ignore", str(SCRIPT), model, recording]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=200)
+        assert done.returncode == 1
+        assert done.stderr.splitlines()[-1] == text
+        assert "Traceback" not in done.stderr

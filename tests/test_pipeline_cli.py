@@ -80,7 +80,7 @@ def test_training_prints_a_table_stores_the_model_and_knows_it_again(
         (["monitor", "process", "none.yaml"], "none.yaml: cannot be read: No such file or directory"),
         (
             ["monitor", "process", "{low_pass}", "--processor", "Lowpass"],
-            "--processor[0]: expected a processor (LowPass",
+            "expected a processor, module:Class or file.py:Class, got 'Lowpass'; did you mean 'LowPass'?",
         ),
         (["monitor", "process", "{low_pass}", "--set", "cutoff"], "expected NAME=VALUE, as in cutoff=5, got 'cutoff'"),
         (["monitor", "process", "{low_pass}", "--frequency", "0"], "expected a number above 0, got '0'"),

@@ -124,7 +124,7 @@ def test_a_message_file_is_imported_by_its_path(tmp_path: Path) -> None:
           "Frequency": 0}, "Frequency: expected a number from 1e-06 to 1e+06, got 0"),
         ({"Outputs": {"Y": FLOAT, "Z": {**FLOAT, "Topic": "z"}}, "Processor": "LowPass"},
          "Outputs.Y: no processor computes it; LowPass computes Efforts"),
-        ({"Processor": "LowPas"}, "Processor: expected a processor (LowPass, Resample"),
+        ({"Processor": "LowPas"}, "got 'LowPas'; did you mean 'LowPass'?"),
         ({"Processor": "no_such_module:Class"}, "no_such_module cannot be imported: ModuleNotFoundError"),
         ({"Processor": "math:sqrt"}, "expected a class with a method execute(inputs), got math:sqrt"),
         ({"Processor": "user.py:Power"}, "there is no file"),

@@ -10,8 +10,11 @@ from collections.abc import Mapping
 
 THROWS = "Events and send tasks that throw a signal or message"
 CATCHES = "Events and receive tasks that catch a signal or message"
+TIMERS = "Timer events"
 SERVICES = "Service tasks"
 EVENT_SUB_PROCESSES = "Event sub-processes"
+AD_HOC = "Ad-hoc sub-processes"
+REPETITIONS = "Multi-instance activities, or their loops"
 PROCESSES = "Processes"
 ANY = "Any activity, event or process"
 _MESSAGE = {
@@ -33,7 +36,7 @@ PROPERTIES: Mapping[str, Mapping[str, str]] = {
         "correlate": "variables that the message must match: `order_id`, or `order_id = key` for the field `key`",
         "outside": "who publishes a signal that no robot throws, for `fame check --explore`",
     },
-    "Timer events": {
+    TIMERS: {
         "missed": "if the timer was due while the engine was not running: `fire` (default), `skip`, or `fail`, which "
         "is the error `missed`",
     },
@@ -51,10 +54,10 @@ PROPERTIES: Mapping[str, Mapping[str, str]] = {
     EVENT_SUB_PROCESSES: {
         "resume": "`true`: suspend the scope and resume it afterwards, instead of cancelling it",
     },
-    "Ad-hoc sub-processes": {
+    AD_HOC: {
         "activities": "ids of the elements to start: a list, as `${...}`, `=...` or a variable; without it, all start",
     },
-    "Multi-instance activities, or their loops": {
+    REPETITIONS: {
         "outputCollection": "variable that receives the list of results",
         "outputElement": "expression for the result of each instance: `${distance}`",
     },

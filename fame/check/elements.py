@@ -8,8 +8,30 @@ from collections import Counter
 from collections.abc import Iterator, Set
 from dataclasses import replace
 
-from fame.bpmn.extension_properties import ANY, CATCHES, EVENT_SUB_PROCESSES, PROCESSES, PROPERTIES, SERVICES, THROWS
-from fame.bpmn.model import Activity, CallActivity, DataObject, Definitions, Element, FlowNode, Task
+from fame.bpmn.extension_properties import (
+    AD_HOC,
+    ANY,
+    CATCHES,
+    EVENT_SUB_PROCESSES,
+    PROCESSES,
+    PROPERTIES,
+    REPETITIONS,
+    SERVICES,
+    THROWS,
+    TIMERS,
+)
+from fame.bpmn.model import (
+    Activity,
+    CallActivity,
+    DataObject,
+    Definitions,
+    Element,
+    Event,
+    FlowNode,
+    SubProcess,
+    Task,
+    TimerDefinition,
+)
 from fame.bpmn.pools import pools_of
 from fame.check.expressions import expressions_in
 from fame.check.scope import CheckedProcess, CheckScope, Finding, of_error
@@ -76,12 +98,24 @@ def _properties_of(node: FlowNode) -> Iterator[str]:
         yield from PROPERTIES[EVENT_SUB_PROCESSES]
     if isinstance(node, Task) and node.service is not None:
         yield from PROPERTIES[SERVICES]
+    if isinstance(node, Event) and any(isinstance(one, TimerDefinition) for one in node.definitions):
+        yield from PROPERTIES[TIMERS]
+    if isinstance(node, SubProcess) and node.kind == "adhoc":
+        yield from PROPERTIES[AD_HOC]
+    if isinstance(node, Activity) and node.loop is not None:
+        yield from PROPERTIES[REPETITIONS]
 
 
 def _misspelt(process: CheckedProcess, element: Element, known: Set[str]) -> Iterator[Finding]:
-    """Unknown properties whose names are similar to known ones."""
+    """Properties that have a meaning at other elements only, and unknown ones whose names are similar to known ones."""
     for name in element.properties:
-        similar = difflib.get_close_matches(name.lower(), known, 1, 0.8)
+        places = [place for place, names in PROPERTIES.items() if name in names]
+        if places and name not in known:
+            text = f"its property {name!r} has no effect here: it is for {' and '.join(places).lower()}"
+            yield process.finding("warning", text, element)
+            continue
+        swapped = [each for each in known if sorted(each) == sorted(name.lower())]  # tpye
+        similar = swapped or difflib.get_close_matches(name.lower(), known, 1, 0.8)
         if similar and name not in known:
             text = f"its property {name!r} has no effect: did you mean {similar[0]!r}?"
             yield process.finding("warning", text, element)

@@ -38,11 +38,17 @@ def run(arguments: Namespace) -> int:
     return 0
 
 
+def _as_text() -> str:
+    """Where a checkout has the pages; empty elsewhere."""
+    index = _SITE.parent.parent / "docs" / "index.md"
+    return f"; its pages are in {index.parent}" if index.is_file() else ""
+
+
 def _page(name: str) -> Path:
     """The file of a page. Raises FameError if the page or the site does not exist."""
     pages = {path.stem: path for path in sorted((_SITE / "docs").glob("*.html"))}
     if not pages:
-        raise FameError(f"{_SITE}: the site is not built; make docs builds it")
+        raise FameError(f"{_SITE}: the site is not built; make docs builds it{_as_text()}")
     if name not in pages:
         raise FameError(f"unknown page {name!r}; {suggestion(name, pages)}")
     return pages[name]

@@ -206,6 +206,16 @@ def note_keys(context: Context, element: Node, keys: tuple[tuple[str, Expression
         context.note(element, text, "warning")
 
 
+def _note_misplaced(source: TopicSource, properties: TopicProperties) -> None:
+    """A queue of an element that throws, and a payload of one that catches."""
+    throws = source.place in THROWS
+    name = "queue" if throws and properties.queue else "payload" if properties.payload and not throws else ""
+    if name:
+        right = "catches" if throws else "throws"
+        text = f"its property {name!r} has no effect here: only an element that {right} has one"
+        source.node.context.note(source.node.element, text, "warning")
+
+
 def _topic(source: TopicSource, element: Node, kind: Literal["signal", "message"]) -> Topic:
     node = source.node
     if source.properties is None:
@@ -213,6 +223,7 @@ def _topic(source: TopicSource, element: Node, kind: Literal["signal", "message"
         source.properties = take_topic_properties(node.context, node.element, node.extensions)
         if kind == "signal" or source.place in THROWS:
             note_keys(node.context, node.element, source.properties.keys)
+        _note_misplaced(source, source.properties)
         if source.place not in THROWS:
             source.takes += tuple(node.extensions.outputs)
     has_own = len(element) or any(key[0] == "{" for key in attributes(element))

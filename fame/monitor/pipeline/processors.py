@@ -20,6 +20,7 @@ from fame.monitor.pipeline.filters import RMS, LowPass, MovingStatistics, Resamp
 from fame.monitor.pipeline.polled_source import Machine
 from fame.monitor.pipeline.processor import Samples, SupportsExecute, declared_parameters, output_names
 from fame.monitor.pipeline.threshold import Expression, Threshold
+from fame.text import suggestion
 
 PROCESSORS: dict[str, type] = {
     kind.__name__: kind
@@ -66,8 +67,8 @@ def find_class(name: str, folder: Path) -> type:
     added = registered("fame.processors")
     name = added.get(name, name)
     if not name.replace(":", ".").rpartition(".")[0]:
-        known = ", ".join((*PROCESSORS, *added))
-        raise ConfigError(f"expected a processor ({known}, module:Class or file.py:Class), got {name!r}")
+        hint = suggestion(name, (*PROCESSORS, *added))
+        raise ConfigError(f"expected a processor, module:Class or file.py:Class, got {name!r}; {hint}")
     found = find_object(name, folder)
     if not isinstance(found, type) or not callable(getattr(found, "execute", None)):
         raise ConfigError(f"expected a class with a method execute(inputs), got {name}")
