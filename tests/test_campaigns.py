@@ -27,6 +27,7 @@ from fame.scenario.campaign_report import (
 )
 from fame.scenario.scenario import Scenario
 from fame.scenario.variation import Distribution, Variation, changed, points, read_variation
+from fame.view import HeatMap
 
 ROOT = Path(__file__).parent.parent
 FLOW = '<sequenceFlow id="f" sourceRef="s" targetRef="t"/>'
@@ -447,3 +448,11 @@ def test_runs_can_be_recorded(scenario: Path, tmp_path: Path) -> None:
     with Recording(tmp_path / "out" / "run-2.mcap") as recording:
         assert recording.metadata["seed"] == "2"
         assert {event.element for event in recording.events()} >= {"s", "t"}
+    with HeatMap(tmp_path / "out") as heat:
+        heat.wait()
+        mission = heat.mission()
+        (task,) = (str(number) for number, one in enumerate(mission["elements"]) if one["id"] == "t")
+        found, runs = mission["heat"]["elements"][task], heat.control({"do": "runs", "element": int(task)})["runs"]
+        assert found["times"] == 2
+        assert {found["p50"], found["p95"]} == {one["p50"] for one in runs}
+        assert [one["name"] for one in runs] == ["run-1.mcap", "run-2.mcap"]

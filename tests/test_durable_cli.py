@@ -135,8 +135,11 @@ def test_a_suspended_robot_that_is_started_again_stays_suspended_until_a_signed_
     assert ", key " in who
     assert f"suspended by {who}" in told("status", "--why", "REX")
     assert "signed" in refused("continue", "REX")
+    assert "signed" in refused("skip", "REX", "u")
+    assert "REX: skipped: u" in told("skip", "REX", "u", "--key", key)
     assert "REX: continued: REX" in told("continue", "REX", "--key", key)
     until_status("running")
+    assert "waits at v" in told("status", "--why", "REX")
 
 
 def test_of_two_engines_on_one_directory_the_second_is_refused(tmp_path: Path, engines: list[Engine]) -> None:

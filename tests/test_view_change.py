@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,8 @@ from fame.bpmn import read_text
 from fame.bpmn.difference import difference
 from fame.clock import WallScheduler
 from fame.deploy import EngineNode
+from fame.deploy.options import EngineOptions
+from fame.deploy.signing import new_keys, read_private, read_trusted
 from fame.errors import FameError
 from fame.middleware.local import LocalMiddleware
 from fame.view import Server, TeamView
@@ -83,19 +85,24 @@ def test_an_error_that_nobody_foresaw_is_told_and_the_next_model_is_examined(tea
 class Team:
     """A robot that runs the old model, and the page, in a thread of their own."""
 
-    def __init__(self) -> None:
+    def __init__(self, key: Any = None, trusted: Sequence[Any] = ()) -> None:
         self.scheduler = WallScheduler()
         self.middleware = LocalMiddleware(self.scheduler)
-        self.view = TeamView(self.middleware, self.scheduler, control=True, who="ann@desk")
+        self.view = TeamView(self.middleware, self.scheduler, control=True, key=key, who="ann@desk")
         self.view.allow_change()
         assert self.view.change is not None
         self.change = self.view.change
-        self.engine = EngineNode("REX", scheduler=self.scheduler, middleware=self.middleware)
+        options = EngineOptions(trusted=trusted)
+        self.engine = EngineNode("REX", scheduler=self.scheduler, middleware=self.middleware, options=options)
         self.thread = threading.Thread(target=self.scheduler.run)
         self.thread.start()
-        self.propose(OLD)
-        self.change.control({"do": "deploy", "hash": self.shown()["hash"]})
-        eventually(lambda: self.view._running("REX"))
+        try:
+            self.propose(OLD)
+            self.change.control({"do": "deploy", "hash": self.shown()["hash"]})
+            eventually(lambda: self.view._running("REX"))
+        except FameError:
+            self.close()
+            raise
 
     def propose(self, text: str) -> None:
         before = self.change._version
@@ -145,6 +152,30 @@ def test_a_dropped_model_shows_what_it_would_change_and_then_migrates(team: Team
     team.propose(OLD)
     team.change.control({"do": "deploy", "hash": team.shown()["hash"]})
     eventually(lambda: re.search(r"deployed model \w+ by ann@desk \(unverified\)", team.said()))
+
+
+def test_a_model_that_is_saved_is_examined_again(team: Team, tmp_path: Path) -> None:
+    file = tmp_path / "drawn.bpmn"
+    file.write_text(OLD)
+    with ModelChange(team.view._deploy, team.view._running, path=file) as change:
+        eventually(lambda: change.mission()["change"]["explored"])
+        assert change.mission()["change"]["changes"] == []
+        file.write_text(NEW)
+        eventually(lambda: "Mow" in {one["id"] for one in change.mission()["change"]["changes"]})
+
+
+def test_what_the_page_sends_is_signed_by_its_key(tmp_path: Path) -> None:
+    pytest.importorskip("cryptography")
+    secret, public = new_keys(tmp_path / "team")
+    with pytest.raises(FameError, match="not signed"):
+        Team(None, read_trusted([public])).close()
+    team = Team(read_private(secret), read_trusted([public]))
+    try:
+        team.propose(NEW)
+        team.change.control({"do": "deploy", "hash": team.shown()["hash"]})
+        eventually(lambda: re.search(r"deployed model \w+ by key \w+", team.said()))
+    finally:
+        team.close()
 
 
 def test_what_may_follow_a_migration_is_shown_with_the_run_that_leads_to_it(team: Team) -> None:

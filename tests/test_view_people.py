@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,6 +52,10 @@ def test_robots_that_need_somebody_come_first(page: Page) -> None:
     assert list(states) == ["Cleaner", "Dispatcher", "Lift", "Porter_1", "Porter_2", "Porter_3", "Porter_4"]
     assert list(states.values())[:3] == ["incident", "waiting", "running"]
     assert page.locator("#tabs .count:visible").inner_text() == "2"
+    cells = page.locator(".robot", has_text="Cleaner").locator("[role=cell]").all_inner_texts()
+    assert [cells[at] for at in (0, 1, 2, 5)] == ["Cleaner", "incident", "Rinse the brush", "Rinse the brush"]
+    assert re.fullmatch(r"\d+ s", cells[3])
+    assert page.locator("#needs h3").all_inner_texts() == ["Plan the round", "Rinse the brush"]  # the oldest first
 
 
 def test_what_a_robot_does_is_said_in_the_words_of_the_diagram_with_the_way_to_go(
@@ -151,6 +156,11 @@ def test_each_part_is_used_with_the_fingers_on_a_phone_and_an_incident_is_mended
         page.get_by_text("engine of Porter_4 is broken.").wait_for()
         page.get_by_role("tab", name="Team").tap()
         until(page, f"{row('Porter_4')}.state === 'lost'")
+
+
+def test_a_phone_can_install_the_page(page: Page) -> None:
+    found = page.context.new_cdp_session(page).send("Page.getInstallabilityErrors")["installabilityErrors"]
+    assert [one["errorId"] for one in found] == ["in-incognito"]  # as all pages of a test
 
 
 def test_a_variable_is_set_before_the_retry(page: Page) -> None:

@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pytest
 from view_page import opened, until
 
 from fame.cli import main
@@ -34,9 +36,16 @@ def collaboration() -> str:
     return f'<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="t">{signals}<collaboration id="c">{pools}</collaboration>{processes}</definitions>'
 
 
-def test_the_inspector_follows_a_wait_from_robot_to_robot(chromium: Browser, tmp_path: Path) -> None:
+ASK = """<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:c="http://camunda.org/schema/1.0/bpmn" targetNamespace="t">
+  <process id="Dispatcher" name="Dispatcher" isExecutable="true"><startEvent id="s"/><serviceTask id="Ask" name="Ask the door"><extensionElements>
+    <c:properties><c:property name="service" value="/Door_1/open"/><c:property name="type" value="std_srvs/srv/Trigger"/></c:properties>
+  </extensionElements></serviceTask><sequenceFlow id="f" sourceRef="s" targetRef="Ask"/></process></definitions>"""
+
+
+@pytest.mark.parametrize("timer", [True, False])
+def test_the_inspector_follows_a_wait_from_robot_to_robot(chromium: Browser, tmp_path: Path, timer: bool) -> None:
     model, log = tmp_path / "ring.bpmn", tmp_path / "ring.mcap"
-    model.write_text(collaboration())
+    model.write_text(collaboration() if timer else re.sub("<subProcess.*?</subProcess>", "", collaboration()))
     assert main(["run", str(model), "--log", str(log)]) == 1
     with Replay(log) as replay, opened(chromium, replay) as page:
         page.evaluate("fame.player.seek(fame.store.end - 1e9); fame.select({robot: 0})")
@@ -45,5 +54,17 @@ def test_the_inspector_follows_a_wait_from_robot_to_robot(chromium: Browser, tmp
         assert "Dispatcher waits at bid comes" in told
         assert "Door waits at open comes" in told
         assert "Carrier and Dispatcher and Door wait for each other" in told
+        exits = "what can end that: Carrier, l_Carrier, a timer event; Dispatcher, l_Dispatcher, a timer event"
+        assert (exits if timer else "nothing that is drawn and no other publisher can end that") in told
         page.locator(".chain button.who").first.click()
         assert page.evaluate("fame.mission.robots[fame.selected.robot].name") == "Dispatcher"
+
+
+def test_a_service_that_does_not_answer_is_the_end_of_a_chain(chromium: Browser, tmp_path: Path) -> None:
+    model, log = tmp_path / "ask.bpmn", tmp_path / "ask.mcap"
+    model.write_text(ASK)
+    assert main(["run", str(model), "--log", str(log)]) == 1
+    with Replay(log) as replay, opened(chromium, replay) as page:
+        page.evaluate("fame.player.seek(3e9); fame.select({robot: 0})")
+        page.get_by_text("the service /Door_1/open to answer").wait_for()
+        page.get_by_text("it has had no server for 3 s").wait_for()

@@ -81,8 +81,12 @@ def shift_times(topic: str, data: Mapping[str, Any], by: int) -> Mapping[str, An
     return {**data, "robots": robots}
 
 
+_TIMES = ("since", "gone", "silent")
+"""What a token has of times, besides that of its last message."""
+
+
 def _shift_tokens(tokens: Iterable[Mapping[str, Any]], by: int) -> list[dict[str, Any]]:
-    shifted = [{**token, "since": token["since"] + by} for token in tokens]
+    shifted = [{**token, **{name: token[name] + by for name in _TIMES if name in token}} for token in tokens]
     for token in shifted:
         if "missed" in token:
             token["missed"] = {**token["missed"], "time": token["missed"]["time"] + by}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
@@ -11,6 +11,7 @@ from fame.bpmn.model import Body, Definitions, Event
 from fame.clock import SECOND
 from fame.errors import display_name
 from fame.log.elements import UNKNOWN, ElementInfo, element_info
+from fame.log.wait_reasons import silences, wait_text
 from fame.middleware.interface import ENGINE, resolve
 from fame.robot.robot_state import RobotState
 from fame.text import printable
@@ -67,7 +68,8 @@ class WaitChain:
                 f", for {max(0, self.now.get(robot, 0) - wait['since']) / SECOND:.1f} s" if "since" in wait else ""
             )
             by = f" (suspended by {wait.get('by', 'an event sub-process')})" if wait.get("suspended") else ""
-            yield printable(f"{indent}{robot} waits at {self._label(robot, wait)}{seconds}, for {_text(wait)}{by}")
+            text = "; ".join([wait_text(wait) + by, *silences(wait, self.now.get(robot, 0))])
+            yield printable(f"{indent}{robot} waits at {self._label(robot, wait)}{seconds}, for {text}")
             yield from self._senders(wait, depth + 1)
 
     # ---- circles -----------------------------------------------------------------------------------------------------
@@ -93,22 +95,11 @@ class WaitChain:
         """What may move a robot of a circle although none of the others does."""
         for wait in self._waits(robot):
             if not _is_held_by(wait, circle):
-                yield f"{robot}, {self._label(robot, wait)}, for {_text(wait)}"
-            for event in self._listeners(robot, wait):
-                triggers = " or ".join(each.trigger for each in event.definitions)
-                yield f"{robot}, {event.display_name}, a {triggers} event"
-
-    def _listeners(self, robot: str, wait: Mapping[str, Any]) -> Iterator[Event]:
-        """The boundary events and event sub-processes that can take a token away."""
-        inside = {*wait.get("path", ()), wait["element"]}
-        for body in self._bodies(robot):
-            if inside.isdisjoint(node.id for node in body.nodes):
-                continue
-            handlers = (node.body for node in body.nodes if node.triggered_by_event and node.id not in inside)
-            starts = chain.from_iterable(each.events("start") for each in handlers if each is not None)
-            for event in (*chain.from_iterable(map(body.boundary, inside)), *starts):
-                if any(each.trigger in _FROM_OUTSIDE for each in event.definitions):
-                    yield event
+                yield f"{robot}, {self._label(robot, wait)}, for {wait_text(wait)}"
+            inside = {*wait.get("path", ()), wait["element"]}
+            for body in self._bodies(robot):
+                if not inside.isdisjoint(node.id for node in body.nodes):
+                    yield from (f"{robot}, {way}" for way in ways_out(body, inside))
 
     # ---- robots ------------------------------------------------------------------------------------------------------
 
@@ -151,8 +142,13 @@ class WaitChain:
         return display_name(wait["element"], self._infos.get(robot, {}).get(wait["element"], UNKNOWN).name)
 
 
-def _text(wait: Mapping[str, Any]) -> str:
-    return str(wait.get("text") or wait.get("kind", "something"))
+def ways_out(body: Body, inside: Set[str]) -> Iterator[str]:
+    """The boundary events and event sub-processes of a body that can take a token away, which is `inside` these."""
+    handlers = (node.body for node in body.nodes if node.triggered_by_event and node.id not in inside)
+    starts = chain.from_iterable(each.events("start") for each in handlers if each is not None)
+    for event in (*chain.from_iterable(map(body.boundary, inside)), *starts):
+        if any(each.trigger in _FROM_OUTSIDE for each in event.definitions):
+            yield f"{event.display_name}, a {' or '.join(each.trigger for each in event.definitions)} event"
 
 
 def _publishers(wait: Mapping[str, Any]) -> dict[str, list[str]]:

@@ -34,7 +34,7 @@ class WaitReason:
         """The reason in words."""
         path = "".join(f" in {inner}" for inner in reversed(self.token.get("path", ())))
         where = display_name(self.token["element"], self.label)
-        yield printable(f"{robot} waits at {where}{path}, for {self.seconds:.1f} s, for {self.token.get('text', '')}")
+        yield printable(f"{robot} waits at {where}{path}, for {self.seconds:.1f} s, for {wait_text(self.token)}")
         if self.token.get("suspended"):
             yield printable(f"  it is suspended by {self.token.get('by', 'an event sub-process')}")
         for condition in self.token.get("conditions", ()):
@@ -46,9 +46,7 @@ class WaitReason:
             nodes = self.token.get("publishers", {}).get(topic, ())
             by = f"is published by {', '.join(nodes)}" if nodes else "has no publisher"
             yield printable(f"  {topic} {by}")
-        for kind in ("gone", "silent"):
-            if kind in self.token:
-                yield f"  {silence_text(kind, self.token[kind], self.now)}"
+        yield from (f"  {text}" for text in silences(self.token, self.now))
         for text in self.token.get("mismatches", ()):
             yield printable(f"  {text}")
         missed = self.token.get("missed")
@@ -61,6 +59,19 @@ class WaitReason:
     def to_json(self) -> dict[str, Any]:
         """The same as data."""
         return {**self.token, "label": self.label, "values": dict(self.values), "seconds": round(self.seconds, 3)}
+
+
+def wait_text(token: Mapping[str, Any]) -> str:
+    """What a token waits for."""
+    for kind, does in (("service", "answer"), ("action", "end")):
+        if kind in token:
+            return f"the {kind} {token[kind]} to {does}"
+    return str(token.get("text") or token.get("kind", "something"))
+
+
+def silences(token: Mapping[str, Any], now: int) -> list[str]:
+    """What is to be said, at `now` (ns), of a server that has gone, or says nothing."""
+    return [silence_text(kind, token[kind], now) for kind in ("gone", "silent") if kind in token]
 
 
 def explain(state: RobotState, model: Mapping[str, Any], element: str, now: int) -> list[WaitReason]:

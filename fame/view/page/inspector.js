@@ -1,6 +1,7 @@
 // The inspector: of the chosen robot (or all) at the cursor, what its tokens wait for, its variables, its messages and log.
 
 import { h, icon, clock, duration, isDark, renew, swatch } from "./dom.js";
+import { nameOf } from "./roster.js";
 import { FAIL, LOG, REPORT, END, after } from "./store.js";
 
 const RECENT = 2e9, LINES = 200;
@@ -17,6 +18,20 @@ export function brief(value, most = 120) {
     typeof one === "number" ? Number(one.toPrecision(6)) : one);
   return text !== undefined && text.length > most ? `${text.slice(0, most - 1)}…` : text ?? "–";
 }
+
+/** What a token waits for. */
+function reason({ service, action, text }) {
+  if (service) return `the service ${service} to answer`;
+  return action ? `the action ${action} to end` : text;
+}
+
+/** What is wrong with the server that a token has asked. */
+const troubles = ({ gone, silent, mismatches = [] }, time) => [
+  ...(gone === undefined ? [] : [`it has had no server for ${duration(Math.max(0, time - gone))}`]),
+  ...(silent === undefined ? [] : [`its server has said nothing for ${duration(Math.max(0, time - silent))}`]), ...mismatches];
+
+/** The robots, or other nodes, that publish on the topics that a token waits for. */
+const sendersOf = ({ topics = [], publishers = {} }) => topics.flatMap((topic) => publishers[topic] ?? []).map((node) => node.replace(/^\//, "").replace(/\/fame_engine$/, ""));
 
 /** The numbers inside a value: paths that can be plotted. */
 function numbers(value, path = [], found = [], depth = 3) {
@@ -207,7 +222,7 @@ export class Inspector {
     const conditions = (wait.conditions ?? []).map((condition) => h("div", { cls: "why" }, h("code", null, condition.text),
       (condition.reads ?? []).map((name) => h("div", null, name, " = ", this.valueOf(state, r, wait.scope, name)))));
     return h("li", { dataset: { key: `${r}/${wait.key}` } }, h("div", null, wait.e >= 0 ? this.element(wait.e, openers) : h("b", null, wait.element), wait.suspended ? h("em", null, "suspended") : null,
-      h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`)), h("div", { cls: "reason" }, wait.text), topics, this.lastMessages(wait, time), this.senders(state, wait, time, [r], new Set([r])), conditions, this.app.acts.buttons(r, wait));
+      h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`)), h("div", { cls: "reason" }, reason(wait)), troubles(wait, time).map((text) => h("div", { cls: "why" }, text)), topics, this.lastMessages(wait, time), this.senders(state, wait, time, [r], new Set([r])), conditions, this.app.acts.buttons(r, wait));
   }
 
   /** Who publishes on a topic that a token waits for. */
@@ -218,18 +233,29 @@ export class Inspector {
 
   /** What the robots do that publish what a token waits for, to the end: `path` are those that wait here, `told` all that were told. */
   senders(state, wait, time, path, told) {
-    const { robots } = this.app.mission, nodes = (wait.topics ?? []).flatMap((topic) => wait.publishers?.[topic] ?? []);
-    const found = [...new Set(nodes.map((node) => robots.findIndex(({ name }) => node.replace(/^\//, "").replace(/\/fame_engine$/, "") === name)))].filter((r) => r >= 0);
-    const circles = found.filter((r) => path.includes(r)).map((r) => h("li", null, h("b", null, `${path.slice(path.indexOf(r)).map((one) => robots[one].name).join(" and ")} wait for each other`)));
+    const { robots } = this.app.mission, found = [...new Set(sendersOf(wait).map((node) => robots.findIndex(({ name }) => node === name)))].filter((r) => r >= 0);
+    const circles = found.filter((r) => path.includes(r)).map((r) => path.slice(path.indexOf(r))).map((circle) =>
+      h("li", null, h("b", null, `${circle.map((one) => robots[one].name).join(" and ")} wait for each other`), `; ${this.waysOut(state, circle)}`));
     const rows = found.filter((r) => !told.has(r)).flatMap((r) => this.sender(state, r, time, path, told.add(r)));
     return circles.length + rows.length ? h("ul", { cls: "chain" }, rows, circles) : null;
+  }
+
+  /** What may move a robot of a circle although none of the others does, as `fame status --why` says it. */
+  waysOut(state, circle) {
+    const { robots, elements } = this.app.mission, names = circle.map((r) => robots[r].name);
+    const isHeld = (wait) => !wait.suspended && /^(topic|join)$/.test(wait.kind) && sendersOf(wait).every((node) => names.includes(node));
+    const found = circle.flatMap((r) => [...(state.waits.get(r)?.values() ?? [])].flatMap((wait) => {
+      const events = [...state.openers(r, wait.scope), wait.e].flatMap((e) => elements[e]?.exits ?? []);
+      return [...(isHeld(wait) ? [] : [`${nameOf(this.app, wait.e)}, for ${reason(wait)}`]), ...events].map((way) => `${robots[r].name}, ${way}`);
+    }));
+    return found.length ? `what can end that: ${[...new Set(found)].join("; ")}` : "nothing that is drawn and no other publisher can end that, unless a message is still on its way";
   }
 
   sender(state, r, time, path, told) {
     const waits = [...(state.waits.get(r)?.values() ?? [])], ended = this.status(state, r);
     if (!waits.length) return [h("li", null, this.robot(r), ended ? ` has ended: ${ended}` : " is at work: no token of it waits")];
     return waits.map((wait) => h("li", null, this.robot(r), " waits at ", wait.e >= 0 ? this.element(wait.e, state.openers(r, wait.scope)) : wait.element,
-      `, ${duration(Math.max(0, time - wait.since))}, ${wait.suspended ? `suspended by ${wait.by}` : `for ${wait.text}`}`, this.senders(state, wait, time, [...path, r], told)));
+      `, ${duration(Math.max(0, time - wait.since))}, ${wait.suspended ? `suspended by ${wait.by}` : ["for " + reason(wait), ...troubles(wait, time)].join("; ")}`, this.senders(state, wait, time, [...path, r], told)));
   }
 
   /** When the last message came that a token might have received, and why it did not count. */
