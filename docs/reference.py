@@ -209,7 +209,10 @@ def keys() -> Iterator[str]:
             yield from (*([f"### {about}"] if about else []), *table(("key", "meaning"), known))
     yield "## Parameters of robots"
     for name in BUILT_IN:
-        yield from (f"### `type: {name}`", *table(("key", "default"), dict(parameters(robot_class(name).Parameters()))))
+        yield from (
+            f"### `type: {name}`",
+            *table(("key", "default, unit and meaning"), dict(parameters(robot_class(name).Parameters()))),
+        )
     yield "## Processors of pipelines"
     for name, processor in PROCESSORS.items():
         yield from (f"### `Class: {name}`", "", *prose((inspect.getdoc(processor) or "").partition("\n\n")[0]))

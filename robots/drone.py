@@ -53,14 +53,14 @@ class FlightParameters:
     max_speed: float = parameter(2.0, "m/s", above=0)
     max_climb: float = parameter(1.0, "m/s", above=0)
     max_turn_rate: float = parameter(1.5, "rad/s", above=0)
-    acceleration: float = parameter(2.0, "m/s²", above=0)
-    climb_acceleration: float = parameter(2.0, "m/s²", above=0)
+    acceleration: float = parameter(2.0, "m/s², also for braking", above=0)
+    climb_acceleration: float = parameter(2.0, "m/s², also for braking", above=0)
     turn_acceleration: float = parameter(6.0, "rad/s²", above=0)
-    height: float = parameter(1.5, "m, of the take-off", minimum=0.5)
-    floor: float = parameter(0.5, "m", minimum=CLEAR, up_to="ceiling")
-    ceiling: float = parameter(10.0, "m", minimum=0.5)
-    watchdog: float = parameter(1.0, "s, 0 for none", minimum=0)
-    manual_speed: float = parameter(0.5, "m/s", above=0)
+    height: float = parameter(1.5, "m, altitude after take-off, at most the ceiling", minimum=0.5)
+    floor: float = parameter(0.5, "m, lowest altitude for commands", minimum=CLEAR, up_to="ceiling")
+    ceiling: float = parameter(10.0, "m, highest altitude for commands", minimum=0.5)
+    watchdog: float = parameter(1.0, "s without a command until it hovers; 0: never", minimum=0)
+    manual_speed: float = parameter(0.5, "m/s, at most while a person steers", above=0)
 
 
 class Flight:

@@ -38,11 +38,11 @@ class BatteryParameters:
 
     rate: float = parameter(1.0, "Hz", above=0)
     capacity: float = parameter(100.0, "Wh", above=0)
-    voltage: float = parameter(24.0, "V", above=0)
-    charge: float = parameter(1.0, "", minimum=0, maximum=1)
-    idle: float = parameter(5.0, "W", minimum=0)
+    voltage: float = parameter(24.0, "V when full", above=0)
+    charge: float = parameter(1.0, "of the capacity at the start", minimum=0, maximum=1)
+    idle: float = parameter(5.0, "W, always", minimum=0)
     motion: float = parameter(60.0, "W per m/s", minimum=0)
-    work: float = parameter(150.0, "W", minimum=0)
+    work: float = parameter(150.0, "W while the blade turns, or a drone flies", minimum=0)
 
 
 class Battery:
@@ -102,8 +102,8 @@ class Battery:
 class BladeParameters:
     """`radius` of the disc and distance `ahead` of the vehicle's centre, both in m."""
 
-    radius: float = parameter(0.3, "m", above=0)
-    ahead: float = parameter(0.0, "m")
+    radius: float = parameter(0.3, "m, of the disc", above=0)
+    ahead: float = parameter(0.0, "m in front of the centre")
     time: float = parameter(0.5, "s above a weed to cut it", minimum=0)
 
 
@@ -139,7 +139,7 @@ class Blade:
 class TrayParameters:
     """A tray takes parcels, and reaches stations, within `reach` of the middle of its vehicle."""
 
-    reach: float = parameter(0.8, "m", above=0)
+    reach: float = parameter(0.8, "m to parcels and stations", above=0)
 
 
 class Tray:

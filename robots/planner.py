@@ -165,8 +165,10 @@ def _in_sight(grid: Grid, a: Point, b: Point) -> bool:
 class PlannerParameters:
     """`margin` is the distance kept from obstacles; `tolerance` how far from an occupied goal a path may end (m)."""
 
-    margin: float = parameter(0.08, "m", minimum=0)
-    tolerance: float = parameter(0.5, "m", minimum=0)
+    margin: float = parameter(0.08, "m from obstacles, at least one cell of the map", minimum=0)
+    tolerance: float = parameter(
+        0.5, "m between the end of the plan and a goal that is too close to an obstacle, at most", minimum=0
+    )
 
 
 class Planner:

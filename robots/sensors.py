@@ -67,11 +67,11 @@ class UltrasonicParameters:
     """`min` and `max` are the range (m), `field_of_view` the whole opening (deg), `noise` a standard deviation (m)."""
 
     rate: float = parameter(20.0, "Hz", above=0)
-    noise: float = parameter(0.01, "m", minimum=0)
-    min: float = parameter(0.02, "m", minimum=0, up_to="max")
-    max: float = parameter(2.0, "m", above=0)
+    noise: float = parameter(0.01, "m, standard deviation", minimum=0)
+    min: float = parameter(0.02, "m; less is -inf", minimum=0, up_to="max")
+    max: float = parameter(2.0, "m; more is +inf", above=0)
     field_of_view: float = parameter(30.0, "deg", above=0, maximum=180)
-    rays: int = parameter(9, "", minimum=2, maximum=1000)
+    rays: int = parameter(9, "in the field of view", minimum=2, maximum=1000)
 
 
 class Ultrasonic:
@@ -159,8 +159,8 @@ class CameraParameters:
 
     rate: float = parameter(5.0, "Hz", above=0)
     field_of_view: float = parameter(90.0, "deg", above=0, maximum=170)
-    noise: float = parameter(0.05, "m", minimum=0)
-    missed: float = parameter(0.1, "", minimum=0, maximum=1)
+    noise: float = parameter(0.05, "m, standard deviation", minimum=0)
+    missed: float = parameter(0.1, "probability that an image misses a weed", minimum=0, maximum=1)
 
 
 class Camera:
@@ -221,9 +221,9 @@ class OdometerParameters:
     """`position_noise` (m), `heading_noise` (rad), `speed_noise` (m/s, rad/s) are standard deviations."""
 
     rate: float = parameter(20.0, "Hz", above=0)
-    position_noise: float = parameter(0.005, "m", minimum=0)
-    heading_noise: float = parameter(0.003, "rad", minimum=0)
-    speed_noise: float = parameter(0.005, "m/s and rad/s", minimum=0)
+    position_noise: float = parameter(0.005, "m, standard deviation", minimum=0)
+    heading_noise: float = parameter(0.003, "rad, standard deviation", minimum=0)
+    speed_noise: float = parameter(0.005, "m/s and rad/s, standard deviation", minimum=0)
 
 
 class Odometer:

@@ -45,6 +45,8 @@ GRAVITY = 9.81
 FRICTION: Mapping[str, float] = {"rubber": 0.43, "smooth": 0.12, "grass": 0.35}
 """Friction of tyres on ground, by name. The first two brake at 4.2 and 1.2 m/s², like the real and the simulated car of
 the FAME paper (section 5.4)."""
+TYRES = f"µ of the tyres: a number, {', '.join(f'`{name}` ({value})' for name, value in FRICTION.items())}"
+"""What the parameter `friction` is."""
 _SLIP = 1e-9
 """Smaller changes of speed (m/s) are rounding errors and need no force, unless the vehicle has to stop exactly."""
 
@@ -60,9 +62,9 @@ class DriveParameters:
     max_turn_rate: float = parameter(2.0, "rad/s", above=0)
     acceleration: float = parameter(2.0, "m/s²", above=0)
     turn_acceleration: float = parameter(10.0, "rad/s²", above=0)
-    friction: float = parameter(FRICTION["rubber"], "", above=0, names=FRICTION)
-    watchdog: float = parameter(1.0, "s, 0 for none", minimum=0)
-    manual_speed: float = parameter(0.5, "m/s", above=0)
+    friction: float = parameter(FRICTION["rubber"], TYRES, above=0, names=FRICTION)
+    watchdog: float = parameter(1.0, "s without a command until it brakes; 0: never", minimum=0)
+    manual_speed: float = parameter(0.5, "m/s, at most while a person steers", above=0)
 
 
 class Drive:
@@ -156,7 +158,9 @@ class VehicleParameters(DriveParameters):
     odom: OdometerParameters = field(default=OdometerParameters())
     range: UltrasonicParameters = field(default=UltrasonicParameters())
     planner: PlannerParameters = field(default=PlannerParameters())
-    navigation: str = parameter("planner", known=("planner", "nav2"))
+    navigation: str = parameter(
+        "planner", "or `nav2`: its actions replace `goal_pose` and `plan`", known=("planner", "nav2")
+    )
 
 
 class Vehicle:
@@ -300,7 +304,7 @@ class TractorParameters(VehicleParameters):
     max_turn_rate: float = parameter(1.5, "rad/s", above=0)
     acceleration: float = parameter(1.0, "m/s²", above=0)
     turn_acceleration: float = parameter(5.0, "rad/s²", above=0)
-    friction: float = parameter(FRICTION["grass"], "", above=0, names=FRICTION)
+    friction: float = parameter(FRICTION["grass"], TYRES, above=0, names=FRICTION)
     range: UltrasonicParameters = field(default=UltrasonicParameters(max=3.0))
     planner: PlannerParameters = field(default=PlannerParameters(margin=0.1, tolerance=0.25))
     blade: BladeParameters = field(default=BladeParameters())

@@ -113,8 +113,12 @@ def test_the_reference_of_yaml_keys_has_the_tables_of_the_validators_and_no_page
     for known in (known for tables in FILES.values() for known in tables.values()):
         assert all(f"| `{key}` | " in page for key in known)
     assert {f"### `type: {name}`" for name in BUILT_IN} <= {*page.splitlines()}
-    assert "| `range.max` | 2.0 m |" in page
-    heads = [(page.name, head) for page in PAGES for head in re.findall(r"^\| key \|.*", prose(page), re.MULTILINE)]
+    assert "| `range.max` | 2.0 m; more is +inf |" in page
+    heads = [
+        (page.name, head)
+        for page in PAGES
+        for head in re.findall(r"^\| (?:key \||parameter \| default).*", prose(page), re.MULTILINE)
+    ]
     assert heads == [("view.md", "| key | effect |")]  # of the keyboard
 
 

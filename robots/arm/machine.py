@@ -47,15 +47,15 @@ class RunVariation:
     encoders     whether positions are rounded to the steps of the encoders
     """
 
-    friction: float = parameter(0.05, minimum=0, maximum=1)
-    temperature: float = parameter(4.0, "K", minimum=0)
-    bias: float = parameter(0.2, minimum=0)
-    coloured: float = parameter(0.3, minimum=0, maximum=1)
-    correlation: float = parameter(0.02, "s", above=0)
-    payload: float = parameter(0.02, minimum=0, maximum=0.5)
-    planning: float = parameter(0.04, "s", minimum=0)
-    jitter: float = parameter(0.01, "s", minimum=0)
-    encoders: bool = parameter(True)
+    friction: float = parameter(0.05, "relative, per joint and run", minimum=0, maximum=1)
+    temperature: float = parameter(4.0, "K between runs: 1 % of friction per K", minimum=0)
+    bias: float = parameter(0.2, "of the noise of the joint", minimum=0)
+    coloured: float = parameter(0.3, "of the variance of the noise", minimum=0, maximum=1)
+    correlation: float = parameter(0.02, "s, of the coloured noise", above=0)
+    payload: float = parameter(0.02, "relative, of the mass of parts", minimum=0, maximum=0.5)
+    planning: float = parameter(0.04, "s from goal to trajectory", minimum=0)
+    jitter: float = parameter(0.01, "s, standard deviation of `planning`", minimum=0)
+    encoders: bool = parameter(True, "(positions are rounded to the steps of the encoders)")
 
 
 TYPICAL = RunVariation()

@@ -47,7 +47,7 @@ class CutterParameters:
     """The parameters of an MH5 in a world file."""
 
     rate: float = parameter(40.0, "Hz", above=0)
-    base: float = parameter(0.3, "m", above=0)
+    base: float = parameter(0.3, "m, side of the base", above=0)
     mass: float = parameter(58.0, "kg", above=0)
 
 

@@ -51,7 +51,7 @@ class HandlerParameters:
     """The parameters of a UR5e in a world file."""
 
     rate: float = parameter(500.0, "Hz", above=0)
-    base: float = parameter(0.15, "m", above=0)
+    base: float = parameter(0.15, "m, side of the base", above=0)
     mass: float = parameter(20.6, "kg", above=0)
     variation: RunVariation = TYPICAL
 
