@@ -234,3 +234,24 @@ def test_the_page_asks_before_code_runs(chromium: Browser, team: Team, tmp_path:
         page.get_by_role("button", name="Migrate", exact=True).tap()
         eventually(lambda: "migrated" in team.said())
         page.close()
+
+
+DROP = """(text) => {
+  const dataTransfer = new DataTransfer();
+  dataTransfer.items.add(new File([text], 'other.bpmn'));
+  dispatchEvent(new DragEvent('drop', { dataTransfer, cancelable: true }));
+}"""
+
+
+def test_a_model_is_dropped_on_the_page_and_deployed(chromium: Browser, team: Team) -> None:
+    with Server(team.view) as server:
+        page = chromium.new_page()
+        page.goto(server.address)
+        until(page, READY)
+        page.evaluate(DROP, NEW)
+        page.wait_for_url("**/change/**")
+        page.get_by_role("button", name="Deploy …").click()
+        page.locator("dialog input[type=checkbox]").check()
+        page.get_by_role("button", name="Deploy", exact=True).click()
+        eventually(lambda: 'id="Mow"' in team.view._running("REX"))
+        page.close()

@@ -443,11 +443,16 @@ def test_the_command_serves_the_page_of_a_run_until_it_is_interrupted(tmp_path: 
         "1",
         "--speed",
         "100",
+        *("--as", "ann:nurse", "--as", "bob:technician", "--take-over", "technician"),
     ]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ) as process:
         assert process.stdout is not None
         assert process.stderr is not None
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\S{24}/\n", process.stdout.readline())
+        address, hers, his = (process.stdout.readline() for _ in range(3))
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\S{24}/\n", address)
+        assert re.fullmatch(r"ann \(nurse\): http://127\.0\.0\.1:\d+/\S{24}/\n", hers)
+        assert re.fullmatch(r"bob \(technician\): http://127\.0\.0\.1:\d+/\S{24}/\n", his)
+        assert len({address.split("/")[-2], hers.split("/")[-2], his.split("/")[-2]}) == 3
         while "The page stays until Ctrl-C" not in process.stderr.readline():
             assert process.poll() is None
         process.send_signal(signal.SIGINT)

@@ -100,7 +100,7 @@ export class Change {
   /** Show the code that would run, and ask; the hash is that of what is shown. */
   async send(act) {
     const { data } = this, code = data.changes.filter(({ code: [, fresh] }) => fresh.length), hash = data.hash.slice(0, 12), robots = data.robots.map(({ robot }) => robot).join(", ");
-    const text = [h("p", null, act === "migrate" ? `What ${robots} run goes over to ${hash}.` : `What runs on ${robots} is cancelled; ${hash} begins.`),
+    const text = [h("p", null, act === "migrate" ? `What runs on ${robots} goes over to ${hash}.` : `What runs on ${robots} is cancelled; ${hash} begins.`),
       code.length ? [h("p", null, h("b", null, "Code that is new, and will run on the robots:")), code.map((one) => [h("p", null, `${one.name} (${one.robots.join(", ")})`), this.code(one)])] : h("p", null, "No script or expression is new."),
       act === "migrate" && data.objection ? h("p", { cls: "found error" }, data.objection) : []];
     const fields = [{ key: "agreed", label: `I have read it: ${hash} may run`, kind: "checkbox", required: true }];
