@@ -245,11 +245,11 @@ def goals(team: Team) -> Iterator[str]:
 
 def stuck(team: Team) -> Iterator[str]:
     """A mission that runs goes on."""
-    robot = team.robots["A"]
-    if robot.engine is None or robot.engine.state not in ("running", "idle"):
-        return
-    if robot.engine.state == "idle":
-        yield "A has lost its mission, which has no end"
+    states = {name: robot.engine.state for name, robot in team.robots.items() if robot.engine is not None}
+    for name, state in states.items():
+        if state == "idle":
+            yield f"{name} has lost its mission, which has no end"
+    if states.get("A") != "running":
         return
     ticks = team.fabric.published.get("/tick", ())
     if not ticks or team.scheduler.now / SECOND - ticks[-1][0] > 5:
