@@ -153,9 +153,17 @@ def test_a_mistyped_word_is_told_with_the_closest_one(given: str, said: str, cap
     assert err.count("\n") == 1
 
 
+def test_an_option_that_is_like_no_other_is_told_with_all(capsys) -> None:
+    assert main(["run", "--variable", "x=1", "x.yaml"]) == 2
+    assert "unknown option '--variable'; known are: -h, --help, " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
+        ("draw run.mcap -o x.svg", "run.mcap: expected a model, got a recording: fame draw MODEL.bpmn --log RUN.mcap "),
+        ("view run.mcap --control", "run.mcap: --control is for a running team: fame view without a file"),
+        ("campaign --runs ten", "expected a whole number from 1 on, got 'ten'"),
         ("world models/convoy.bpmn", "models/convoy.bpmn: expected a world, or a scenario that has one (.yaml), "),
         ("templates -o README.md", "README.md: expected a folder, got a file"),
     ],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
@@ -16,6 +16,15 @@ if TYPE_CHECKING:
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 """The object that commands are added to."""
+
+
+def _like(word: str, known: Iterable[str]) -> str:
+    """A hint at the option that is spelt like `word`, else at all."""
+    from difflib import get_close_matches
+
+    named = {option.lstrip("-"): option for option in known}
+    close = get_close_matches(word.lstrip("-").partition("=")[0], named, 1)
+    return f"did you mean {named[close[0]]!r}?" if close else suggestion("", known)
 
 
 class Parser(argparse.ArgumentParser):
@@ -37,8 +46,8 @@ class Parser(argparse.ArgumentParser):
         self.given.clear()
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            word, known = unknown[0], list(self._option_string_actions)
-            hint = f"unknown option {word!r}; {suggestion(word, known)}"
+            word, known = unknown[0], self._option_string_actions
+            hint = f"unknown option {word!r}; {_like(word, known)}"
             self.error(hint if word.startswith("-") else f"unexpected argument {word!r}")
         return found, unknown
 

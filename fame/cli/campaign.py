@@ -67,7 +67,7 @@ _FOLDER = Path("out/campaign")
 
 
 def _count(text: str) -> int:
-    number = natural(text)
+    number = int(text) if text.isdecimal() else 0
     if number < 1:
         raise ArgumentTypeError(f"expected a whole number from 1 on, got {text!r}")
     return number

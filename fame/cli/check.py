@@ -94,7 +94,7 @@ def run(arguments: Namespace) -> int:
             file.found += scenario_findings(file.scenario, library=arguments.library, strict=arguments.strict)
     if arguments.against_graph:
         _compare(files, arguments)
-    found = [finding for file in files for finding in file.found]
+    found = list(dict.fromkeys(finding for file in files for finding in file.found))  # scenarios may share a model
     explained = [(file.model, file.library) for file in files if file.model is not None and arguments.explain]
     how = [one for model, library in explained for one in readings(model, library=library)]
     contract = [one for model, library in explained for one in _contract(model, library)]

@@ -158,6 +158,9 @@ def _draw_model(arguments: Namespace) -> None:
 
     if arguments.model is None:
         raise ConfigError("expected a model to draw: fame draw MODEL.bpmn", file=str(arguments.output))
+    if arguments.model.suffix.lower() == ".mcap":
+        text = "expected a model, got a recording: fame draw MODEL.bpmn --log RUN.mcap draws its path in the model"
+        raise ConfigError(text, file=str(arguments.model))
     output, definitions = arguments.output, read(arguments.model)
     if arguments.log is not None:
         from fame.log.reading import damage, run_outcomes

@@ -48,7 +48,7 @@ def run_new(arguments: Namespace) -> int:
     *kind, example = arguments.source or ("",)
     if kind not in ([], ["example"], ["cookbook"]):
         known = suggestion(kind[0], ["example", "cookbook"])
-        raise ConfigError(f"--from: got {kind[0]!r}; {known}, as in --from example warehouse")
+        raise ConfigError(f"--from: expected a name, as in --from example warehouse, got {kind[0]!r}; {known}")
     name = arguments.name or example
     if not name:
         raise ConfigError("expected a name for the project, as in fame new hospital")

@@ -119,6 +119,9 @@ def run(arguments: Namespace) -> int:
     path = arguments.subject
     if path is None:
         return _team(arguments)
+    for name in ("control", "allow", "change", "robot"):
+        if getattr(arguments, name):
+            raise ConfigError(f"--{name} is for a running team: fame view without a file", file=str(path))
     if arguments.branch is not None:
         return _branch(arguments)
     if arguments.properties is not None:
