@@ -152,6 +152,10 @@ WARNINGS = {
         row(script("x = true")),
         "t: reads `true`, which nothing sets; in Python it is True",
     ),
+    "a function of the robot without its robot": (
+        row(script("publish('/x', 'std_msgs/msg/Bool', data=True)")),
+        "t: reads `publish`, which nothing sets; did you mean robot.publish?",
+    ),
     "a name that only Python has": (
         row(throw("a", type="std_msgs/msg/Float64", payload="${math.pi}")),
         "a: reads `math`, which nothing sets; math is a name of Python: write Python, without ${ }",

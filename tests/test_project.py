@@ -356,6 +356,8 @@ WRONG_FILES_OF_COMMANDS = {
         "view runn.mcap",
         "runn.mcap: cannot be read: No such file or directory; did you mean 'run",
     ),
+    "no recording's ending": ("run a.yaml --log out", "one of .jsonl, .csv, .xes, .mcap, got 'out'"),
+    "no action": ("keys", "the following arguments are required: new|robot|diagram, NAME (see fame keys --help)"),
     "a misspelt pattern": ("new x --no-project --from cookbook acution", "did you mean 'auction'?"),
 }
 

@@ -23,7 +23,7 @@ from fame.engine import gateways, loops
 from fame.engine.data import variable_name
 from fame.monitor.services import SERVICES
 from fame.scripting.analysis import identifiers_of
-from fame.scripting.interface import NAMES
+from fame.scripting.interface import NAMES, Robot
 
 _SMALL = {"true": "True", "false": "False", "null": "None"}
 """Constants in most languages and in Python."""
@@ -254,6 +254,8 @@ def _other_language(name: str, expression: Expression) -> str:
     if expression.language == "python":
         if name in _SMALL:
             return f"; in Python it is {_SMALL[name]}"
+        if name[0] != "_" and hasattr(Robot, name):
+            return f"; did you mean robot.{name}?"
         return "; for JavaScript, set the script format javascript" if name in _OF_JAVASCRIPT else ""
     if expression.language == "javascript":
         return ""

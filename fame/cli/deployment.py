@@ -224,7 +224,7 @@ def add_keys(commands: Commands) -> None:
         ),
         help="make the key pair of a team, which signs deployments (new); certify a robot's name; sign a diagram",
     )  # fmt: skip
-    parser.add_argument("action", choices=("new", "robot", "diagram"))
+    parser.add_argument("action", metavar="new|robot|diagram", choices=("new", "robot", "diagram"))
     parser.add_argument(
         "name", type=Path, metavar="NAME",
         help="new: path of the files, without suffix; robot: the same, the last part is the robot's name; diagram: "

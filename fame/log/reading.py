@@ -191,7 +191,9 @@ def rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
     rows = _ROWS.get(path.suffix.lower())
     if rows is None:
         known = ", ".join((*_ROWS, ".mcap"))
-        raise ConfigError(f"expected a file name that ends in one of {known}, got {path.suffix!r}", file=str(path))
+        raise ConfigError(
+            f"expected a file name that ends in one of {known}, got {path.suffix or path.name!r}", file=str(path)
+        )
     try:
         with path.open(encoding="utf-8", newline="") as stream:
             yield _whole(rows(stream), str(path))

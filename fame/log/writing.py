@@ -64,7 +64,9 @@ def logging_to(
     form = _FORMS.get(suffix)
     if form is None and suffix != RECORDING:
         known = ", ".join((*_FORMS, RECORDING))
-        raise ConfigError(f"expected a file name that ends in one of {known}, got {path.suffix!r}", file=str(path))
+        raise ConfigError(
+            f"expected a file name that ends in one of {known}, got {path.suffix or path.name!r}", file=str(path)
+        )
     with ExitStack() as stack:
         file = stack.enter_context(_opened(path))
         log: _Log | Recorder

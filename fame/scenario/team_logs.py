@@ -83,5 +83,5 @@ def _check_endings(logs: Collection[Path]) -> None:
     known = (*FORMS, RECORDING)
     for log in logs:
         if not log.name.lower().endswith(known):
-            text = f"expected a file name that ends in one of {', '.join(known)}, got {log.suffix!r}"
+            text = f"expected a file name that ends in one of {', '.join(known)}, got {log.suffix or log.name!r}"
             raise ConfigError(text, file=str(log))
