@@ -68,7 +68,7 @@ from fame.deploy.robot_state import (
 from fame.deploy.signing import Identity
 from fame.deploy.status import Absences, EngineWarnings, RateLimiter, StatusPublisher, progress, state_of
 from fame.deploy.termination import Ready, Silence
-from fame.errors import ConfigError, DeploymentError, FameError
+from fame.errors import DeploymentError, FameError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
 from fame.randomness import new_seed, robot_random
 from fame.robot.clock_server import ClockServer
@@ -613,12 +613,10 @@ class EngineNode:
     def _read_promises(self) -> None:
         """What the engine before had promised to start, if that is not what runs: nothing else is taken before it."""
         assert self._keeper is not None
-        try:
-            envelopes = self._keeper.promised(self._trusted)
-        except ConfigError as error:  # others of its team are told that it does not know
-            self._lost_promise = f"what it had promised to start is lost: {error}; deploy again"
+        envelopes, lost = self._keeper.promised(self._trusted)
+        if lost:  # others of its team are told that it does not know
+            self._lost_promise = f"what it had promised to start is lost: {lost}; deploy again"
             self._note(self._lost_promise)
-            return
         runs = self._protocol.state.running
         if runs is not None:
             self._keeper.forget_promises(runs.order)

@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from fame.robot.journal import SegmentContents, StateDirectory
 
 _ENVELOPE, _PROMISE = "deployment-", "promise"
+_UNREADABLE = b"lost\n"
+"""Stands for promises that could not be read, until something newer runs: a newer promise must not hide that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +62,7 @@ class StateKeeper:
         self.directory: StateDirectory = directory
         self.recorder: DurableRecorder | None = None
         self._kept: list[Envelope] = []  # whose promises are on the disk, oldest first
+        self._lost = ""  # why others that were there cannot be read
         self._robot, self._scheduler, self._on_trouble, self._wall_time = robot, scheduler, on_trouble, wall_time
         self._touch()
 
@@ -87,15 +91,21 @@ class StateKeeper:
             raise ConfigError("is damaged, or not the deployment that the journal names", file=str(path))
         return _verified(data, path, trusted)
 
-    def promised(self, trusted: Sequence[Any]) -> list[Envelope]:
-        """What the engine before was ready to start, verified, oldest first. Raises ConfigError."""
-        data, path = self._read_file(_PROMISE), self.directory.path / _PROMISE
-        lines = [] if data is None else data.split(b"\n")
-        promises = list(zip(lines[::2], lines[1::2], strict=False))
-        if len(lines) % 2 or any(key != sha256(text).hexdigest().encode() for key, text in promises):
-            raise ConfigError("is damaged", file=str(path))
-        self._kept = [_verified(text, path, trusted) for _, text in promises]
-        return list(self._kept)
+    def promised(self, trusted: Sequence[Any]) -> tuple[list[Envelope], str]:
+        """What the engine before was ready to start, verified, oldest first; and why not all of it can be read."""
+        path = self.directory.path / _PROMISE
+        damaged = ConfigError("is damaged", file=str(path))
+        try:
+            data = self._read_file(_PROMISE)
+            lines = [] if data is None else data.split(b"\n")
+            for key, text in zip_longest(lines[::2], lines[1::2]):
+                if text is None or key != sha256(text).hexdigest().encode():
+                    self._lost = str(damaged)
+                else:
+                    self._kept.append(_verified(text, path, trusted))
+        except ConfigError as error:
+            self._lost = str(error)
+        return list(self._kept), self._lost
 
     def _read_file(self, name: str) -> bytes | None:
         try:
@@ -140,7 +150,8 @@ class StateKeeper:
 
     def forget_promises(self, order: tuple[int, str]) -> None:
         """What was promised up to this deployment (`Envelope.order`) is decided: it runs, and that is on the disk."""
-        self._keep_only([one for one in self._kept if one.order > order])
+        if any(one.order <= order for one in self._kept):
+            self._keep_only([one for one in self._kept if one.order > order])
 
     def _keep_only(self, envelopes: list[Envelope]) -> None:
         self._kept = envelopes
@@ -148,9 +159,10 @@ class StateKeeper:
             self._write_promises(envelopes)
 
     def _write_promises(self, envelopes: list[Envelope]) -> None:
-        if envelopes:
+        if envelopes or self._lost:
             texts = map(_text, envelopes)
-            lines = [sha256(text).hexdigest().encode() + b"\n" + text for text in texts]
+            lines = [_UNREADABLE] * bool(self._lost)
+            lines += [sha256(text).hexdigest().encode() + b"\n" + text for text in texts]
             self.directory.write_file(_PROMISE, b"\n".join(lines))
         else:
             self.directory.remove_file(_PROMISE)
@@ -181,7 +193,8 @@ class StateKeeper:
 
     def _remove_all_but(self, name: str, order: tuple[int, str]) -> None:
         """Remove the deployments of before, as soon as no journal names them, and their promises."""
-        self.forget_promises(order)
+        self._lost = ""
+        self._keep_only([one for one in self._kept if one.order > order])
         for path in self.directory.files(_ENVELOPE):
             if path.name != name:
                 self.directory.remove_file(path.name)
