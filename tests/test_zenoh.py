@@ -337,6 +337,18 @@ def run_until(scheduler: WallScheduler, holds: Any) -> None:
 
 
 @pytest.mark.processes
+def test_a_router_says_that_the_other_one_does_not_answer() -> None:
+    port = free_port()
+    router = Router(free_port(), "--connect", f"127.0.0.1:{port}")
+    try:
+        assert router.process.stderr is not None
+        said = router.process.stderr.readline()
+    finally:
+        router.kill()
+    assert said == f"fame: warning: no router answers at tcp/127.0.0.1:{port}; it keeps trying\n"
+
+
+@pytest.mark.processes
 def test_a_router_that_dies_keeps_nobody_from_talking_and_one_that_comes_back_brings_the_others() -> None:
     port, scheduler, heard = free_port(), WallScheduler(), list[str]()
     router = Router(port)

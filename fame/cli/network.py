@@ -193,6 +193,11 @@ def add_router(commands: Commands) -> None:
     )  # fmt: skip
 
 
+_ANSWERS = 5_000_000_000
+"""A router of another machine should have answered after as long (ns)."""
+_ALONE = "fame: warning: no router answers at {}; it keeps trying"
+
+
 def _run_router(arguments: Namespace) -> int:
     from fame.clock import WallScheduler
     from fame.middleware.zenoh import locators, open_router
@@ -206,7 +211,10 @@ def _run_router(arguments: Namespace) -> int:
     session = open_router(listen, others, arguments.zenoh_config and Path(arguments.zenoh_config))
     try:
         note_ready(f"router on {', '.join(listen)}")
-        run_until_signal(WallScheduler())
+        scheduler = WallScheduler()
+        if others:
+            scheduler.after(_ANSWERS, lambda: session.info.routers_zid() or note(_ALONE.format(", ".join(others))))
+        run_until_signal(scheduler)
     finally:
         session.close()  # type: ignore[no-untyped-call]
     return 0
