@@ -52,7 +52,7 @@ def test_what_cannot_be_compared_is_one_line(tmp_path: Path) -> None:
     with logging_to(tmp_path / "run.mcap", scenario.closures()) as log:
         scenario.run(observer=log)
     for model, recording, text in (
-        ("none.bpmn", "run.mcap", "none.bpmn: cannot be read: No such file or directory"),
+        ("none.bpmn", "run.mcap", "none.bpmn: cannot be read: No such file or directory; did you mean 'other.bpmn'?"),
         ("orders.bpmn", "none", "none: cannot be read: No such file or directory"),
         ("orders.bpmn", "orders.bpmn", "orders.bpmn: is not an MCAP file"),
         ("other.bpmn", "run.mcap", "run.mcap: nothing of other.bpmn was executed: expected recordings of this model"),
