@@ -79,6 +79,11 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(words) or 'none'}"
 
 
+def wrong_ending(name: str, known: Iterable[str]) -> str:
+    """What is wrong with the name of a file that ends in none of these."""
+    return f"expected a file name that ends in one of {', '.join(known)}, got {os.path.splitext(name)[1] or name!r}"
+
+
 def unreadable(error: OSError) -> str:
     """Why a file cannot be read."""
     missing = isinstance(error, FileNotFoundError) and error.filename

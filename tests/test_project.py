@@ -89,7 +89,7 @@ def test_the_page_on_projects_lets_a_test_fail_and_mends_the_mission(folder: Pat
     subprocess.run(change, shell=True, check=True)
     failed = fame_test()
     assert failed.returncode == 1
-    assert "SCOUT  at Gateway_Reply since 8 s, waits for topic /joined, which no other node publishes or timer" in (
+    assert "SCOUT  at Gateway_Reply since 8 s, waits for topic /joined, which no other node publishes, or timer" in (
         failed.stdout
     )
     subprocess.run(mend, shell=True, check=True)

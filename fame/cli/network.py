@@ -194,8 +194,7 @@ def add_router(commands: Commands) -> None:
 
 
 _ANSWERS = 5_000_000_000
-"""A router of another machine should have answered after as long (ns)."""
-_ALONE = "fame: warning: no router answers at {}; it keeps trying"
+"""How long routers of other machines may take to answer until a warning says that none does (ns)."""
 
 
 def _run_router(arguments: Namespace) -> int:
@@ -212,8 +211,12 @@ def _run_router(arguments: Namespace) -> int:
     try:
         note_ready(f"router on {', '.join(listen)}")
         scheduler = WallScheduler()
-        if others:
-            scheduler.after(_ANSWERS, lambda: session.info.routers_zid() or note(_ALONE.format(", ".join(others))))
+
+        def warn() -> None:
+            if others and not session.info.routers_zid():
+                note(f"fame: warning: no router answers at {', '.join(others)}; it keeps trying")
+
+        scheduler.after(_ANSWERS, warn)
         run_until_signal(scheduler)
     finally:
         session.close()  # type: ignore[no-untyped-call]

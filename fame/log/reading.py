@@ -18,7 +18,7 @@ from fame.errors import ConfigError, display_name
 from fame.log.elements import element_info
 from fame.log.mission_level import PART
 from fame.log.recording import Recording
-from fame.text import suggestion, unreadable
+from fame.text import suggestion, unreadable, wrong_ending
 
 _Row = Mapping[str, Any]
 PART_MESSAGE = "has only a part of its run ({}): give the recording that it was converted from"
@@ -190,10 +190,7 @@ def rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
         return
     rows = _ROWS.get(path.suffix.lower())
     if rows is None:
-        known = ", ".join((*_ROWS, ".mcap"))
-        raise ConfigError(
-            f"expected a file name that ends in one of {known}, got {path.suffix or path.name!r}", file=str(path)
-        )
+        raise ConfigError(wrong_ending(path.name, (*_ROWS, ".mcap")), file=str(path))
     try:
         with path.open(encoding="utf-8", newline="") as stream:
             yield _whole(rows(stream), str(path))

@@ -19,6 +19,7 @@ from fame.log.lines import jsonl, table
 from fame.log.recorder import About, LogTopics, Recorder, recording_to
 from fame.log.recording_file import RecordingFile
 from fame.robot.events import Event, Observer
+from fame.text import wrong_ending
 
 _BUFFER = 1 << 16
 """Bytes written at a time."""
@@ -63,10 +64,7 @@ def logging_to(
     suffix = path.suffix.lower()
     form = _FORMS.get(suffix)
     if form is None and suffix != RECORDING:
-        known = ", ".join((*_FORMS, RECORDING))
-        raise ConfigError(
-            f"expected a file name that ends in one of {known}, got {path.suffix or path.name!r}", file=str(path)
-        )
+        raise ConfigError(wrong_ending(path.name, (*_FORMS, RECORDING)), file=str(path))
     with ExitStack() as stack:
         file = stack.enter_context(_opened(path))
         log: _Log | Recorder

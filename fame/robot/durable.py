@@ -95,8 +95,8 @@ class DurableRecorder:
         self._before: Callable[[], object] = _nothing
         self._start: Callable[[], object] = _nothing
         self._after: Callable[[], object] = _nothing
-        self._begins: Tables = {}
-        self._gathers = False
+        self._begins: Tables = {}  # how the process is to start, and with which timers, until it has started
+        self._gathers = False  # whether changes wait for the end of `_one_record`
         self._trouble = ""
         self._quiet = False
         node.engine.settled = self.settled

@@ -85,7 +85,7 @@ class Suspension:
         self.suspend(LIFECYCLE)
 
     def activate(self) -> str:
-        """Let continue what `deactivate` suspended; the person by whom the mission stays suspended, else empty."""
+        """Continue what `deactivate` suspended. Returns who still suspends the mission; empty if nobody does."""
         if self.by == LIFECYCLE:
             self.go_on(LIFECYCLE)
         return self.by

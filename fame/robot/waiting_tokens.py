@@ -366,7 +366,8 @@ class _Describer:
         if catch.trigger is USER:
             return A_PERSON
         if catch.parts:
-            return " or ".join(self._trigger(item, item.catch or catch, variables) for item in catch.parts)
+            parts = [self._trigger(item, item.catch or catch, variables) for item in catch.parts]
+            return (", or " if any("," in part for part in parts) else " or ").join(parts)
         awaited = self.runner.awaited_topic(wait.key)
         if awaited is not None:
             return f"receive on {_topic_text(resolve(awaited, self.namespace), self.publishers)}"

@@ -17,6 +17,7 @@ from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.log.writing import RECORDING, new_file
 from fame.middleware.interface import Middleware
+from fame.text import wrong_ending
 
 if TYPE_CHECKING:
     from fame.scenario.plan import Plan
@@ -83,5 +84,4 @@ def _check_endings(logs: Collection[Path]) -> None:
     known = (*FORMS, RECORDING)
     for log in logs:
         if not log.name.lower().endswith(known):
-            text = f"expected a file name that ends in one of {', '.join(known)}, got {log.suffix or log.name!r}"
-            raise ConfigError(text, file=str(log))
+            raise ConfigError(wrong_ending(log.name, known), file=str(log))
