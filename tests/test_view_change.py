@@ -236,6 +236,14 @@ def test_the_page_asks_before_code_runs(chromium: Browser, team: Team, tmp_path:
         page.close()
 
 
+def test_a_dropped_model_takes_the_place_of_the_one_before_at_once_and_is_examined_once(team: Team) -> None:
+    before = team.shown()["hash"]
+    team.view.control({"do": "change", "name": "other.bpmn", "source": NEW})
+    assert team.change.mission()["control"] == []  # nobody can send the one before
+    assert team.shown()["hash"] != before
+    assert team.change._stamps == team.change._stamped()
+
+
 DROP = """(text) => {
   const dataTransfer = new DataTransfer();
   dataTransfer.items.add(new File([text], 'other.bpmn'));

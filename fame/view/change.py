@@ -83,6 +83,8 @@ class ModelChange(ModelWatch):
         path = Path(self._folder.name, f"{stem or 'model'}.bpmn")
         path.write_text(source, encoding="utf-8")
         self._path = path
+        self._about = _Examination(asking=True)  # nobody deploys the one before, taking it for this one
+        self._version += 1
 
     # ---- what would happen -------------------------------------------------------------------------------------------
 

@@ -91,6 +91,8 @@ class ModelWatch(FileWatch):
             if stamps != self._stamps:
                 self._stamps = stamps
                 self._now = self._read(self._now)
+                if self._stamps is stamps:  # it may have other files now; nobody has asked to read again
+                    self._stamps = {path: stamps.get(path, now) for path, now in self._stamped().items()}
                 self._version += 1
                 self.on_read()
 

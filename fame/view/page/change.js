@@ -58,7 +58,7 @@ export class Change {
   view() {
     const { data } = this;
     const back = h("div", { cls: "row" }, h("a", { href: ".." }, "Back to the team"));
-    if (!data.hash) return [back, data.error ? h("p", { cls: "found error" }, data.error) : null];
+    if (!data.hash) return [back, data.error ? h("p", { cls: "found error" }, data.error) : data.asking ? h("p", { cls: "quiet" }, "Reading the model …") : null];
     return [back, this.actions(), h("h2", null, "Robots"), data.robots.map((robot) => this.robot(robot)), data.asking ? h("p", { cls: "quiet" }, "Asking the robots …") : null,
       h("h2", null, "Differs from what they run"), this.changes(), data.explored ? [h("h2", null, "If they migrate"), h("p", null, data.explored.text), this.explored()] : null];
   }
