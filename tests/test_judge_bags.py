@@ -110,10 +110,16 @@ def test_a_learned_model_judges_the_runs_of_a_bag(
     code, found = told(capsys, "monitor", "judge", learned / "path.skops", bag, "-o", tmp_path / "report.html")
     assert code == 1
     assert [run["verdict"] for run in found["runs"]] == ["benign", "anomalous", "benign"]
-    assert found["runs"][1]["events"][0]["kind"] == "path"
+    event = found["runs"][1]["events"][0]
+    assert event["kind"] == "path"
+    (first, *_) = event["explanations"]
+    assert first.partition(":")[0] in event["shares"]
+    assert "in training" in first
     assert found["runs"][0]["label"] is None
     assert "alarms per hour" in found["figures"]
-    assert "<svg" in (tmp_path / "report.html").read_text()
+    page = (tmp_path / "report.html").read_text()
+    assert "in the band of the training runs" in page
+    assert page.count("their median") == 5  # a joint of each run, three of the anomalous one
 
 
 def test_a_bag_without_the_topic_is_one_line(learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

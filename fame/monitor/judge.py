@@ -58,7 +58,7 @@ class JudgedRun:
     label           -1 anomalous, 1 benign, None without labels; `onset` and `latency` in s
     share           of the run that has been judged
     samples         what was judged, with stamps in s from the start, by a model whose training runs had a `band`;
-                    `times` (n,) are their places on the axis of phases
+                    `times` (n,) are their places in it: s on the axis of phases, or numbers of points
     """
 
     number: int
@@ -297,7 +297,7 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: boo
     shown = Samples(samples.channels(), samples.stamps - begin, model.columns, elements)
     times = run_times(shown, shown.stamps, model.elements) if len(shown) else shown.stamps
     if model.band is not None:
-        events = tuple(_explained(event, shown, times, model) for event in events)
+        events = tuple(_explained(event, shown, times, model.band, model.window / model.rate) for event in events)
     if not len(loss):
         notes.append(f"no whole window of {model.window} samples at {model.rate:.4g} Hz: not judged")
     if run.gaps:
@@ -311,14 +311,13 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: boo
     return _labelled(judged, run.labels, samples.stamps - begin) if labelled else judged
 
 
-def _explained(event: Event, samples: Samples, times: Floats, model: TrainedModel) -> Event:
-    """Compare the channels of an alarm with the band of the training, from the begin of its first window to its end."""
-    assert model.band is not None
-    window = model.window / model.rate
+def _explained(event: Event, samples: Samples, times: Floats, band: Band, window: float) -> Event:
+    """Compare the channels of an alarm with the band of the training, from the begin of its first window (s) to its
+    end."""
     rows = (samples.stamps > event.start - window) & (samples.stamps <= event.end)
     part = samples.replace(samples.values[rows], samples.stamps[rows])
-    channels = [model.columns.index(name) for name in event.shares]
-    found = model.band.explain(part, times[rows], channels, tuple(event.shares.values()))
+    channels = [samples.names.index(name) for name in event.shares]
+    found = band.explain(part, times[rows], channels, tuple(event.shares.values()))
     return replace(event, explanations=found)
 
 
@@ -411,6 +410,7 @@ def _joint_states(model: Model, path: Path, topic: str) -> Recording:
 
 def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> JudgedRun:
     from fame.monitor.anomaly.live import RunMonitor
+    from fame.monitor.pipeline.processor import Samples
 
     monitor = RunMonitor(model, rule="signal")
     monitor.begin()
@@ -431,6 +431,9 @@ def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> 
     if report is not None and (alarm := report.alarm) is not None:
         kind, last = alarm.verdict.kind or "anomaly", found[-1].index
         events = (Event(float(stamps[alarm.index]), float(stamps[last]), float(scores.max()), shares, kind),)
+    shown, numbers = Samples(run.values, stamps, model.joints), np.arange(len(run), dtype=np.float64)
+    if model.band is not None:
+        events = tuple(_explained(event, shown, numbers, model.band, period) for event in events)
     share = len(scores) / len(run) if len(run) else 0.0
     notes: tuple[str, ...] = ()
     if report is not None and not report.whole:
@@ -439,6 +442,6 @@ def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> 
     notes += tuple(change.text for change in report.changes) if report is not None else ()
     judged = JudgedRun(
         number, run.source, _seconds(stamps), events, stamps[: len(scores)], scores, ("score",), notes=notes,
-        share=share,
+        share=share, samples=shown, band=model.band, times=numbers,
     )  # fmt: skip
     return _labelled(judged, run.labels, stamps) if labelled else judged

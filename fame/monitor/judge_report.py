@@ -282,17 +282,19 @@ def _run_plots(runs: Sequence[JudgedRun]) -> str:
         return ""
     rest = f"{len(shown)} of {len(runs)} runs: those with an alarm first, then the next ones."
     if any(run.band is not None for run in shown):
-        rest += " Below: the channels of the alarms, or the one nearest to one, in the band of the training runs."
+        rest += " Below: the channels of the alarms, otherwise the one that deviates most, in the band of the training runs."
     return f'<h2>Losses over time</h2><p class="quiet">{rest}</p>{"".join(plots)}'
 
 
 def _run_plot(run: JudgedRun) -> str:
     """Plot the losses of a run; below, in the band of the training, the channels that its alarms name, or the one with
     the largest loss."""
-    if run.band is None:
+    if run.band is None or run.samples is None:
         return _svg(9, 2.6, _draw_run, run)
-    named = dict.fromkeys(run.channels.index(name) for event in run.events for name in event.shares)
-    channels = list(named)[:BANDS] or [int(run.ratios.max(axis=0).argmax())]
+    names = run.samples.names
+    named = dict.fromkeys(names.index(name) for event in run.events for name in event.shares)
+    nearest = [int(run.ratios.max(axis=0).argmax())] if run.channels == names else _farthest(run)[:1]
+    channels = list(named)[:BANDS] or nearest
     return _svg(9, 2.4 + 1.5 * len(channels), _draw_with_bands, run, channels, rows=1 + len(channels))
 
 
@@ -315,7 +317,7 @@ def _draw_in_band(axes: Axes, run: JudgedRun, channel: int) -> None:
     axes.plot(stamps, middle, color=BENIGN_COLOUR, linewidth=0.8, label="their median")
     axes.plot(stamps, samples.values[rows, channel], color="black", linewidth=0.8, label="this run")
     _mark_events(axes, run)
-    axes.set_ylabel(run.channels[channel].rpartition(".")[2])
+    axes.set_ylabel(samples.names[channel].rpartition(".")[2])
     axes.legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
 
 

@@ -50,6 +50,8 @@ from fame.monitor.anomaly.learning_file import CandidateClassifier, DataFile, Le
 from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, PointClassifier, data_hash
 from fame.monitor.anomaly.recording import BENIGN, Recording, read_csv, require_same_joints
 from fame.monitor.anomaly.thresholds import set_threshold, together
+from fame.monitor.pipeline.band import Band
+from fame.monitor.pipeline.processor import Samples
 from fame.monitor.storage import versions
 from fame.text import table
 
@@ -293,8 +295,15 @@ def _learned(
         data=data_hash(*(item for item in (data.benign, data.both) if item is not None)),
         versions=versions(),
         calibration=calibration,
+        band=_band(benign),
     )
     return TrainedClassifier(candidate, model, tuple(replace(each, threshold=threshold) for each in evaluations), note)
+
+
+def _band(benign: Recording) -> Band:
+    numbers = [np.arange(len(run), dtype=np.float64) for run in benign]
+    runs = [Samples(run.values, places, run.joints) for run, places in zip(benign, numbers, strict=True)]
+    return Band.of(runs, numbers)
 
 
 def _held_out(parts: Sequence[Any], whole: Recording, folds: int) -> Any:

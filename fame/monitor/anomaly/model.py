@@ -26,6 +26,7 @@ from fame.monitor.anomaly.recording import ANOMALOUS, Recording, read_csv
 from fame.monitor.anomaly.scoring import PathScorer, PointScorer, Scorer, SeveralScorer
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
+from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import Several
 from fame.monitor.storage import FORMAT, StoredModel, read_artefact, versions, write_artefact
 
@@ -143,6 +144,7 @@ class Model(StoredModel):
     data         SHA-256 of the training data
     versions     of the packages that made it
     calibration  of the threshold, if it promises a rate of false alarms
+    band         of the benign training runs, over the number of the point in its run; None of an earlier version
     """
 
     kind: ClassVar[str] = "points"
@@ -158,6 +160,7 @@ class Model(StoredModel):
     data: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
     calibration: Calibration | None = None
+    band: Band | None = None
 
     def check(self) -> None:
         """Raises ValueError or another error if its parts do not fit each other."""

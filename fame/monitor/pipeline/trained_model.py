@@ -44,7 +44,7 @@ class TrainedModel(StoredModel):
     calibration  what the thresholds promise; None for a model of an earlier version
     conditions   of the training, as plain data: files, runs, settings
     elements     of the mission, on the axis of phases (`fame.monitor.pipeline.elements`); none: time since the start
-    band         of the training runs, in the unit of the data; None of an earlier version, or of an ONNX file
+    band         of the training runs, in the unit of the data; None of an earlier version
     """
 
     kind: ClassVar[str] = "windows"
@@ -171,6 +171,8 @@ def write_onnx(model: Mapping[str, Any], path: str | Path, *, single: bool = Fal
     metadata["activation"] = network["activation"]
     if model["calibration"] is not None:
         metadata["calibration"] = {**model["calibration"], "scores": model["calibration"]["scores"].tolist()}
+    if model["band"] is not None:
+        metadata["band"] = {name: part.tolist() for name, part in model["band"].items()}
     onnx.helper.set_model_props(proto, {_METADATA_KEY: json.dumps(metadata)})
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     onnx.save(proto, str(path))
