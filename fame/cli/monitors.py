@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, Parser, add_json, command, group
 from fame.cli.output import note, print_json, table
@@ -45,6 +45,11 @@ def add_judge(commands: Commands) -> None:
 
 def _add_data(parser: Parser) -> None:
     parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help="CSV files, bags and MCAP files")
+    add_inputs(parser)
+
+
+def add_inputs(parser: Parser) -> None:
+    """``--config``, ``--topic`` and ``--namespace``: what is read of a bag."""
     parser.add_argument(
         "--config", type=Path, metavar="CONFIG.yaml",
         help="configuration whose Inputs are read from bags, for a model of fame monitor train",
@@ -53,6 +58,7 @@ def _add_data(parser: Parser) -> None:
         "--topic", default="/joint_states",
         help="topic that is read from bags, for a model of fame monitor adm learn (default: %(default)s)",
     )  # fmt: skip
+    parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of relative topics of --config")
 
 
 def run_judge(arguments: Namespace) -> int:
@@ -60,7 +66,7 @@ def run_judge(arguments: Namespace) -> int:
     from fame.monitor.model_card import card_of, load_any
 
     model = load_any(arguments.model)
-    judgement = _judge(model, arguments.model, arguments)
+    judgement = judged(model, arguments.model, arguments.data, arguments)
     if arguments.scores is not None:
         from fame.monitor.judge import write_scores
 
@@ -79,18 +85,25 @@ def run_judge(arguments: Namespace) -> int:
     return judgement.exit_code
 
 
-def _judge(model: TrainedModel | Model, path: Path, arguments: Namespace) -> JudgedRuns:
-    """Let a model judge the data of a command."""
+def judged(model: TrainedModel | Model, path: Path, data: Sequence[Path], arguments: Namespace) -> JudgedRuns:
+    """Let a model judge data, with `config`, `namespace` and `topic` of a command."""
     from fame.monitor.judge import judge_recordings, judge_trained
     from fame.monitor.pipeline.trained_model import TrainedModel
 
     if not isinstance(model, TrainedModel):
-        return judge_recordings(model, arguments.data, str(path), arguments.topic)
-    runs = _read(arguments.data, arguments.config, model)
+        return judge_recordings(model, data, str(path), arguments.topic)
+    runs = _read(data, arguments, model)
     return judge_trained(model, runs, str(path), labelled=any(run.labelled for run in runs))
 
 
-def _read(paths: Sequence[Path], config: Path | None, model: TrainedModel) -> list[LabelledRun]:
+def judged_on_page(path: Path, recording: Path, arguments: Namespace) -> dict[str, Any]:
+    """Let a model judge a recording: what the page of the recording shows of that. Raises ConfigError."""
+    from fame.monitor.model_card import load_any
+
+    return judged(load_any(path), path, [recording], arguments).on_page()
+
+
+def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> list[LabelledRun]:
     """Read runs of CSV files and, by a configuration, of bags. Raises ConfigError."""
     from fame.errors import ConfigError
     from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, read_labelled_runs
@@ -102,15 +115,15 @@ def _read(paths: Sequence[Path], config: Path | None, model: TrainedModel) -> li
     for path in paths:
         if path.suffix in (".csv", ".parquet"):
             runs += read_labelled_runs([path], model.columns, special)
-        elif config is None:
+        elif arguments.config is None:
             text = "is not a CSV file: a bag needs --config CONFIG.yaml, whose Inputs name topics and fields"
             raise ConfigError(text, file=str(path))
         else:
-            runs += _of_bag(path, config, model)
+            runs += _of_bag(path, arguments, model)
     return runs
 
 
-def _of_bag(path: Path, config: Path, model: TrainedModel) -> list[LabelledRun]:
+def _of_bag(path: Path, arguments: Namespace, model: TrainedModel) -> list[LabelledRun]:
     from tempfile import TemporaryDirectory
 
     from fame.monitor.data_files import read_labelled_runs
@@ -119,7 +132,7 @@ def _of_bag(path: Path, config: Path, model: TrainedModel) -> list[LabelledRun]:
 
     with TemporaryDirectory(prefix="fame-judge-") as folder:
         csv = Path(folder) / "bag.csv"
-        record_bag(path, load(config), [csv], report=note)
+        record_bag(path, load(arguments.config), [csv], namespace=arguments.namespace, report=note)
         return [run._replace(file=str(path)) for run in read_labelled_runs([csv], model.columns)]
 
 
@@ -191,7 +204,8 @@ def run_compare(arguments: Namespace) -> int:
 
     paths = arguments.old, arguments.new
     models = [load_any(path) for path in paths]
-    compared = ModelComparison(*(_judge(model, path, arguments) for model, path in zip(models, paths, strict=True)))
+    old, new = (judged(model, path, arguments.data, arguments) for model, path in zip(models, paths, strict=True))
+    compared = ModelComparison(old, new)
     if arguments.json:
         status = "partial" if compared.exit_code == NOT_KNOWN else "completed"
         print_json({"status": status, **compared.to_plain()})

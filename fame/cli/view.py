@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, Parser, add_key, add_library, command, positive, private_key, register_types
 from fame.cli.judging import add_properties, live_judge
+from fame.cli.monitors import add_inputs, judged_on_page
 from fame.cli.network import add_network, person
 from fame.cli.output import note
 from fame.errors import ConfigError, FameError
@@ -33,6 +34,7 @@ _EXAMPLES = (
     "fame view run.mcap",
     "fame view run.mcap --port 8080 --no-open",
     "fame view run.mcap --branch 12.5",
+    "fame view run.mcap --monitor joint_monitor.skops --config low_pass.yaml --namespace Arm",
     "fame view out/runs",
     "fame view models/agriculture.bpmn",
     "fame view --robot REX --control",
@@ -71,6 +73,11 @@ def add(commands: Commands) -> None:
         "--change", type=Path, metavar="MODEL.bpmn",
         help="with --allow deploy: show at each save what this model would change, beside those dropped on the page",
     )  # fmt: skip
+    parser.add_argument(
+        "--monitor", type=Path, metavar="MODEL.skops",
+        help="RUN.mcap: judge it by this model, and draw what it alarms about in the band of its training runs",
+    )  # fmt: skip
+    add_inputs(parser)
     add_key(parser, "sign the requests of --control, and what --allow deploy sends")
     add_properties(parser)
     add_page(parser)
@@ -141,12 +148,15 @@ def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay | HeatMap:
     if path.is_dir():
         return HeatMap(path, show=partial(_page_of_run, arguments))
     kind = path.suffix.lower()
+    if arguments.monitor is not None and kind != ".mcap":
+        raise ConfigError("--monitor judges a recording (.mcap)", file=str(path))
     if kind in (".bpmn", ".xml", ".yaml", ".yml"):
         return ModelWatch(path, arguments.library)
     if kind != ".mcap":
         expected = "a recording (.mcap), a model (.bpmn) or a scenario (.yaml)"
         raise ConfigError(f"expected {expected}, got {kind!r}", file=str(path))
-    replay = Replay(path, branch=partial(_branch_of_page, arguments))
+    monitor = None if arguments.monitor is None else judged_on_page(arguments.monitor, path, arguments)
+    replay = Replay(path, branch=partial(_branch_of_page, arguments), monitor=monitor)
     for notice in replay.notices:
         print(f"fame: {notice}", file=sys.stderr, flush=True)
     return replay

@@ -3,7 +3,7 @@
 Runs need a column ``stamp`` (s). A column ``run`` divides a file into runs, and every file begins a new one. In a
 recorded table a cell may be empty: a row holds the message of one topic. Cells are separated by a semicolon, tab, comma
 or |; a decimal comma needs another separator than the comma. Stamps may be dates of ISO 8601 or as 31.01.2026 12:00:00.
-A bag is a folder of rosbag2 in either storage, a single MCAP file or a rosbag1.
+A bag is a folder of rosbag2 in either storage, a single MCAP file, also a recording of FAME, or a rosbag1.
 """
 
 from __future__ import annotations
@@ -341,23 +341,54 @@ def _is_number(text: str) -> bool:
 def read_bag(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[float, str, Any]]:
     """Give every message of some topics (full name -> type), in the order of recording: time (s), topic, message.
 
-    Raises ConfigError for a file that is not a bag, lacks a topic, or has it with another type.
+    Raises ConfigError for a file that is neither a bag nor a recording of FAME, lacks a topic, or has it with another
+    type.
     """
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.typesys import Stores, get_typestore
 
     file = str(path)
+    if _is_recording(Path(path)):
+        yield from _read_recording(path, topics)
+        return
     try:
         with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             connections = [item for item in reader.connections if item.topic in topics]
-            for topic, type in topics.items():
-                found = [item.msgtype for item in connections if item.topic == topic]
-                if not found:
-                    has = ", ".join(sorted({item.topic for item in reader.connections})) or "none"
-                    raise ConfigError(f"has no topic {topic}; it has {has}", file=file)
-                if found[0] != type:
-                    raise ConfigError(f"expected {type} on {topic}, got {found[0]}", file=file)
+            _require_topics(topics, {item.topic: item.msgtype for item in reversed(reader.connections)}, file)
             for connection, time, data in reader.messages(connections=connections):
                 yield time * 1e-9, connection.topic, reader.deserialize(data, connection.msgtype)
     except (AnyReaderError, OSError) as error:
         raise ConfigError(f"is not a readable bag: {error}", file=file) from None
+
+
+def _is_recording(path: Path) -> bool:
+    """Whether a file is MCAP of no profile: a bag has that of ROS 2."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(21)  # magic, kind and length of the header, length of its profile
+    except OSError:
+        return False
+    return head.startswith(b"\x89MCAP0\r\n\x01") and head.endswith(bytes(4))
+
+
+def _read_recording(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[float, str, Any]]:
+    """The same of a recording of FAME, which has robots' topics with ``--log-topics``."""
+    from fame.log import Recording
+    from fame.middleware import codec
+
+    with Recording(path) as recording:
+        sent = {name: topic.type for name, topic in recording.topics.items() if topic.encoding == "cdr"}
+        _require_topics(topics, sent, str(path))
+        for type in topics.values():
+            recording.typestore(type)
+        for message in recording.messages(topics):
+            yield message.time * 1e-9, message.topic, codec.deserialize(message.data, topics[message.topic])
+
+
+def _require_topics(topics: Mapping[str, str], recorded: Mapping[str, str], file: str) -> None:
+    for topic, type in topics.items():
+        if topic not in recorded:
+            has = ", ".join(sorted(recorded)) or "none"
+            raise ConfigError(f"has no topic {topic}; it has {has}", file=file)
+        if recorded[topic] != type:
+            raise ConfigError(f"expected {type} on {topic}, got {recorded[topic]}", file=file)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fame.clock import SECOND
 from fame.errors import NOT_KNOWN, ConfigError
 from fame.intervals import interval
 from fame.monitor.arrays import Floats, Whole
@@ -33,6 +34,10 @@ RESAMPLINGS = 500
 """Of the runs, for the intervals of the areas under the curves."""
 FREQUENCY = 50.0
 """Of the calls of the processors, Hz, as in a processing node."""
+CURVE = 1500
+"""Points of a channel that are drawn on the page of a recording, at most."""
+TELLING = 3
+"""Channels of a run that are drawn in the band of the training runs, at most."""
 WHOLE = 0.99
 """Share of a run that has to be judged to call it benign: a window may end before the last samples."""
 
@@ -59,6 +64,7 @@ class JudgedRun:
     share           of the run that has been judged
     samples         what was judged, with stamps in s from the start, by a model whose training runs had a `band`;
                     `times` (n,) are their places in it: s on the axis of phases, or numbers of points
+    begin           the stamp of the first sample, s
     """
 
     number: int
@@ -75,6 +81,7 @@ class JudgedRun:
     samples: Samples | None = None
     band: Band | None = None
     times: Floats = field(default_factory=lambda: np.zeros(0))
+    begin: float = 0.0
 
     @property
     def verdict(self) -> str:
@@ -89,6 +96,25 @@ class JudgedRun:
     @property
     def anomalous(self) -> bool:
         return bool(self.events)
+
+    @property
+    def telling(self) -> list[int]:
+        """The channels of the alarms, at most `TELLING`; of a run without one that which deviates most."""
+        assert self.samples is not None
+        names = self.samples.names
+        named = dict.fromkeys(names.index(name) for event in self.events for name in event.shares)
+        if named or self.channels != names:
+            return list(named)[:TELLING] or self.farthest(1)
+        return [int(self.ratios.max(axis=0).argmax())]
+
+    def farthest(self, count: int) -> list[int]:
+        """Give the channels that lie farthest outside of the band, relative to its mean width."""
+        assert self.samples is not None
+        assert self.band is not None
+        low, _, high = self.band.at(self.times)
+        outside = np.nan_to_num(np.maximum(low - self.samples.values, self.samples.values - high)).max(axis=0)
+        order = np.argsort(-outside / np.maximum(np.nan_to_num(high - low).mean(axis=0), 1e-12))
+        return [int(channel) for channel in order[:count]]
 
     @property
     def latency(self) -> float | None:
@@ -176,6 +202,41 @@ class JudgedRuns:
                 for run in self.runs
             ],
         }  # fmt: skip
+
+    def on_page(self) -> dict[str, Any]:
+        """Give the alarms, and what is drawn of the runs, as plain data for the page of a recording: times in ns of its
+        clock, numbers that are not known as None."""
+        drawn = [run for run in self.runs if run.samples is not None and run.band is not None and len(run.samples)]
+        return {
+            "model": Path(self.model).name,
+            "verdicts": [run.verdict for run in self.runs],
+            "alarms": [
+                {"from": _ns(run.begin + event.start), "until": _ns(run.begin + event.end),
+                 "text": [each.text for each in event.explanations] or list(event.shares)}
+                for run in self.runs
+                for event in run.events
+            ],
+            "channels": [{"name": run.samples.names[channel], **_curve(run, channel)}
+                         for run in drawn if run.samples is not None for channel in run.telling],
+        }  # fmt: skip
+
+
+def _curve(run: JudgedRun, channel: int) -> dict[str, Any]:
+    """A channel of a run and its band, at most `CURVE` points."""
+    assert run.samples is not None
+    assert run.band is not None
+    rows = np.unique(np.linspace(0, len(run.samples) - 1, CURVE).astype(int))
+    low, _, high = (part[:, channel] for part in run.band.at(run.times[rows]))
+    return {
+        "times": [_ns(run.begin + stamp) for stamp in run.samples.stamps[rows].tolist()],
+        "values": run.samples.values[rows, channel].tolist(),
+        "low": [None if np.isnan(each) else each for each in low.tolist()],
+        "high": [None if np.isnan(each) else each for each in high.tolist()],
+    }
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * SECOND)
 
 
 def _rate(count: int, total: int) -> dict[str, Any]:
@@ -306,7 +367,7 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: boo
     share = _share(stamps, model.window / model.rate, seconds, stride / model.rate)
     judged = JudgedRun(
         number, run.file, seconds, events, stamps, ratios, model.columns, notes=tuple(notes), share=share,
-        samples=shown, band=model.band, times=times,
+        samples=shown, band=model.band, times=times, begin=begin,
     )  # fmt: skip
     return _labelled(judged, run.labels, samples.stamps - begin) if labelled else judged
 
@@ -442,6 +503,6 @@ def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> 
     notes += tuple(change.text for change in report.changes) if report is not None else ()
     judged = JudgedRun(
         number, run.source, _seconds(stamps), events, stamps[: len(scores)], scores, ("score",), notes=notes,
-        share=share, samples=shown, band=model.band, times=numbers,
+        share=share, samples=shown, band=model.band, times=numbers, begin=float(run.stamps[0]) if timed else 0.0,
     )  # fmt: skip
     return _labelled(judged, run.labels, stamps) if labelled else judged

@@ -14,7 +14,7 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats
-from fame.monitor.judge import RESAMPLINGS, Event, JudgedRun, JudgedRuns, shown
+from fame.monitor.judge import RESAMPLINGS, TELLING, Event, JudgedRun, JudgedRuns, shown
 from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, QUIET, line_style
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 PLOTTED = 12
 """Runs with a plot of their own, at most: those with an alarm first, then those that came nearest to one."""
-BANDS = 3
-"""Channels of a run that are drawn in the band of the training runs, at most."""
 _POINTS = 1500
 _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;color:#222;max-width:960px;margin:2em auto;padding:0 1em}
@@ -55,20 +53,10 @@ def write_refused(runs: Sequence[JudgedRun], reasons: Sequence[str], path: str |
     """Write a page of runs that a training refused, with reasons, in the band of the others; raises as above."""
     parts = ["<h1>Runs that the training refused</h1>"]
     for run, reason in zip(runs, reasons, strict=True):
-        shown = _farthest(run)
+        shown = run.farthest(TELLING)
         plot = _svg(9, 0.5 + 1.5 * len(shown), _draw_refused, run, shown, rows=len(shown))
         parts.append(f"<h2>{escape(reason)}</h2>{plot}")
     _write_page("Runs that the training refused", parts, path)
-
-
-def _farthest(run: JudgedRun) -> list[int]:
-    """Give the channels that lie farthest outside of the band, relative to its mean width."""
-    assert run.samples is not None
-    assert run.band is not None
-    low, _, high = run.band.at(run.times)
-    outside = np.nan_to_num(np.maximum(low - run.samples.values, run.samples.values - high)).max(axis=0)
-    order = np.argsort(-outside / np.maximum(np.nan_to_num(high - low).mean(axis=0), 1e-12))
-    return [int(channel) for channel in order[:BANDS]]
 
 
 def _draw_refused(axes: Any, run: JudgedRun, channels: Sequence[int]) -> None:
@@ -282,7 +270,9 @@ def _run_plots(runs: Sequence[JudgedRun]) -> str:
         return ""
     rest = f"{len(shown)} of {len(runs)} runs: those with an alarm first, then the next ones."
     if any(run.band is not None for run in shown):
-        rest += " Below: the channels of the alarms, otherwise the one that deviates most, in the band of the training runs."
+        rest += (
+            " Below: the channels of the alarms, otherwise that which deviates most, in the band of the training runs."
+        )
     return f'<h2>Losses over time</h2><p class="quiet">{rest}</p>{"".join(plots)}'
 
 
@@ -291,10 +281,7 @@ def _run_plot(run: JudgedRun) -> str:
     the largest loss."""
     if run.band is None or run.samples is None:
         return _svg(9, 2.6, _draw_run, run)
-    names = run.samples.names
-    named = dict.fromkeys(names.index(name) for event in run.events for name in event.shares)
-    nearest = [int(run.ratios.max(axis=0).argmax())] if run.channels == names else _farthest(run)[:1]
-    channels = list(named)[:BANDS] or nearest
+    channels = run.telling
     return _svg(9, 2.4 + 1.5 * len(channels), _draw_with_bands, run, channels, rows=1 + len(channels))
 
 

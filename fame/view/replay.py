@@ -42,15 +42,20 @@ class Replay(Closing):
     """The source of a page that shows a recording. Raises ConfigError for a file that cannot be shown.
 
     `branch` answers the command *Branch here* of the page: with the files that would run, or, once these are agreed to,
-    with the address of the page of the new run. It raises FameError.
+    with the address of the page of the new run. It raises FameError. `monitor` is what a model of monitoring says of
+    the recording (`fame.monitor.judge.JudgedRuns.on_page`).
     """
 
     catalogue: Catalogue
 
     def __init__(
-        self, path: str | Path, *, branch: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None
+        self,
+        path: str | Path,
+        *,
+        branch: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None,
+        monitor: Mapping[str, Any] | None = None,
     ) -> None:
-        self._branch, self._path = branch, Path(path)
+        self._branch, self._path, self._monitor = branch, Path(path), monitor
         with ExitStack() as opened:
             try:
                 self._recording = opened.enter_context(Recording(path))
@@ -210,6 +215,8 @@ class Replay(Closing):
             empty=["The recording has no models", "It shows timeline, variables and log, but no diagrams."],
             messages=not {*self._topics} <= {*_OWN},
         )
+        if self._monitor is not None:
+            found["monitor"] = {**self._monitor, "begin": self._offset}
         for robot in found["robots"]:
             robot |= self._drawings(robot["name"])
         return found
@@ -223,6 +230,8 @@ class Replay(Closing):
         chips: list[Chip] = [("recording", "", f"{self._path.name}, recorded by: {about.get('command', 'unknown')}")]
         if "seed" in about:
             chips.append((f"seed {about['seed']}", "", "seed of all noise"))
+        if self._monitor is not None:
+            chips.append(_verdict(self._monitor))
         return chips
 
     def plane(self, number: int) -> Mapping[str, Any]:
@@ -308,6 +317,14 @@ class Replay(Closing):
     @property
     def _can_branch(self) -> bool:
         return self._branch is not None and "seed" in self._recording.metadata
+
+
+def _verdict(monitor: Mapping[str, Any]) -> Chip:
+    count, verdicts = len(monitor["alarms"]), monitor["verdicts"]
+    if count:
+        return f"{count} alarm{'s' if count > 1 else ''}", "failed", "; ".join(monitor["alarms"][0]["text"])
+    known = bool(verdicts) and "not judged" not in verdicts
+    return "no alarm" if known else "not judged", "completed" if known else "", f"by {monitor['model']}"
 
 
 _GAPS = b'{"gaps"'

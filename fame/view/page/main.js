@@ -104,6 +104,7 @@ class App {
     document.body.dataset.kind = mission.kind;
     if (mission.kind === "model") this.tabs.choose("diagram", false);
     document.body.style.setProperty("--lanes", String(Math.max(2, mission.robots.length)));
+    if (mission.monitor && !this.plots.shown.length) this.plots.judge(mission.monitor);
     this.changedPlayer();
     this.redraw();
   }

@@ -1,6 +1,6 @@
 // Plots: a numeric variable, or a field of a message, over the time of the timeline.
 
-import { h, icon, robotColour, css } from "./dom.js";
+import { h, icon, clock, robotColour, css } from "./dom.js";
 import { after } from "./store.js";
 
 const HEIGHT = 58;
@@ -45,15 +45,24 @@ export class Plots {
     this.app.changedPlots();
   }
 
-  title({ name, path, topic }) {
+  /** Show what a model of monitoring tells of a recording: channels in the band of its training runs, and alarms. */
+  judge({ begin, model, alarms, channels }) {
+    const moved = (time) => time - begin, spans = alarms.map(({ from, until, text }) => ({ from: moved(from), until: moved(until), text }));
+    channels.forEach(({ name, times, values, low, high }, number) => this.toggle({
+      r: -1, name, topic: `${model} ${number}`, band: { low, high, model }, alarms: spans, data: [times.map(moved), values],
+    }));
+  }
+
+  title({ name, path, topic, band }) {
+    if (band) return name;
     return topic ? [topic, ...path].join(".") : `${[name, ...path].join(".")}`;
   }
 
   labels(top) {
     return this.shown.map((plot, place) => {
       plot.value = h("small");
-      const label = h("div", { cls: "lane plot" }, h("span", null, h("b", { title: this.title(plot) }, this.title(plot)),
-        plot.topic ? null : h("em", null, this.app.mission.robots[plot.r]?.name ?? ""), plot.value),
+      const label = h("div", { cls: "lane plot" }, h("span", null, h("b", { title: this.title(plot) }, plot.band ? plot.name.split(".").at(-1) : this.title(plot)),
+        plot.band ? h("em", null, `in the band of ${plot.band.model}`) : plot.topic ? null : h("em", null, this.app.mission.robots[plot.r]?.name ?? ""), plot.value),
         h("button", { title: "Remove the plot", onclick: () => this.toggle(plot) }, icon("close")));
       label.style.top = `${top + place * HEIGHT}px`;
       label.style.height = `${HEIGHT}px`;
@@ -64,6 +73,7 @@ export class Plots {
   /** [times, values] in all loaded blocks. */
   series(plot) {
     const { store } = this.app;
+    if (plot.band) return plot.data;
     if (plot.version === store.version) return plot.data;
     plot.version = store.version;
     const times = [], values = [];
@@ -91,11 +101,35 @@ export class Plots {
     }
   }
 
-  draw(context, top) {
-    this.shown.forEach((plot, place) => this.drawOne(context, plot, top + place * HEIGHT));
+  draw(context, top, hits) {
+    this.shown.forEach((plot, place) => this.drawOne(context, plot, top + place * HEIGHT, hits));
   }
 
-  drawOne(context, plot, top) {
+  /** The band of the training runs, and the alarms. */
+  drawBand(context, { band, alarms, data: [times] }, [first, last], y, top, hits) {
+    const { timeline } = this;
+    context.globalAlpha = 0.25;
+    context.fillStyle = css("--accent");
+    for (let at = first; at < last; at += 1) {
+      if (band.low[at] === null) continue;
+      const x = timeline.x(times[at]), high = y(band.high[at]);
+      context.fillRect(x, high, Math.max(1, timeline.x(times[at + 1]) - x), Math.max(1, y(band.low[at]) - high));
+    }
+    context.fillStyle = css("--failed");
+    for (const { from, until, text } of alarms) {
+      const left = Math.max(-2, timeline.x(from)), wide = Math.max(2, Math.min(timeline.width + 2, timeline.x(until)) - left);
+      if (left > timeline.width || wide < 2) continue;
+      context.fillRect(left, top + 2, wide, HEIGHT - 4);
+      hits.push([left, top, wide, HEIGHT, null, null, null, null, { from, until, text }]);
+    }
+    context.globalAlpha = 1;
+  }
+
+  tip({ from, until, text }) {
+    return [h("b", null, "Alarm"), ...text.map((line) => h("span", null, line)), h("span", null, `${clock(from)} – ${clock(until)}`)];
+  }
+
+  drawOne(context, plot, top, hits) {
     const { timeline } = this, [times, values] = this.series(plot);
     const first = Math.max(0, after(times, timeline.from) - 1);
     let low = Infinity, high = -Infinity;
@@ -103,6 +137,7 @@ export class Plots {
     for (let at = first; at <= last; at += 1) {
       if (values[at] < low) low = values[at];
       if (values[at] > high) high = values[at];
+      if (plot.band && plot.band.low[at] !== null) [low, high] = [Math.min(low, plot.band.low[at]), Math.max(high, plot.band.high[at])];
     }
     context.fillStyle = css("--line");
     context.fillRect(0, top + HEIGHT - 1, timeline.width, 1);
@@ -116,7 +151,8 @@ export class Plots {
     }
     if (low === high) [low, high] = [low - 1, high + 1];
     const y = (value) => top + HEIGHT - 9 - ((value - low) / (high - low)) * (HEIGHT - 18);
-    context.strokeStyle = plot.topic ? css("--accent") : robotColour(plot.r);
+    if (plot.band) this.drawBand(context, plot, [first, last], y, top, hits);
+    context.strokeStyle = plot.band ? css("--ink") : plot.topic ? css("--accent") : robotColour(plot.r);
     context.lineWidth = 1.5;
     context.lineJoin = "round";
     context.beginPath();

@@ -274,7 +274,7 @@ export class Timeline {
     yield;
     this.drawMarks(context, lanes, hits);
     this.properties.draw(context, plotsTop - this.properties.height, hits);
-    this.plots.draw(context, plotsTop);
+    this.plots.draw(context, plotsTop, hits);
     context.restore();
     const shown = sharp(this.canvas, width, height);
     shown.clearRect(0, 0, width, height);
@@ -505,8 +505,9 @@ export class Timeline {
     const hit = this.hit(event), { elements, robots } = this.app.mission;
     this.tip.hidden = hit === null || event.buttons > 0;
     if (this.tip.hidden) return;
-    const [, , , , span, arrow, mark, property] = hit;
+    const [, , , , span, arrow, mark, property, alarm] = hit;
     if (property) show(this.tip, this.properties.tip(...property));
+    else if (alarm) show(this.tip, this.plots.tip(alarm));
     else if (span) {
       const element = elements[span.e], until = span.until === Infinity ? this.app.store.end : span.until;
       const how = { [-1]: "under way", [LEAVE]: "completed", [CANCEL]: "cancelled", [FAIL]: "failed" }[span.how];

@@ -1,0 +1,107 @@
+"""Alarms of a model on the page of a recording: what the channels did, in the band of the training runs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+from monitor_runs import told
+from view_page import opened, until
+
+from fame.cli import main
+from fame.log import logging_to
+from fame.scenario import Fault, Scenario
+from fame.view import Replay
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+ROOT = Path(__file__).parent.parent
+JOINT = "Efforts.shoulder_pan_joint"
+
+
+def recorded(path: Path, seed: int, **options: Any) -> Path:
+    """The first seconds of a reassembly, with the topics of the arm."""
+    scenario = Scenario.load(ROOT / "examples" / "reassembly.yaml", seed=seed, duration=8, **options)
+    with logging_to(path, scenario.closures(), topics="all") as log:
+        scenario.run(observer=log)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model of two undisturbed runs, and the recording of a third in which something holds the shoulder."""
+    folder = tmp_path_factory.mktemp("alarms")
+    source = yaml.safe_load((ROOT / "models" / "monitoring" / "joint_monitor" / "low_pass.yaml").read_text())
+    training = {"Files": ["runs.csv"], "Model": "m.skops", "Detector": "pca", "Before": 20, "Cutoff": 5, "Folds": 2}
+    config = folder / "config.yaml"
+    config.write_text(yaml.safe_dump(source | {"Training": training}))
+    for seed in (1, 2):
+        run = recorded(folder / f"{seed}.mcap", seed)
+        words = ("--namespace", "Arm", "--bag", str(run), "-o", str(folder / "runs.csv"), "--append")
+        assert main(["monitor", "record", str(config), *words]) == 0
+    assert main(["monitor", "train", str(config)]) == 0
+    recorded(folder / "held.mcap", 4, faults=[Fault("Arm", 6.5, "blocked_shoulder")])
+    return folder
+
+
+def judged(folder: Path, capsys: pytest.CaptureFixture[str], run: str) -> tuple[int, Any]:
+    words = ("--config", folder / "config.yaml", "--namespace", "Arm")
+    return told(capsys, "monitor", "judge", folder / "m.skops", folder / run, *words)
+
+
+def test_a_recording_of_fame_is_judged_by_the_topics_that_it_has(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, found = judged(folder, capsys, "held.mcap")
+    assert code == 1
+    assert any(text.startswith(JOINT) for text in found["runs"][0]["events"][0]["explanations"])
+    assert judged(folder, capsys, "1.mcap")[0] == 0
+    without = ("monitor", "judge", str(folder / "m.skops"), str(folder / "held.mcap"))
+    assert main([*without, "--config", str(folder / "config.yaml")]) == 2
+    assert "has no topic /joint_states; it has /Arm/" in capsys.readouterr().err
+
+
+def test_a_recording_without_the_topics_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "text.mcap").write_text("hello")
+    for name in ("text.mcap", "runs.csv"):
+        assert main(["view", str(folder / name), "--monitor", str(folder / "m.skops"), "--no-open"]) == 2
+    assert main(["view", str(ROOT / "models" / "reassembly.bpmn"), "--monitor", str(folder / "m.skops")]) == 2
+    *_, last = capsys.readouterr().err.splitlines()
+    assert last.endswith("--monitor judges a recording (.mcap)")
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (390, 844)], ids=["wide", "phone"])
+def test_an_alarm_and_the_band_of_its_channel_are_on_the_page(
+    chromium: Browser, folder: Path, size: tuple[int, int]
+) -> None:
+    from argparse import Namespace
+
+    from fame.cli.monitors import judged_on_page
+
+    given = Namespace(config=folder / "config.yaml", namespace="Arm", topic="")
+    monitor = judged_on_page(folder / "m.skops", folder / "held.mcap", given)
+    names = [each["name"] for each in json.loads(json.dumps(monitor))["channels"]]
+    assert JOINT in names
+    narrow = size[0] < 1101  # one panel at a time
+    viewport = {"width": size[0], "height": size[1]}
+    with Replay(folder / "held.mcap", monitor=monitor) as replay, opened(chromium, replay, viewport=viewport) as page:
+        if narrow:
+            page.get_by_role("tab", name="Log").click()
+        until(page, f"document.querySelectorAll('.lane.plot').length === {len(names)}")
+        assert [each.get_attribute("title") for each in page.locator(".lane.plot b").all()] == names
+        assert page.locator("#chips .failed").inner_text() == "1 alarm"
+        left, top, wide, high = until(page, "fame.timeline.hits.filter((hit) => hit[8]).at(-1)?.slice(0, 4)")
+        assert left > 0.7 * page.evaluate("fame.timeline.width")  # the fault came at 6.5 s of 8
+        page.evaluate("(top) => { fame.timeline.scroller.scrollTop = top; }", top)
+        page.wait_for_timeout(200)
+        box = page.locator("canvas.lanes").bounding_box()
+        scroll = page.evaluate("fame.timeline.scroller.scrollTop")
+        assert box is not None
+        page.mouse.move(box["x"] + left + wide / 2, box["y"] + top + high / 2 - scroll)
+        tip = until(page, "!fame.timeline.tip.hidden && fame.timeline.tip.innerText")
+        assert JOINT in tip
+        assert "in training" in tip
