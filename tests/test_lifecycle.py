@@ -5,12 +5,14 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from deployment_field import TEAM, Field, patrol
 from domains import PROCESSES
 from middleware_contract import needs
+from test_resumption import Durable, told
 
 from fame.deploy import EngineNode
 from fame.deploy.options import EngineOptions
@@ -152,6 +154,66 @@ def test_a_manager_sees_what_it_can_do() -> None:
     assert len(robot.call("A", "get_transition_graph", "GetAvailableTransitions").available_transitions) == 7
     assert len(robot.call("A", "get_available_states", "GetAvailableStates").available_states) == 10
     assert not robot.call("A", "change_state", "ChangeState", {"transition": {"id": 3}}).success
+
+
+class DurableManaged(Durable):
+    """A robot with a lifecycle and a state directory: a deployment is sent as its sender does."""
+
+    def change(self, label: str) -> bool:
+        node = self.middleware.node("manager")
+        client = node.client("/A/fame_engine/change_state", "lifecycle_msgs/srv/ChangeState")
+        responses: list = []
+        client.call({"transition": {"label": label}}, responses.append)
+        self.pass_time(0.5)
+        node.close()
+        return responses[0].success
+
+
+@pytest.fixture
+def durable(tmp_path: Path) -> Iterator[DurableManaged]:
+    """It runs `patrol(1)`, and is ready for `patrol(2)`."""
+    made = DurableManaged(tmp_path / "state", lifecycle=True)
+    told(made, "d1", 1, patrol(1), "load")
+    made.pass_time(0.5)
+    assert made.change("configure")
+    assert made.change("activate")
+    told(made, "d1", 1, "", "start")
+    made.pass_time(0.5)
+    told(made, "d2", 2, patrol(2), "load")
+    made.pass_time(0.5)
+    assert (made.engine.state, made.engine.deployed) == ("ready", "d1")
+    yield made
+    for engine in made.engines.values():
+        engine.close()
+
+
+def test_a_promise_is_kept_by_an_engine_that_is_inactive_after_a_crash(durable: DurableManaged) -> None:
+    durable.crash()
+    durable.start()
+    durable.pass_time(1)
+    assert (durable.engine.state, durable.said[-1].candidate) == ("ready", "d2")
+    told(durable, "d2", 2, "", "start")
+    durable.pass_time(1)
+    assert (durable.engine.deployed, durable.engine.state) == ("d2", "suspended")
+    assert durable.change("configure")
+    assert durable.change("activate")
+    assert (durable.engine.state, durable.variables("A")) == ("running", {"mark": 2})
+
+
+def test_what_was_called_off_while_an_inactive_engine_was_down_is_forgotten(durable: DurableManaged) -> None:
+    durable.crash()
+    durable.start()
+    durable.pass_time(1)
+    told(durable, "d2", 2, "", "abort")
+    durable.pass_time(1)
+    assert (durable.engine.deployed, durable.engine.state) == ("d1", "suspended")
+    durable.crash()
+    durable.start()
+    durable.pass_time(1)
+    assert (durable.engine.deployed, durable.said[-1].candidate) == ("d1", "")
+    assert durable.change("configure")
+    assert durable.change("activate")
+    assert (durable.engine.state, durable.variables("A")) == ("running", {"mark": 1})
 
 
 @pytest.mark.ros
