@@ -17,7 +17,7 @@ from fame.clock import SECOND, WallScheduler
 from fame.middleware import messages
 from fame.middleware.interface import QoS
 from fame.scenario.process import Router, connect
-from tests.two_machines import ADDRESSES, INTERFACE, two_machines
+from tests.networked_machines import ADDRESSES, INTERFACE, machines
 
 TYPE = "std_msgs/msg/Int32"
 DEPTH = 1000
@@ -59,18 +59,18 @@ def end(role: str, backend: str, durability: str, gap: str) -> None:
 
 def case(backend: str, durability: str, gap: float) -> dict[str, object]:
     """One run."""
-    with two_machines() as machines:
+    with machines(2) as pair:
         command = [sys.executable, "-m", "benchmarks.gap", "end"]
         more = [backend, durability, str(gap)]
-        send = subprocess.Popen(machines.inside(0, *command, "send", *more), stdout=subprocess.PIPE, text=True)
-        receive = subprocess.Popen(machines.inside(1, *command, "receive", *more), stdout=subprocess.PIPE, text=True)
+        send = subprocess.Popen(pair.inside(0, *command, "send", *more), stdout=subprocess.PIPE, text=True)
+        receive = subprocess.Popen(pair.inside(1, *command, "receive", *more), stdout=subprocess.PIPE, text=True)
         assert send.stdout is not None
         assert receive.stdout is not None
         assert send.stdout.readline() == "begin\n"
         time.sleep(BEFORE)
-        machines.set("down")
+        pair.set("down")
         time.sleep(gap)
-        machines.set("up")
+        pair.set("up")
         received = json.loads(receive.stdout.readline())
         for process in (send, receive):
             process.kill()

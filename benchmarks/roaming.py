@@ -19,7 +19,7 @@ from fame.clock import SECOND, WallScheduler
 from fame.deploy import Deployment, EngineNode, engines
 from fame.deploy.options import EngineOptions
 from fame.scenario.process import Router, connect
-from tests.two_machines import ADDRESSES, INTERFACE, two_machines
+from tests.networked_machines import ADDRESSES, INTERFACE, machines
 
 PERIOD = 4.0
 LONGEST = 300.0
@@ -94,11 +94,11 @@ def engine(robot: str, backend: str, signals: int) -> None:
 
 def run(backend: str, signals: int, period: float = PERIOD) -> dict[str, Any]:
     """One run: what B has kept, and for how long it lasted (s)."""
-    with two_machines() as machines:
+    with machines(2) as pair:
         command = [sys.executable, "-m", "benchmarks.roaming", "engine"]
         made = [
             subprocess.Popen(
-                machines.inside(place, *command, robot, backend, str(signals)),
+                pair.inside(place, *command, robot, backend, str(signals)),
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 text=True,
@@ -117,9 +117,9 @@ def run(backend: str, signals: int, period: float = PERIOD) -> dict[str, Any]:
             while reader.is_alive() and time.monotonic() - began < LONGEST:
                 state = "down" if state == "up" else "up"
                 downs += state == "down"
-                machines.set(state)
+                pair.set(state)
                 reader.join(period)
-            machines.set("up")
+            pair.set("up")
             reader.join(LONGEST)
             counts = json.loads(result[0])
         finally:

@@ -70,6 +70,24 @@ def test_another_process_and_an_engine_that_leaves_are_failures():
     other.pass_time(3)
     watch.look(sent.reports, other.scheduler.now)
     reports = sent.reports
-    lines = [line for second in range(9) for line in watch.look(reports, other.scheduler.now + second * SECOND)]
+    lines = [line for second in range(15) for line in watch.look(reports, other.scheduler.now + second * SECOND)]
     assert lines == ["p: its engine has been silent for 5 s"]
+    assert not watch.over  # a robot that roams may come back
+    for second in range(15, 20):
+        watch.look(reports, other.scheduler.now + second * SECOND)
     assert watch.over
+    assert list(watch.failures) == ["p"]
+
+
+def test_an_engine_that_is_heard_again_has_not_failed() -> None:
+    field = Field("p")
+    sent = field.deploy(mission(60))
+    watch, lines, reports = MissionWatch(sent.id, tuple(sent.robots)), list[str](), dict(sent.reports)
+    begun = field.scheduler.now
+    while not watch.over and field.scheduler.now < 120 * SECOND:
+        field.pass_time(0.05)
+        if not 5 * SECOND < field.scheduler.now - begun < 17 * SECOND:  # its link is down
+            reports = dict(sent.reports)
+        lines += watch.look(reports, field.scheduler.now)
+    said = ["its engine has been silent for 5 s", "its engine is heard again", "the mission has ended"]
+    assert (lines, watch.failures) == ([f"p: {text}" for text in said], {})

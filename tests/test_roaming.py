@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.roaming import run
-from tests.two_machines import forbidden
+from tests.networked_machines import forbidden
 
 pytestmark = pytest.mark.processes
 

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from two_machines import forbidden
+from networked_machines import forbidden
 
 pytest.importorskip("cyclonedds")
 pytestmark = pytest.mark.processes

@@ -21,8 +21,9 @@ _FINDING = SECOND // 2
 """Extra time for discovering further engines (ns)."""
 
 
-_SILENT = 5 * SECOND
-"""An engine without a report for as long has left (ns)."""
+_SILENT, _LEFT = 5 * SECOND, 15 * SECOND
+"""An engine without a report for as long is told, and has left (ns): a robot that roams is heard again."""
+_SILENCE = f"its engine has been silent for {_SILENT // SECOND} s"
 _SETTLED = 2 * SECOND
 """A team in which nothing runs for as long has ended: a message on its way would have started something (ns)."""
 
@@ -52,8 +53,11 @@ class MissionWatch:
             if report is not None and report.deployed == self._deployment:
                 if last is None or (report.born, report.time) != (last.born, last.time):
                     self._last[robot] = report, now
+                    if self.failures.get(robot) == _SILENCE:
+                        del self.failures[robot]
+                        lines.append(f"{robot}: its engine is heard again")
                 elif now - since > _SILENT:
-                    self._fail(lines, robot, f"its engine has been silent for {_SILENT // SECOND} s")
+                    self._fail(lines, robot, _SILENCE)
                 if report.started or report.instances:
                     self._begun.add(robot)
                 if report.failed > (last.failed if last is not None else 0):
@@ -66,7 +70,7 @@ class MissionWatch:
                 ]  # fmt: skip
             elif last is not None:
                 self._fail(lines, robot, "another process has replaced this one")
-        idle = self._begun and all(robot in self._last and self._ended(robot) for robot in self._robots)
+        idle = self._begun and all(robot in self._last and self._ended(robot, now) for robot in self._robots)
         self._quiet = (now if self._quiet is None else self._quiet) if idle else None
         self.over = self._quiet is not None and now - self._quiet >= _SETTLED
         if self.over:
@@ -74,10 +78,12 @@ class MissionWatch:
             lines += [f"{robot}: {begun[robot in self._begun]}" for robot in self._robots if robot not in self.failures]
         return lines
 
-    def _ended(self, robot: str) -> bool:
-        report = self._last[robot][0]
-        gone = robot in self.failures and not self.failures[robot].startswith("the mission")
-        return gone or not (report.instances or report.ahead)
+    def _ended(self, robot: str, now: int) -> bool:
+        report, since = self._last[robot]
+        failure = self.failures.get(robot, "the mission")
+        if failure == _SILENCE:
+            return now - since > _LEFT
+        return not failure.startswith("the mission") or not (report.instances or report.ahead)
 
     def _fail(self, lines: list[str], robot: str, text: str, *, again: bool = False) -> None:
         if again or robot not in self.failures:
