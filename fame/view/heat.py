@@ -48,15 +48,15 @@ class ElementHeat:
         return {
             "times": self.times,
             "failures": self.failures,
-            "p50": percentile(self.seconds, 0.5),
-            "p95": percentile(self.seconds, 0.95),
+            "p50": nearest_rank(self.seconds, 0.5),
+            "p95": nearest_rank(self.seconds, 0.95),
             "waiting": round(self.waiting, 3),
         }
 
 
-def percentile(values: Sequence[float], part: float) -> float | None:
-    """The nearest rank: the least value that at least this part (0 to 1) of the values do not exceed."""
-    return round(sorted(values)[max(0, ceil(part * len(values)) - 1)], 3) if values else None
+def nearest_rank(values: Sequence[float], fraction: float) -> float | None:
+    """The percentile by nearest rank: the least value that at least this fraction of the values do not exceed."""
+    return round(sorted(values)[max(0, ceil(fraction * len(values)) - 1)], 3) if values else None
 
 
 def heat_of(blocks: Sequence[Block], catalogue: Catalogue) -> dict[int, ElementHeat]:
