@@ -55,7 +55,7 @@ class Autoencoder(Processor):
         self._begun = self._last = np.inf
 
     @property
-    def by_elements(self) -> bool:
+    def needs_elements(self) -> bool:
         """Whether the model knows phases by the elements of a mission."""
         return bool(self.trained.elements)
 
@@ -69,11 +69,11 @@ class Autoencoder(Processor):
         if not len(windows):
             return None
         if trained.elements:
-            return self._by_elements(windows)
+            return self._judge_elements(windows)
         since = windows.stamps - begins[np.searchsorted(samples.stamps, windows.stamps)]
         return {"loss": windows.replace(values=trained.loss(windows.values, since))}
 
-    def _by_elements(self, windows: Samples) -> Result:
+    def _judge_elements(self, windows: Samples) -> Result:
         axis = self.trained.elements
         strange = foreign(windows.stamps, self.elements, axis)
         for name in np.unique(active(windows.stamps[strange], self.elements)[0]):

@@ -142,9 +142,9 @@ class ProcessingNode:
             self._subscriptions = Subscriptions(middleware, self.node, scheduler, configuration.inputs, self.report)
             self._publications = Publications(self.node, configuration.outputs, self.report)
             self._parameters = ParameterServer(self.node, self.processors, self.report)
-            self._by_elements = [each for each in self.processors if getattr(each, "by_elements", False)]
+            self._by_phase = [each for each in self.processors if getattr(each, "needs_elements", False)]
             self._follower = ElementFollower()
-            if self._by_elements:
+            if self._by_phase:
                 self.node.subscription(EVENTS_TOPIC, STRING, self._follower.on_message)
         except BaseException:
             self.node.close()
@@ -201,7 +201,7 @@ class ProcessingNode:
 
     def _execute(self, inputs: Mapping[str, Samples]) -> None:
         current: Mapping[str, Any] = inputs
-        for processor in self._by_elements:
+        for processor in self._by_phase:
             processor.elements = self._follower.changes
         latest = max((float(item.stamps[-1]) for item in inputs.values() if len(item)), default=None)
         stamp = self.scheduler.now / SECOND if latest is None else latest
