@@ -386,13 +386,13 @@ def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: P
         page = path.with_suffix(".refused.html")
         drawn = ""
         with suppress(UnavailableError):
-            _draw_refused(model, training, strange, page)
+            _write_refused(model, training, strange, page)
             drawn = f" ({page})"
         text = f"{'; '.join(strange.values())}; look at these runs{drawn} and leave them out, or train with --keep"
         raise ConfigError(text, file=file, element="Training.Files")
 
 
-def _draw_refused(model: TrainedModel, training: Training, strange: Mapping[int, str], page: Path) -> None:
+def _write_refused(model: TrainedModel, training: Training, strange: Mapping[int, str], page: Path) -> None:
     """Draw strange runs of the training in the band of the others."""
     from dataclasses import replace
 

@@ -54,12 +54,12 @@ def write_refused(runs: Sequence[JudgedRun], reasons: Sequence[str], path: str |
     parts = ["<h1>Runs that the training refused</h1>"]
     for run, reason in zip(runs, reasons, strict=True):
         shown = run.farthest(TELLING)
-        plot = _svg(9, 0.5 + 1.5 * len(shown), _draw_refused, run, shown, rows=len(shown))
+        plot = _svg(9, 0.5 + 1.5 * len(shown), _draw_channels, run, shown, rows=len(shown))
         parts.append(f"<h2>{escape(reason)}</h2>{plot}")
     _write_page("Runs that the training refused", parts, path)
 
 
-def _draw_refused(axes: Any, run: JudgedRun, channels: Sequence[int]) -> None:
+def _draw_channels(axes: Any, run: JudgedRun, channels: Sequence[int]) -> None:
     every = np.atleast_1d(axes)
     for each, channel in zip(every, channels, strict=True):
         _draw_in_band(each, run, channel)
