@@ -11,7 +11,7 @@ from fame.imports import require
 def interval(
     count: int, total: int, confidence: float = 0.95, method: Literal["exact", "wilson"] = "exact"
 ) -> tuple[float, float]:
-    """Give the interval of a probability from `count` of `total`: Clopper-Pearson's (exact) or Wilson's, by scipy.
+    """Return the interval of a probability from `count` of `total`: Clopper-Pearson's (exact) or Wilson's, by scipy.
 
     It is (0, 1) if `total` is 0. Raises UnavailableError without scipy.
     """

@@ -319,7 +319,7 @@ def run_train(arguments: Namespace) -> int:
 
 
 def _training(arguments: Namespace) -> tuple[Training, str]:
-    """Give the settings of a configuration or of options, and the file that errors name. Raises ConfigError."""
+    """Return the settings of a configuration or of options, and the file that errors name. Raises ConfigError."""
     from dataclasses import replace
 
     from fame.errors import ConfigError
@@ -354,7 +354,7 @@ def _compare(training: Training, report: Callable[[str], object]) -> list[Compar
 
 
 def _origin(path: Path) -> dict[str, str]:
-    """Give the date of a model that is stored now, and what it replaces."""
+    """Return the date of a model that is stored now, and what it replaces."""
     from datetime import UTC, datetime
 
     from fame.errors import FameError
@@ -410,7 +410,7 @@ def _write_refused(model: TrainedModel, training: Training, strange: Mapping[int
 
 
 def _comparison(compared: Sequence[Compared]) -> str:
-    """Give the table of a comparison and its rule."""
+    """Return the table of a comparison and its rule."""
     rows = [
         (
             item.detector, f"{item.false_alarms} of {item.runs}", f"{sum(item.found.values())} of {item.faults}",

@@ -300,7 +300,7 @@ def _replay(
     recording: Recording, properties: Sequence[Property], model: Definitions | None, team: Vocabulary | None,
     late: Mapping[str, int] = MappingProxyType({}),
 ) -> list[Judgement]:  # fmt: skip
-    """Give all of a recording to a judge, and ask it. `late`: by how much a robot's messages are taken later (ns)."""
+    """Pass all of a recording to a judge, and ask it. `late`: by how much a robot's messages are taken later (ns)."""
     last = recording.state(recording.end)
     judge = TeamJudge(properties, team, measured="clocks" in recording.metadata)
     if team is None:

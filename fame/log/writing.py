@@ -89,7 +89,7 @@ def logging_to(
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Callable[[], BinaryIO]]:
-    """Give a function that opens a file for overwriting and returns its stream.
+    """Return a function that opens a file for overwriting and returns its stream.
 
     The file is locked at once; if it is new and the function was never called, it is deleted in the end. Raises
     ConfigError as `logging_to`.

@@ -132,17 +132,17 @@ def read_false_alarms(value: ConfigValue) -> str:
 
 
 def runs_needed(rate: float) -> int:
-    """Give the number of runs that can promise a rate of false alarms per run."""
+    """Return the number of runs that can promise a rate of false alarms per run."""
     return math.ceil(1 / rate - 1 - 1e-9)
 
 
 def runs_to_bound(rate: float) -> int:
-    """Give the number of runs with which `CONFIDENCE` of the models keep a rate of false alarms per run."""
+    """Return the number of runs with which `CONFIDENCE` of the models keep a rate of false alarms per run."""
     return math.ceil(math.log(1 - CONFIDENCE) / math.log1p(-rate) - 1e-9)
 
 
 def rank(runs: int, rate: float) -> int | None:
-    """Give which of the sorted scores of `runs` is the threshold for a rate, from 1; None if they are too few."""
+    """Return which of the sorted scores of `runs` is the threshold for a rate, from 1; None if they are too few."""
     place = math.ceil((runs + 1) * (1 - rate) - 1e-9)
     return max(1, place) if place <= runs else None
 
@@ -188,7 +188,7 @@ def calibrate_runs(scores: Floats, rate: float = RATE, margin: float = MARGIN, l
 
 
 def _promise(runs: int, rate: float, margin: float | None) -> tuple[int | None, float | None, float]:
-    """Give the place of the threshold among sorted scores and the rate that it promises, None for too few runs; and
+    """Return the place of the threshold among sorted scores and the rate that it promises, None for too few runs; and
     the factor on it. Raises ConfigError."""
     if runs < 2:
         raise ConfigError(f"has {runs} run; at least 2 are needed to set thresholds")
@@ -200,18 +200,18 @@ def _promise(runs: int, rate: float, margin: float | None) -> tuple[int | None, 
 
 
 def _unit(centre: Floats, high: Floats) -> Floats:
-    """Give the unit of scores by their median and high quantile."""
+    """Return the unit of scores by their median and high quantile."""
     return np.maximum(high - centre, np.maximum(_NARROW * np.abs(centre), LEAST))
 
 
 def _run_scores(scores: Floats) -> Floats:
-    """Give the largest score of each run (runs,), on the scale of the other runs."""
+    """Return the largest score of each run (runs,), on the scale of the other runs."""
     centre, high = (_quantile_of_others(scores, part) for part in (0.5, _HIGH))
     return np.asarray(((scores - centre) / _unit(centre, high)).max(axis=1))
 
 
 def _quantile_of_others(scores: Floats, part: float) -> Floats:
-    """Give a quantile per channel of the scores of the other runs, for each run (runs, channels)."""
+    """Return a quantile per channel of the scores of the other runs, for each run (runs, channels)."""
     ordered, places, last = np.sort(scores, axis=0), scores.argsort(axis=0).argsort(axis=0), len(scores) - 2
     at = part * last
     low, high = (np.where(n < places, ordered[n], ordered[n + 1]) for n in (int(at), min(int(at) + 1, last)))
@@ -219,7 +219,7 @@ def _quantile_of_others(scores: Floats, part: float) -> Floats:
 
 
 def _log_scale(scores: Floats) -> tuple[Floats, Floats]:
-    """Give mean and deviation per channel of the logarithms of scores (runs, channels)."""
+    """Return mean and deviation per channel of the logarithms of scores (runs, channels)."""
     logs, runs = np.log(np.maximum(scores, LEAST)), len(scores)
     variances = logs.var(axis=0, ddof=1)
     shrunk = (variances * (runs - 1) + float(np.median(variances)) * _PRIOR) / (runs - 1 + _PRIOR)

@@ -61,7 +61,7 @@ class ModelComparison:
         return f"{found}: {self.better} right only by the new model, {self.worse} only by the old one"
 
     def to_plain(self) -> dict[str, Any]:
-        """Give figures of both and the runs that differ as plain data."""
+        """Return figures of both and the runs that differ as plain data."""
         return {
             "text": self.text, "better": self.better, "worse": self.worse,
             "old": {"model": self.old.model, "figures": self.old.figures},

@@ -123,7 +123,7 @@ def read_labelled_runs(
 
 
 def _changes(stamps: Floats, elements: Sequence[str]) -> ActiveElements:
-    """Give the stamps at which another element was active, and which (empty: not known); none without any name."""
+    """Return the stamps at which another element was active, and which (empty: not known); none without any name."""
     begins = [row for row, name in enumerate(elements) if row == 0 or name != elements[row - 1]]
     return tuple((float(stamps[row]), elements[row]) for row in begins) if any(elements) else ()
 
@@ -158,7 +158,7 @@ def _labels(column: Floats, path: Path) -> Whole:
 
 
 def hash_files(paths: Sequence[str | Path]) -> str:
-    """Give the SHA-256 of the content of files, in order. Raises ConfigError."""
+    """Return the SHA-256 of the content of files, in order. Raises ConfigError."""
     digest = hashlib.sha256()
     for path in paths:
         try:
@@ -170,7 +170,7 @@ def hash_files(paths: Sequence[str | Path]) -> str:
 
 
 def rate_of(runs: Sequence[Samples]) -> float:
-    """Give the usual rate (Hz) of the samples. Raises ConfigError if stamps do not grow."""
+    """Return the usual rate (Hz) of the samples. Raises ConfigError if stamps do not grow."""
     steps = np.concatenate([np.diff(run.stamps) for run in runs]) if runs else np.zeros(0)
     usual = float(np.median(steps)) if len(steps) else 0.0
     if not usual > 0:
@@ -256,7 +256,7 @@ def _text(path: Path) -> str:
 
 
 def _separator(line: str, path: Path) -> str:
-    """Give what parts the cells of the first line; a comma beside another one is a decimal comma."""
+    """Return what parts the cells of the first line; a comma beside another one is a decimal comma."""
     return next((sign for sign in ";\t,|" if len(_row(line, path, 1, sign)) > 1), ",")
 
 

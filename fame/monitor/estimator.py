@@ -47,7 +47,7 @@ class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
         return self
 
     def score_samples(self, X: Any, runs: Any = None) -> Floats:
-        """Give a score per row (n,), the lower the more unusual; rows before a whole window have that of the first.
+        """Return a score per row (n,), the lower the more unusual; rows before a whole window have that of the first.
 
         Raises ValueError for a run that is shorter than a window.
         """
@@ -62,11 +62,11 @@ class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
         return np.concatenate(found)
 
     def decision_function(self, X: Any, runs: Any = None) -> Floats:
-        """Give the score above the threshold (n,): below 0 a row is anomalous."""
+        """Return the score above the threshold (n,): below 0 a row is anomalous."""
         return np.asarray(self.score_samples(X, runs) - self.offset_)
 
     def predict(self, X: Any, runs: Any = None) -> Any:
-        """Give 1 for a usual row, -1 for an anomalous one (n,)."""
+        """Return 1 for a usual row, -1 for an anomalous one (n,)."""
         return np.where(self.decision_function(X, runs) < 0, -1, 1)
 
 

@@ -108,7 +108,7 @@ class JudgedRun:
         return [int(self.ratios.max(axis=0).argmax())]
 
     def farthest(self, count: int) -> list[int]:
-        """Give the channels that lie farthest outside of the band, relative to its mean width."""
+        """Return the channels that lie farthest outside of the band, relative to its mean width."""
         assert self.samples is not None
         assert self.band is not None
         low, _, high = self.band.at(self.times)
@@ -184,7 +184,7 @@ class JudgedRuns:
         return tuple(run for run in self.runs if run.ratios.size)
 
     def to_plain(self) -> dict[str, Any]:
-        """Give everything but the losses as plain data."""
+        """Return everything but the losses as plain data."""
         return {
             "model": self.model, "figures": self.figures, "drifting": list(self.drifting), "notes": list(self.notes),
             "runs": [
@@ -272,7 +272,7 @@ def write_scores(judgement: JudgedRuns, path: Path) -> None:
 
 
 def areas(scores: Floats, positive: Any, seed: int = 0) -> dict[str, Any]:
-    """Give the areas under the ROC and the precision-recall curve with 95 % bootstrap intervals over runs."""
+    """Return the areas under the ROC and the precision-recall curve with 95 % bootstrap intervals over runs."""
     random = np.random.default_rng(seed)
     draws = []
     for _ in range(RESAMPLINGS):
@@ -288,7 +288,7 @@ def areas(scores: Floats, positive: Any, seed: int = 0) -> dict[str, Any]:
 
 
 def _areas(scores: Floats, positive: Any) -> tuple[float, float]:
-    """Give the area under the ROC curve and the average precision, as scikit-learn does, in 1/100 of its time."""
+    """Return the area under the ROC curve and the average precision, as scikit-learn does, in 1/100 of its time."""
     levels, places = np.unique(-scores, return_inverse=True)  # equal scores share a threshold
     found = np.bincount(places, positive, len(levels))
     hits, alarms = np.cumsum(found), np.cumsum(np.bincount(places, minlength=len(levels)))
@@ -383,7 +383,7 @@ def _explained(event: Event, samples: Samples, times: Floats, band: Band, window
 
 
 def _share(stamps: Floats, window: float, seconds: float, stride: float) -> float:
-    """Give the share of a run that lies in a window, which ends at one of `stamps` (s).
+    """Return the share of a run that lies in a window, which ends at one of `stamps` (s).
 
     What is left at the end for lack of a whole `stride` counts as judged.
     """
@@ -395,7 +395,7 @@ def _share(stamps: Floats, window: float, seconds: float, stride: float) -> floa
 
 
 def spans(stamps: Floats, active: Any, ratios: Floats, channels: Sequence[str]) -> tuple[Event, ...]:
-    """Give the events of a run from whether the alarm was on at each stamp."""
+    """Return the events of a run from whether the alarm was on at each stamp."""
     if not len(active) or not active.any():
         return ()
     edges = np.diff(np.concatenate(([0], active.astype(int), [0])))

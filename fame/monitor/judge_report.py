@@ -140,7 +140,7 @@ def _events(runs: Sequence[JudgedRun]) -> str:
 
 
 def _channel_texts(event: Event) -> list[str]:
-    """Give each channel of an alarm with its share, and what it did instead of what was expected."""
+    """Return each channel of an alarm with its share, and what it did instead of what was expected."""
     explained = {found.channel: found.text.removeprefix(found.channel) for found in event.explanations}
     return [f"{name} {100 * share:.0f} %{explained.get(name, '')}" for name, share in event.shares.items()]
 

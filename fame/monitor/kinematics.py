@@ -41,24 +41,24 @@ class Chain:
     tool: Vector = (0.0, 0.0, 0.0)
 
     def place(self, angles: Sequence[float]) -> Vector:
-        """Give the position of the tool (m) for one point (rad per joint)."""
+        """Return the position of the tool (m) for one point (rad per joint)."""
         cosine, sine = [math.cos(angle) for angle in angles], [math.sin(angle) for angle in angles]
         place: Vector = self._fold(cosine, sine, *self.tool)
         return place
 
     def skeleton(self, angles: Sequence[float]) -> list[Vector]:
-        """Give the positions of the joints, from the base on, and of the tool (m) for one point (rad per joint)."""
+        """Return the positions of the joints, from the base on, and of the tool (m) for one point (rad per joint)."""
         ends = (*self.origins, self.tool)
         parts = (Chain(self.joints[:n], self.origins[:n], self.axes[:n], tool=end) for n, end in enumerate(ends))
         return [part.place(angles[:number]) for number, part in enumerate(parts)]
 
     def places(self, values: Floats) -> Floats:
-        """Give the positions of the tool (points, 3), m, for (points, joints), rad."""
+        """Return the positions of the tool (points, 3), m, for (points, joints), rad."""
         reached = self._fold(np.cos(values).T, np.sin(values).T, *self.tool)
         return np.stack([np.broadcast_to(part, len(values)) for part in reached], axis=1)
 
     def orientations(self, values: Floats) -> Floats:
-        """Give the rotations of the last joint's frame against the base (points, 3, 3) for (points, joints), rad."""
+        """Return the rotations of the last joint's frame against the base (points, 3, 3) for (points, joints), rad."""
         base = Chain(self.joints, ((0.0, 0.0, 0.0),) * len(self.joints), self.axes)
         cosine, sine = np.cos(values).T, np.sin(values).T
         columns = []
@@ -68,13 +68,13 @@ class Chain:
         return np.stack(columns, axis=2)
 
     def quaternion(self, angles: Sequence[float]) -> Quaternion:
-        """Give the orientation of the last joint's frame (w, x, y, z) for one point (rad per joint)."""
+        """Return the orientation of the last joint's frame (w, x, y, z) for one point (rad per joint)."""
         halves = [angle / 2 for angle in angles]
         turned: Quaternion = self._turn([math.cos(half) for half in halves], [math.sin(half) for half in halves])
         return turned
 
     def quaternions(self, values: Floats) -> Floats:
-        """Give the orientations of the last joint's frame (points, 4) for (points, joints), rad."""
+        """Return the orientations of the last joint's frame (points, 4) for (points, joints), rad."""
         halves = values.T / 2
         turned = self._turn(np.cos(halves), np.sin(halves))
         return np.stack([np.broadcast_to(part, len(values)) for part in turned], axis=1)

@@ -117,7 +117,7 @@ def _alarms(calibration: Calibration | None, none: str) -> dict[str, Any]:
 
 
 def _measured(calibration: Calibration) -> dict[str, Any]:
-    """Give the rate of false alarms of the calibration's runs, each against the thresholds of the others."""
+    """Return the rate of false alarms of the calibration's runs, each against the thresholds of the others."""
     if calibration.runs < 3:
         return {"measured": f"not with {calibration.runs} runs"}
     count = measured_alarms(calibration)

@@ -50,7 +50,7 @@ _COLOURS = (
 
 
 def line_style(number: int) -> tuple[str, str]:
-    """Give colour and dashes of the line of a channel: ten colours, then the same ones dashed, then dotted ..."""
+    """Return colour and dashes of the line of a channel: ten colours, then the same ones dashed, then dotted ..."""
     return _COLOURS[number % len(_COLOURS)], ("-", "--", ":", "-.")[number // len(_COLOURS) % 4]
 
 

@@ -117,7 +117,7 @@ def _parameters(variables: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _with_parameters(configuration: Configuration, given: Mapping[str, Any], folder: Path) -> Configuration:
-    """Give each parameter to the stages that have it; files are relative to `folder`. Raises ConfigError."""
+    """Pass each parameter to the stages that have it; files are relative to `folder`. Raises ConfigError."""
     from dataclasses import replace
 
     from fame.monitor.pipeline.processor import declared_parameters
@@ -172,7 +172,7 @@ class CollectService:
         )  # fmt: skip
 
     def results(self) -> Mapping[str, Any] | None:
-        """Give `runs_collected` once there are enough runs."""
+        """Return `runs_collected` once there are enough runs."""
         return {"runs_collected": self._collector.run} if self._collector.done else None
 
     def close(self) -> None:
@@ -221,7 +221,7 @@ def _rule(variables: Mapping[str, Any]) -> Rule:
 
 
 def _choice(variables: Mapping[str, Any], name: str, known: tuple[str, ...]) -> str:
-    """Give one of the `known` words, the first if the variable is not set. Raises ConfigError for another."""
+    """Return one of the `known` words, the first if the variable is not set. Raises ConfigError for another."""
     value = variable(variables, name, known[0], type=str)
     if value not in known:
         raise ConfigError(f"variable {name}: expected one of {', '.join(known)}, got {value!r}")

@@ -43,7 +43,7 @@ _HOLD_DATA = (
 
 
 def versions() -> dict[str, str]:
-    """Give the versions of FAME and of the packages that a stored model depends on."""
+    """Return the versions of FAME and of the packages that a stored model depends on."""
     return {"FAME": fame_version()} | {name: version(name) for name in _PACKAGES}
 
 
@@ -136,7 +136,7 @@ class StoredModel:
         """Raises ValueError or another error if its parts do not fit each other."""
 
     def to_plain(self) -> dict[str, Any]:
-        """Give all values as plain data and arrays, as they are stored."""
+        """Return all values as plain data and arrays, as they are stored."""
         plain = to_plain(self)
         return {**plain, "format": FORMAT, "versions": plain["versions"] or versions()}
 
@@ -151,7 +151,7 @@ class StoredModel:
 
     @classmethod
     def of(cls, content: Mapping[str, Any], file: str) -> Self:
-        """Give the model that `to_plain` described. Raises ConfigError for each of the reasons above."""
+        """Return the model that `to_plain` described. Raises ConfigError for each of the reasons above."""
         if content.get("kind") != cls.kind:
             text = f"is a model of another command; expected one of {cls.maker}, which makes it anew"
             raise ConfigError(text, file=file)
@@ -175,7 +175,7 @@ def _refuse_other_estimators(stated: Any, maker: str, file: str) -> None:
 
 
 def detector_of(plain: Mapping[str, Any], kinds: Mapping[str, Any]) -> Any:
-    """Give the detector, or several in one, that `to_plain` described. Raises KeyError, TypeError or ValueError."""
+    """Return the detector, or several in one, that `to_plain` described. Raises KeyError, TypeError or ValueError."""
     parts = {"parts": [detector_of(part, kinds) for part in plain["parts"]]} if "parts" in plain else {}
     return from_plain(kinds[plain["kind"]], {**plain, **parts})
 
@@ -202,7 +202,7 @@ Stored = TypeVar("Stored")
 
 
 def to_plain(value: Any) -> Any:
-    """Give a dataclass as a mapping of its fields, with its `kind` if it has one, sequences as lists, arrays as they
+    """Return a dataclass as a mapping of its fields, with its `kind` if it has one, sequences as lists, arrays as they
     are."""
     if is_dataclass(value):
         kind = {"kind": value.kind} if hasattr(value, "kind") else {}
@@ -225,7 +225,7 @@ def from_plain(cls: type[Stored], plain: Mapping[str, Any]) -> Stored:
 
 
 def _as(kind: Any, value: Any) -> Any:
-    """Give a plain value as one of a type; types that are not known here take it as it is."""
+    """Return a plain value as one of a type; types that are not known here take it as it is."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is UnionType:
         return None if value is None else _as(parts[0], value)
@@ -244,7 +244,7 @@ def _as(kind: Any, value: Any) -> Any:
 
 
 def _unpacked(file: Path | IO[bytes], most: int) -> int:
-    """Give the size of the content of a zip file (bytes) by its directory, which bounds what a reader unpacks.
+    """Return the size of the content of a zip file (bytes) by its directory, which bounds what a reader unpacks.
 
     Nested archives (sparse matrices) count as well; they are not opened once the sum is over `most`.
     """

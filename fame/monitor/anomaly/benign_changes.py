@@ -259,7 +259,7 @@ class BenignChanges:
             self._count += 1
 
     def late(self, clock: float, lateness: float, *, resting: bool) -> list[tuple[float, float]]:
-        """Give lateness and its change as they are and, if samples were lost, as they are at least with these."""
+        """Return lateness and its change as they are and, if samples were lost, as they are at least with these."""
         found = [self.lateness.step(clock, lateness, resting=resting)]
         lost = 0 if self.lost.known else self.lost.count
         other = self._without_lost.step(clock + lost, lateness + lost if lateness else 0.0, resting=resting)
@@ -272,7 +272,7 @@ class BenignChanges:
         return self.lost.share > 0 and not self.lost.known and self.lost.tolerated
 
     def above(self, deviation: Vector) -> float:
-        """Give the size of a deviation (m) without the sag that is tolerated."""
+        """Return the size of a deviation (m) without the sag that is tolerated."""
         x, y, z = deviation
         z = min(0.0, z + self._parameters.drift) if z < 0 else z
         return math.sqrt(x * x + y * y + z * z)
@@ -288,7 +288,7 @@ class BenignChanges:
         return min(self.excess, self._parameters.noise) + (_GAP if self.lost.recent else 0.0)
 
     def kind(self, kind: str, deviation: float, limit: float, *, early: bool) -> str:
-        """Give what an anomaly may come from instead: ``noise``, ``sampling``; else its kind. `early`: it is of a run
+        """Return what an anomaly may come from instead: ``noise``, ``sampling``; else its kind. `early`: it is of a run
         that is ahead of time."""
         if self.lost.share and not self.lost.tolerated:
             return "sampling"
@@ -297,7 +297,7 @@ class BenignChanges:
         return "noise" if self.excess >= _NOISY and deviation <= 2 * limit else kind
 
     def excuse(self, reading: PointScores) -> PointScores:
-        """Give a reading that is not anomalous if it is of a start from another pose, while the tool comes nearer."""
+        """Return a reading that is not anomalous if it is of a start from another pose, while the tool comes nearer."""
         self._points += 1
         if not self._starting:
             return reading
@@ -312,7 +312,7 @@ class BenignChanges:
         return reading
 
     def found(self) -> list[Change]:
-        """Give the changes that can be told from noise."""
+        """Return the changes that can be told from noise."""
         late = self._without_lost if self._made_up else self.lateness
         p, found, rate, rest = self._parameters, [], late.rate, late.rest
         if abs(rate) > 0.005:

@@ -280,7 +280,7 @@ LEARNED_FROM = "train (learned from)"
 
 
 def rows(learned: Sequence[TrainedClassifier], chosen: TrainedClassifier | None = None) -> list[tuple[str, ...]]:
-    """Give the cells of the table, under `HEADS`. Data that was learned from is marked."""
+    """Return the cells of the table, under `HEADS`. Data that was learned from is marked."""
     return [
         (
             "*" if item is chosen else "",

@@ -176,7 +176,7 @@ def _by(value: ConfigValue) -> None:
 
 
 def _items(sections: Mapping[str, ConfigValue], key: str) -> list[ConfigValue]:
-    """Give the values of a list that may be missing or empty."""
+    """Return the values of a list that may be missing or empty."""
     return sections[key].items() if key in sections and sections[key].data is not None else []
 
 

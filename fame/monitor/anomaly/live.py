@@ -113,7 +113,7 @@ class ArmRuns(ABC):
 
 
 def in_order(values: list[float], names: Sequence[str], joints: Sequence[str]) -> list[float]:
-    """Give the values of `joints`, in their order; all, in the order of the message, if `joints` is empty.
+    """Return the values of `joints`, in their order; all, in the order of the message, if `joints` is empty.
 
     Joints of a headerless file have default names (``joint_1`` ...) and are taken by position if no name fits.
     Raises UnusableMessage.
@@ -282,7 +282,7 @@ class Collector(ArmRuns):
             del self.rows[begin:]
 
     def recording(self) -> Recording:
-        """Give what was collected. Raises MissionError if there is nothing."""
+        """Return what was collected. Raises MissionError if there is nothing."""
         if self.late:
             raise MissionError("nothing was collected: the arm never passed home, where all joints are near 0")
         if not self.rows:

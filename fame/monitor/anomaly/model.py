@@ -192,7 +192,7 @@ class Model(StoredModel):
         return {self.name: self.detector}
 
     def run_score(self, anomalous: Sequence[int], points: int) -> float:
-        """Give the score of a run from its anomalous points (of each of several detectors) and all its points."""
+        """Return the score of a run from its anomalous points (of each of several detectors) and all its points."""
         scores = [count / points for count in anomalous]
         return self.detector.score(scores) if isinstance(self.detector, Several) else scores[0]
 
@@ -252,7 +252,7 @@ class DataPersist:
         return path
 
     def retrieve(self, name: str, data: str) -> Any:
-        """Give what was stored. Raises ConfigError if it does not exist, or was made from other data."""
+        """Return what was stored. Raises ConfigError if it does not exist, or was made from other data."""
         path = self.folder / f"{name}.skops"
         stored = read_artefact(path, "fame monitor adm")
         if not isinstance(stored, dict) or stored.get("format") != FORMAT:

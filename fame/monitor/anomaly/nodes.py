@@ -32,7 +32,7 @@ START, END, ALARM, CHANGE = "/task_start", "/task_end", "/anomaly", "/process_ch
 
 
 def bag_topics(topic: str, rule: str) -> dict[str, str]:
-    """Give the topics of a bag that such a node takes, with their types."""
+    """Return the topics of a bag that such a node takes, with their types."""
     return {resolve(topic, ""): TYPE} | (dict.fromkeys((START, END), EMPTY) if rule == "signal" else {})
 
 
@@ -139,7 +139,7 @@ class OperateNode(RunNode):
 
 
 def alarm_message(point: Point) -> Any:
-    """Give the signal `anomaly` as a message."""
+    """Return the signal `anomaly` as a message."""
     verdict = point.verdict
     return messages.create(
         TYPE,

@@ -241,11 +241,11 @@ class Tracker:
         return self._changes.noise.level
 
     def changes(self) -> list[Change]:
-        """Give the benign changes of the run so far that can be told from noise."""
+        """Return the benign changes of the run so far that can be told from noise."""
         return [*self._changes.found(), *([Change("stamps", self._made_up, True)] if self._made_up else [])]
 
     def _update_time(self, stamp: float | None) -> float:
-        """Give the time in samples; one that does not grow is made up, and counted if there is a period."""
+        """Return the time in samples; one that does not grow is made up, and counted if there is a period."""
         before = self._time
         time = stamp / self._period if stamp is not None and self._period else None
         if before is None:

@@ -45,7 +45,7 @@ class Scorer:
         raise NotImplementedError
 
     def changes(self) -> Sequence[Change]:
-        """Give the benign changes of the run so far."""
+        """Return the benign changes of the run so far."""
         return ()
 
 

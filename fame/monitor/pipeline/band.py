@@ -54,7 +54,7 @@ class Band:
     high: Floats
 
     def at(self, times: Floats) -> tuple[Floats, Floats, Floats]:
-        """Give low, middle and high (n, channels) at times (n,); NaN behind the end of the training runs."""
+        """Return low, middle and high (n, channels) at times (n,); NaN behind the end of the training runs."""
         place = np.searchsorted((self.times[1:] + self.times[:-1]) / 2, times)
         step = np.inf if len(self.times) == 1 else self.times[-1] - self.times[-2]
         known = (times <= self.times[-1] + step)[:, None]
@@ -79,7 +79,7 @@ class Band:
 
     @classmethod
     def of(cls, runs: Sequence[Samples], times: Sequence[Floats] | None) -> Band:
-        """Give the band of runs with values (n, channels), each with `times` of its samples (n,), NaN in no known
+        """Return the band of runs with values (n, channels), each with `times` of its samples (n,), NaN in no known
         phase; None if runs do not repeat."""
         values = np.concatenate([run.channels() for run in runs])
         since = np.zeros(len(values)) if times is None else np.concatenate(list(times))

@@ -86,7 +86,7 @@ class Compared:
         return self.false_alarms, -sum(self.found.values()), self.cost
 
     def to_plain(self) -> dict[str, Any]:
-        """Give all values as plain data."""
+        """Return all values as plain data."""
         return {
             "detector": self.detector, "runs": self.runs, "false alarms": self.false_alarms,
             "interval": list(interval(self.false_alarms, self.runs)), "found": dict(self.found),
@@ -148,7 +148,7 @@ def _faulty(run: Samples, number: int, kind: str, moving: Any, deviations: Float
 def _latencies(
     losses_of: Mapping[tuple[str, int], Samples], kind: str, runs: Sequence[Samples], thresholds: Floats
 ) -> list[float]:
-    """Give the latency (s) of each fault that was found."""
+    """Return the latency (s) of each fault that was found."""
     found = []
     for number, run in enumerate(runs):
         loss, onset = losses_of[kind, number], float(run.stamps[len(run.stamps) // 2])

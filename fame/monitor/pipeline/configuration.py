@@ -91,7 +91,7 @@ class Stage:
     place: ConfigValue = _NOWHERE
 
     def error(self, key: str, text: str) -> ConfigError:
-        """Give an error about a key of this stage, which may be written as its class alone."""
+        """Return an error about a key of this stage, which may be written as its class alone."""
         path = self.place.path if isinstance(self.place.data, str) else join(self.place.path, key)
         return self.place.source.error(path, text)
 
@@ -227,7 +227,7 @@ def _type(value: ConfigValue, imports: Mapping[str, str]) -> str:
 
 
 def _import(name: str, value: ConfigValue, folder: Path) -> str:
-    """Give the full name of an imported type, read from its .msg file where it is unknown."""
+    """Return the full name of an imported type, read from its .msg file where it is unknown."""
     parts = {key: str(part.data) for key, part in value.mapping(_IMPORT).items()}
     package = parts.get("Package", "").removesuffix(".msg").removesuffix("/msg")
     module = parts.get("Module", name)

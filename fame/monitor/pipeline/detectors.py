@@ -87,7 +87,7 @@ class ChannelAutoencoders:
         return inputs
 
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
-        """Give the mean squared error over each window."""
+        """Return the mean squared error over each window."""
         inputs = np.ascontiguousarray(windows.transpose(2, 0, 1))  # (channels, n, window)
         errors = self(inputs)
         errors -= inputs
@@ -144,7 +144,7 @@ def _activate(name: str, values: Floats) -> None:
 
 
 def _principal(windows: Floats, detector: str) -> tuple[Floats, Floats]:
-    """Give eigenvalues, growing, and eigenvectors of the covariance of windows. Raises ConfigError for a large one."""
+    """Return growing eigenvalues and eigenvectors of the covariance of windows. Raises ConfigError for a large one."""
     refuse_large(windows, detector)
     flat = windows.reshape(len(windows), -1)
     values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
@@ -161,11 +161,11 @@ class Components:
     deviations: Floats
 
     def project(self, windows: Floats) -> Floats:
-        """Give the components (n, components), each with deviation 1 on the windows that it was learned from."""
+        """Return the components (n, components), each with deviation 1 on the windows that it was learned from."""
         return np.asarray(windows.reshape(len(windows), -1) @ self.axes.T / self.deviations)
 
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
-        """Give the mean squared error of the reconstruction."""
+        """Return the mean squared error of the reconstruction."""
         flat = windows.reshape(len(windows), -1)
         errors = (flat - flat @ self.axes.T @ self.axes).reshape(windows.shape)
         return np.asarray(np.einsum("nwc,nwc->nc", errors, errors) / windows.shape[1])
@@ -191,7 +191,7 @@ class Whitening:
     root: Floats
 
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
-        """Give the mean of the squares of the whitened window, about 1 for those that it learned from."""
+        """Return the mean of the squares of the whitened window, about 1 for those that it learned from."""
         white = (windows.reshape(len(windows), -1) @ self.root).reshape(windows.shape)
         return np.asarray(np.einsum("nwc,nwc->nc", white, white) / windows.shape[1])
 
@@ -224,7 +224,7 @@ class Nearest:
         return self.components.project(reduced) * self.components.deviations
 
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
-        """Give the mean squared difference to the nearest kept window."""
+        """Return the mean squared difference to the nearest kept window."""
         values = reduced(windows)
         _, nearest = self._tree.query(self._place(values))
         return np.asarray(((values - self.kept[nearest]) ** 2).mean(axis=1))
@@ -243,7 +243,7 @@ def _lot(total: int, count: int, seed: int) -> Whole:
 
 
 def _chosen(windows: Floats, count: int, seed: int) -> Floats:
-    """Give a random choice of windows."""
+    """Return a random choice of windows."""
     return windows[_lot(len(windows), count, seed)]
 
 
@@ -341,7 +341,7 @@ class Forest:
 
 
 def _depths(tree: Any, size: int) -> Floats:
-    """Give the depth of each node, and in leaves with several windows what a tree of these would add."""
+    """Return the depth of each node, and in leaves with several windows what a tree of these would add."""
     depths = np.zeros(size)
     for node in range(tree.node_count):  # parents come before their children
         for child in (tree.children_left[node], tree.children_right[node]):
@@ -353,7 +353,7 @@ def _depths(tree: Any, size: int) -> Floats:
 
 
 def _usual_depth(count: Whole) -> Floats:
-    """Give the mean depth of an unsuccessful search in a binary tree of `count` windows (Liu et al. 2008, eq. 1)."""
+    """Return the mean depth of an unsuccessful search in a binary tree of `count` windows (Liu et al. 2008, eq. 1)."""
     many = np.maximum(count, 3)
     usual = 2 * (np.log(many - 1) + np.euler_gamma) - 2 * (many - 1) / many
     return np.asarray(np.where(count <= 1, 0.0, np.where(count == 2, 1.0, usual)))
@@ -445,7 +445,7 @@ def fit_detector(name: str, windows: Floats, settings: Training, times: Floats |
 
 
 def detector_name(detector: FittedDetector) -> str:
-    """Give the name that `fit_detector` takes."""
+    """Return the name that `fit_detector` takes."""
     if isinstance(detector, Several):
         return f"{detector.rule} {', '.join(part.kind for part in detector.parts)}"
     return detector.kind

@@ -31,7 +31,7 @@ Axis = Mapping[str, tuple[float, ...]]
 
 
 def axis_of(runs: Sequence[Samples], step: float) -> dict[str, tuple[float, ...]]:
-    """Give the axis of training runs, on which elements are at least a `step` (s) apart; empty if a run has none."""
+    """Return the axis of training runs, on which elements are at least a `step` (s) apart; empty if a run has none."""
     if not all(run.elements for run in runs):
         return {}
     visits: dict[str, list[float]] = {}
@@ -50,14 +50,14 @@ def axis_of(runs: Sequence[Samples], step: float) -> dict[str, tuple[float, ...]
 
 
 def active(stamps: Floats, changes: ActiveElements) -> tuple[NDArray[np.str_], Floats]:
-    """Give the active element at each stamp (n,), empty before the first one, and the stamp at which it began."""
+    """Return the active element at each stamp (n,), empty before the first one, and the stamp at which it began."""
     begins, names = zip(*((-np.inf, ""), *changes), strict=True)
     place = np.searchsorted(begins[1:], stamps, side="right")
     return np.array(names)[place], np.array(begins)[place]
 
 
 def phase_times(stamps: Floats, changes: ActiveElements, axis: Axis) -> Floats:
-    """Give the place of each stamp (n,) on the axis; NaN in no known phase."""
+    """Return the place of each stamp (n,) on the axis; NaN in no known phase."""
     names, begins = active(stamps, changes)
     places = np.array([axis.get(name, (0.0, -1.0)) for name in names]).reshape(-1, 2)
     since = np.where(np.isfinite(begins), stamps - begins, np.inf)
@@ -94,7 +94,7 @@ class ElementFollower:
             self._state, self._batch = None, -1  # what it had taken is half of a batch
 
     def element_at(self, stamp: float) -> str:
-        """Give the active element at a stamp (s), empty if that is not known."""
+        """Return the active element at a stamp (s), empty if that is not known."""
         place = bisect_right(self.changes, stamp, key=itemgetter(0))
         return self.changes[place - 1][1] if place else ""
 

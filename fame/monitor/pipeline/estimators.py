@@ -85,7 +85,7 @@ class Autoencoder(Processor):
         return {"loss": known.replace(values=self.trained.loss(known.values, times))}
 
     def _begins(self, stamps: Floats) -> Floats:
-        """Give the stamp of the first sample of the run of each sample."""
+        """Return the stamp of the first sample of the run of each sample."""
         before = np.concatenate(([self._last], stamps[:-1]))
         first = ~(stamps - before <= self.gap) | ~np.isfinite(before)
         places = np.maximum.accumulate(np.where(first, np.arange(len(stamps)), -1))

@@ -42,13 +42,13 @@ def has_stamp(type: str) -> bool:
 
 
 def stamp_of(message: Any) -> float:
-    """Give the time in the header of a message in s, 0.0 if it has none."""
+    """Return the time in the header of a message in s, 0.0 if it has none."""
     stamp = message.header.stamp
     return float(stamp.sec + stamp.nanosec * 1e-9)
 
 
 def reader(type: str, path: FieldPath) -> Read:
-    """Give a function that reads the numbers at a path of a message, and the names of their channels if it has some.
+    """Return a function that reads the numbers at a path of a message, and the names of their channels if it has some.
 
     A single number is a float, several are an array. The function raises UnusableMessage for a message that lacks an
     element of the path. Raises MessageError if the type has no such path, or no number is there.

@@ -224,7 +224,7 @@ class ProcessingNode:
             self.report(_without_numbers(text), text)
 
     def _by_output(self, computed: Mapping[str, Samples]) -> dict[str, Samples]:
-        """Give what was computed by name of the output."""
+        """Return what was computed by name of the output."""
         assigned = self._assigned
         if assigned is None:
             outputs, who = self.configuration.outputs, type(self.processors[-1]).__name__

@@ -56,7 +56,7 @@ def refuse_large(windows: Floats, detector: str) -> None:
 
 
 def reduced(windows: Floats) -> Floats:
-    """Give the means of equal parts of each window: (n, at most `POINTS`, channels)."""
+    """Return the means of equal parts of each window: (n, at most `POINTS`, channels)."""
     bounds = np.linspace(0, windows.shape[1], min(POINTS, windows.shape[1]) + 1).astype(int)
     sums = np.add.reduceat(windows, bounds[:-1], axis=1)
     return np.asarray(sums / np.diff(bounds)[None, :, None])
@@ -84,14 +84,14 @@ class Phases:
     rows: Whole = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def phase(self, times: Floats) -> Whole:
-        """Give the row of the phase of each time (s on the axis of phases), -1 where none is known."""
+        """Return the row of the phase of each time (s on the axis of phases), -1 where none is known."""
         rows = self.rows if len(self.rows) else np.arange(len(self.location))
         found = np.round((times - self.begin) / self.step)
         known = (found >= 0) & (found < len(rows))  # False for NaN
         return np.where(known, rows[np.where(known, found, 0).astype(np.int64)], -1)
 
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
-        """Give the loss (n, channels) of scaled windows (n, window, channels) that end at `times`, s since the start;
+        """Return the loss (n, channels) of scaled windows (n, window, channels) that end at `times`, s since the start;
         without them, or where they are NaN, no phase is known."""
         values = reduced(windows)
         rows = self.phase(np.full(len(values), np.nan) if times is None else times)
@@ -144,7 +144,7 @@ def _rows(numbers: Whole) -> Whole:
 
 
 def _grouped(values: Floats, places: Whole) -> Floats:
-    """Give windows by phase: (phases, most, points, channels), NaN where a phase has fewer than the most."""
+    """Return windows by phase: (phases, most, points, channels), NaN where a phase has fewer than the most."""
     order = np.argsort(places, kind="stable")
     first = np.concatenate(([0], np.cumsum(np.bincount(places))[:-1]))
     within = np.arange(len(order)) - first[places[order]]
@@ -154,7 +154,7 @@ def _grouped(values: Floats, places: Whole) -> Floats:
 
 
 def _scale(deviations: Floats) -> Floats:
-    """Give a robust deviation per phase, point and channel of (phases, runs, points, channels)."""
+    """Return a robust deviation per phase, point and channel of (phases, runs, points, channels)."""
     runs = deviations.shape[1]
     variances = (1.4826 * np.nanmedian(np.abs(deviations), axis=1)) ** 2
     edges = np.pad(variances, ((_SMOOTH // 2, _SMOOTH // 2), (0, 0), (0, 0)), mode="edge")
@@ -165,7 +165,7 @@ def _scale(deviations: Floats) -> Floats:
 
 
 def _root(deviations: Floats) -> Floats:
-    """Give the symmetric root of the inverse covariance of deviations (n, points, channels)."""
+    """Return the symmetric root of the inverse covariance of deviations (n, points, channels)."""
     require("sklearn")
     from sklearn.covariance import ledoit_wolf
 
@@ -176,11 +176,11 @@ def _root(deviations: Floats) -> Floats:
 
 
 def _whitened(deviations: Floats, root: Floats) -> Floats:
-    """Give the mean square of each channel (n, channels) of whitened deviations (n, points, channels)."""
+    """Return the mean square of each channel (n, channels) of whitened deviations (n, points, channels)."""
     white = (np.arcsinh(deviations).reshape(len(deviations), -1) @ root).reshape(deviations.shape)
     return np.asarray(np.einsum("npc,npc->nc", white, white) / deviations.shape[1])
 
 
 def _shift(deviations: Floats) -> Floats:
-    """Give the squared mean of each channel (n, channels) of deviations (n, points, channels)."""
+    """Return the squared mean of each channel (n, channels) of deviations (n, points, channels)."""
     return np.asarray(np.arcsinh(deviations).mean(axis=1) ** 2)

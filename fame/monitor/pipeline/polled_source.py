@@ -28,7 +28,7 @@ _MAX_LINE = 1 << 16  # bytes of a line, at most
 
 class Connection(Protocol):
     def read(self) -> bytes:
-        """Give what has arrived since the last call, b"" for nothing. Raises OSError if the machine is unreachable."""
+        """Return what has arrived since the last call, or b"". Raises OSError if the machine is unreachable."""
 
     def close(self) -> None: ...
 
@@ -62,7 +62,7 @@ class Machine(Processor):
             self._connection = None
 
     def _by_name(self, answer: Any) -> Result:
-        """Give the values by name. An answer that lacks one, or holds other than numbers, is reported and left out."""
+        """Return values by name. An answer that lacks one, or holds other than numbers, is reported and left out."""
         given = answer if isinstance(answer, Mapping) else None
         if given is None:
             items = list(answer) if isinstance(answer, Sequence) or hasattr(answer, "__len__") else [answer]
@@ -74,7 +74,7 @@ class Machine(Processor):
             return None
 
     def _last_line(self) -> Any:
-        """Give the last whole line that has arrived, parsed; None without one."""
+        """Return the last whole line that has arrived, parsed; None without one."""
         assert self._open is not None
         if self._wait:
             self._wait -= 1

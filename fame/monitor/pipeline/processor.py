@@ -186,7 +186,7 @@ def _declared(processor: Any, name: str) -> Parameter:
 
 
 def output_names(processor: Any, inputs: Sequence[str] | None) -> tuple[str, ...] | None:
-    """Give the names of what a processor computes from these inputs; None if it does not declare them."""
+    """Return the names of what a processor computes from these inputs; None if it does not declare them."""
     outputs = getattr(processor, "outputs", None)
     return tuple(outputs) if outputs else None if outputs is None or inputs is None else tuple(inputs)
 

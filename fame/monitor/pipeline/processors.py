@@ -145,7 +145,7 @@ def _make(stage: Stage, configuration: Configuration) -> Any:
 
 
 def _arguments(kind: type, given: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Give the arguments for a class; files are relative to the folder. Raises ConfigError for an unknown one."""
+    """Return the arguments for a class; files are relative to the folder. Raises ConfigError for an unknown one."""
     types = {parameter.name: parameter.type for parameter in declared_parameters(kind)}
     taken = inspect.signature(kind).parameters.values()
     names = {each.name for each in taken if each.kind is not inspect.Parameter.VAR_KEYWORD} | types.keys()

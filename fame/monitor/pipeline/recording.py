@@ -221,7 +221,7 @@ Playing = TypeVar("Playing", bound=RecordingNode)
 
 
 def play(bag: Path, make: Callable[[Middleware, Scheduler], Playing], topics: Mapping[str, str]) -> Playing:
-    """Give the messages of a bag on some topics (full name -> type) to a node, in the time of the bag, until it is
+    """Pass the messages of a bag on some topics (full name -> type) to a node, in the time of the bag, until it is
     done. Returns the node, which is closed. Raises ConfigError."""
     from fame.monitor.data_files import read_bag
 

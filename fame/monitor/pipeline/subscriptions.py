@@ -155,7 +155,7 @@ class Subscriptions:
             self.streams.append(stream)
 
     def take(self) -> dict[str, Samples]:
-        """Give the samples that arrived since the last call, by name of the input; arrays may have no rows."""
+        """Return the samples that arrived since the last call, by name of the input; arrays may have no rows."""
         taken = {}
         for stream in self.streams:
             stamps, stream.stamps = np.array(stream.stamps), []
@@ -214,7 +214,7 @@ class Subscriptions:
                 del kept[: _MAX_WAITING // 2]
 
     def _read(self, stream: _Stream, message: Any) -> list[Any]:
-        """Give the value of each input. Raises UnusableMessage."""
+        """Return the value of each input. Raises UnusableMessage."""
         values = []
         for number, read in enumerate(stream.reads):
             value, names = read(message)

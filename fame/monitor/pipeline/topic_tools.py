@@ -16,7 +16,7 @@ from fame.text import printable
 
 
 def type_of_topic(middleware: Middleware, topic: str) -> str:
-    """Give the type of a topic by the graph. Raises MessageError for an unknown topic, or one of several types."""
+    """Return the type of a topic by the graph. Raises MessageError for an unknown topic, or one of several types."""
     there = {info.name: info for info in middleware.graph()}
     info = there.get(topic)
     if info is None or not info.types:

@@ -142,13 +142,13 @@ def fit(
 
 
 def band_of(runs: Sequence[Samples], axis: Axis) -> Band:
-    """Give the band of runs, over the axis of phases if they repeat."""
+    """Return the band of runs, over the axis of phases if they repeat."""
     times = [run_times(run, run.stamps, axis) if len(run) else run.stamps for run in runs]
     return Band.of(runs, times if axis or repeats(runs) else None)
 
 
 def suited_detector(runs: Sequence[Samples]) -> str:
-    """Give the detector for runs of which nothing else is known: ``phase`` for at least `FEWEST` that repeat or
+    """Return the detector for runs of which nothing else is known: ``phase`` for at least `FEWEST` that repeat or
     name elements of a mission, else ``mahalanobis``."""
     repeating = all(run.elements for run in runs) or repeats(runs)
     return Phases.kind if len(runs) >= FEWEST and repeating else "mahalanobis"
@@ -167,7 +167,7 @@ def repeats(runs: Sequence[Samples]) -> bool:
 
 
 def prepared(runs: Sequence[Samples], config: Training) -> list[Samples]:
-    """Give the runs after the low-pass on the data."""
+    """Return the runs after the low-pass on the data."""
     if not config.before:
         return list(runs)
     return [processors.run([LowPass(cutoff=config.before)], {"x": run})["x"] if len(run) else run for run in runs]
@@ -204,7 +204,7 @@ def left_out(
 def _figures(
     model: TrainedModel, runs: Sequence[Samples], scores: Floats, config: Training
 ) -> dict[str, tuple[float, ...]]:
-    """Give largest and mean losses of the training runs, and the largest ones of the folds, per channel."""
+    """Return largest and mean losses of the training runs, and the largest ones of the folds, per channel."""
     every = np.concatenate([losses(model, run, config.stride).values for run in runs])
     rows = {
         "training_max": every.max(axis=0), "training_mean": every.mean(axis=0),
@@ -224,7 +224,7 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def warnings_of(model: TrainedModel) -> list[str]:
-    """Give what a user has to know about the thresholds of a model, a line each."""
+    """Return what a user has to know about the thresholds of a model, a line each."""
     if model.calibration is None:
         return [
             "was trained by an earlier version, its rate of false alarms is unknown; fame monitor train makes it anew"
@@ -347,7 +347,7 @@ def training_of(section: ConfigValue, folder: Path) -> Training:
 
 
 def _items(value: ConfigValue) -> list[ConfigValue]:
-    """Give the values of a list; a single value is taken as a list of one."""
+    """Return the values of a list; a single value is taken as a list of one."""
     return value.items() if isinstance(value.data, list | tuple) else [value]
 
 
