@@ -22,8 +22,7 @@ EXPECTED = {
 }
 """The names that a reader expects in several places."""
 AWAITING = {
-    "Fault", "Kind", "Link", "Message", "Network", "Place", "Pose", "Report", "Run", "Source", "State", "Step",
-    "Values",
+    "Fault", "Kind", "Link", "Message", "Network", "Pose", "Report", "Run", "Source", "State", "Step",
 }  # fmt: skip
 """Names that are still to be made one: this set only shrinks."""
 

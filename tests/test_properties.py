@@ -9,7 +9,7 @@ from compare_properties import VOCABULARY, Item, differences, judged
 
 from fame.config.loader import parse_document
 from fame.errors import ConfigError
-from fame.properties import Judge, Place, Property, Vocabulary, compile, parse
+from fame.properties import Judge, Location, Property, Vocabulary, compile, parse
 from fame.properties.files import properties_of
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -88,7 +88,7 @@ WRONG = {
 def test_a_wrong_sentence_is_refused_where_it_is_wrong(sentence: str) -> None:
     column, text = WRONG[sentence]
     with pytest.raises(ConfigError) as error:
-        compile(parse(sentence, Place("team.yaml", 7, 1), "p"), checked())
+        compile(parse(sentence, Location("team.yaml", 7, 1), "p"), checked())
     assert str(error.value).startswith(f"team.yaml:7:{column}: properties.p: ")
     assert text in str(error.value)
 

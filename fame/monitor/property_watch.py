@@ -18,7 +18,7 @@ from fame.iso8601 import parse_datetime
 from fame.log.live_judge import LiveJudge
 from fame.log.recording_file import Sink
 from fame.log.team_recorder import TeamRecorder
-from fame.properties import Place, Property, parse
+from fame.properties import Location, Property, parse
 from fame.robot.services import ServiceContext, variable
 
 STRING = "std_msgs/msg/String"
@@ -41,7 +41,7 @@ class Alarm:
         name = variable(variables, "property", type=str)
         if not re.fullmatch(r"[A-Za-z]\w*", name):
             raise ConfigError(f"expected a name of letters, digits and _, got {name!r}", element="property")
-        self.property = parse(variable(variables, "sentence", type=str), Place(), name)
+        self.property = parse(variable(variables, "sentence", type=str), Location(), name)
         self.throw: Callable[[str], object] = context.signals(f"/violated/{name}", STRING)
 
 

@@ -12,7 +12,7 @@
 
 Every host (a run, a replay or an exploration) uses it like this::
 
-    property = parse("Drone completes within 300 s", Place("field.yaml", 12), "finish")
+    property = parse("Drone completes within 300 s", Location("field.yaml", 12), "finish")
     monitor = compile(property, vocabulary_of(definitions, library, cast))
     state = monitor.initial
     state = monitor.step(state, time, ("Drone", "Process_Drone", "end", "completed"))
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from fame.properties.grammar import parse as parse
     from fame.properties.judge import Judge as Judge, Judgement as Judgement
     from fame.properties.monitor import Monitor as Monitor, Verdict as Verdict, compile as compile
-    from fame.properties.sentence import Place as Place, Property as Property
+    from fame.properties.sentence import Location as Location, Property as Property
     from fame.properties.vocabulary import Vocabulary as Vocabulary, vocabulary_of as vocabulary_of
 
 __getattr__, __dir__, __all__ = attach(__name__)

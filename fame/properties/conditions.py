@@ -39,8 +39,8 @@ class Pose(NamedTuple):
     time: int | None = None
 
 
-Values = Mapping[Source, Any]
-Get = Callable[[Values, int], Any]
+LastValues = Mapping[Source, Any]
+Get = Callable[[LastValues, int], Any]
 """Takes the last values and the time (ns), and gives a value; None if it is not known."""
 Reading = tuple[bool, float | None] | None
 """Whether a condition holds and its slack in the unit of its values (None where nothing can be measured); None: it
@@ -53,7 +53,7 @@ class Condition:
     """A condition for certain robots: its sources and `read`."""
 
     sources: frozenset[Source]
-    read: Callable[[Values, int], Reading]
+    read: Callable[[LastValues, int], Reading]
 
     def __init__(
         self,
@@ -66,11 +66,11 @@ class Condition:
         self._parts = [(left, _OPERATORS[operator], operator, right) for left, operator, right in comparisons]
         self.read = self._read_negated if negated else self._read
 
-    def shown(self, values: Values, time: int) -> list[str]:
+    def shown(self, values: LastValues, time: int) -> list[str]:
         """Its values in words."""
         return [f"{name} is {_short(get(values, time))}" for name, get in self._names]
 
-    def _read(self, values: Values, time: int) -> Reading:
+    def _read(self, values: LastValues, time: int) -> Reading:
         holds, slack = True, None
         for get_left, compare, operator, get_right in self._parts:
             left, right = get_left(values, time), get_right(values, time)
@@ -84,7 +84,7 @@ class Condition:
                 slack = own
         return holds, slack
 
-    def _read_negated(self, values: Values, time: int) -> Reading:
+    def _read_negated(self, values: LastValues, time: int) -> Reading:
         reading = self._read(values, time)
         if reading is None:
             return None

@@ -17,7 +17,7 @@ from fame.clock import EPOCH
 from fame.errors import ModelError
 from fame.iso8601 import add, nanoseconds_between, parse_duration
 from fame.properties.grammar import parse
-from fame.properties.sentence import Place, Property
+from fame.properties.sentence import Location, Property
 
 KEY = "deadline"
 _ANNOTATION = re.compile(r"property (?P<name>\w+): (?P<sentence>.+)")
@@ -34,7 +34,7 @@ def drawn_properties(definitions: Definitions, library: Library, cast: Mapping[s
     for one in definitions.artifacts:
         found = _ANNOTATION.fullmatch(" ".join(one.name.split())) if one.kind == "annotation" else None
         if found is not None:
-            yield parse(found["sentence"], Place(definitions.file, one.line), found["name"])
+            yield parse(found["sentence"], Location(definitions.file, one.line), found["name"])
     roles = {pool.name if pool.multi_instance else robot: pool for robot, pool in cast.items()}
     seen: set[str] = set()
     for robot, pool in roles.items():
@@ -59,4 +59,4 @@ def _deadline(robot: str, element: Element, file: str, name: str) -> Property:
         raise ModelError.at(element, f"expected a duration as deadline, as in PT5S, got {text!r}", file=file)
     what = "" if isinstance(element, Process) else f' "{element.id}"'
     sentence = f"after {robot} starts{what}, {robot} ends{what} within {bound // _MILLISECOND} ms"
-    return parse(sentence, Place(file, element.line), name)
+    return parse(sentence, Location(file, element.line), name)

@@ -9,7 +9,7 @@ from fame.config.loader import read_document
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.properties.grammar import parse
-from fame.properties.sentence import Place, Property
+from fame.properties.sentence import Location, Property
 
 SUFFIX = ".properties.yaml"
 
@@ -24,7 +24,7 @@ def read_properties(path: str | Path) -> tuple[Property, ...]:
 def properties_of(value: ConfigValue) -> tuple[Property, ...]:
     """The properties of a mapping from names to sentences. Raises ConfigError with file, line and column."""
     return tuple(
-        parse(sentence.text(), Place(value.source.file, sentence.line, sentence.column), name)
+        parse(sentence.text(), Location(value.source.file, sentence.line, sentence.column), name)
         for name, sentence in value.mapping().items()
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple, NoReturn
 
-from fame.properties.sentence import NOWHERE, Comparison, FieldTest, Occurrence, Place, Property, Value, Verb, Word
+from fame.properties.sentence import NOWHERE, Comparison, FieldTest, Location, Occurrence, Property, Value, Verb, Word
 from fame.text import suggestion
 
 _TOKEN = re.compile(
@@ -30,7 +30,7 @@ class _Token(NamedTuple):
         return "the end of the sentence" if self.kind == "end" else repr(self.text)
 
 
-def parse(text: str, place: Place = NOWHERE, name: str = "") -> Property:
+def parse(text: str, place: Location = NOWHERE, name: str = "") -> Property:
     """Read a sentence. `place` is where it begins, `name` that of the property.
 
     Raises ConfigError with file, line and column of the word that does not fit, and what would.
@@ -39,7 +39,7 @@ def parse(text: str, place: Place = NOWHERE, name: str = "") -> Property:
 
 
 class _Parser:
-    def __init__(self, text: str, place: Place, name: str) -> None:
+    def __init__(self, text: str, place: Location, name: str) -> None:
         self._text, self._place, self._name = text, place, name
         if len(text) > _LONGEST:
             self._fail(0, f"expected a sentence of at most {_LONGEST} characters, got {len(text)}")

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-from fame.properties.conditions import Condition, Reading, Source, Values, conditions_of, field_of, meets, subjects
+from fame.properties.conditions import Condition, LastValues, Reading, Source, conditions_of, field_of, meets, subjects
 from fame.properties.sentence import FieldTest, Occurrence, Property, Word
 from fame.properties.vocabulary import Vocabulary
 
@@ -307,7 +307,12 @@ class Monitor:
         return any(each.where or each.same for reactions in self.events.values() for each in reactions)
 
     def step(
-        self, state: State, time: int, event: Happening | None = None, message: Any = None, values: Values | None = None
+        self,
+        state: State,
+        time: int,
+        event: Happening | None = None,
+        message: Any = None,
+        values: LastValues | None = None,
     ) -> State:
         """The state after an event, with the message that it threw; after new `values`; or when the instant is over.
 

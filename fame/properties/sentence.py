@@ -11,7 +11,7 @@ Pattern = Literal["always", "never", "exists", "only after", "each time only aft
 Verb = Literal["starts", "completes", "fails", "is cancelled", "ends", "throws", "catches", "reports"]
 
 
-class Place(NamedTuple):
+class Location(NamedTuple):
     """Where a sentence begins: file, line and column (1-based, 0 if unknown)."""
 
     file: str = ""
@@ -25,7 +25,7 @@ class Place(NamedTuple):
         return ConfigError(text, file=self.file, line=self.line, column=column, element=element)
 
 
-NOWHERE = Place()
+NOWHERE = Location()
 
 
 class Word(NamedTuple):
@@ -100,7 +100,7 @@ class Property:
 
     name: str
     sentence: str
-    place: Place
+    place: Location
     pattern: Pattern
     main: Occurrence | None = None
     other: Occurrence | None = None

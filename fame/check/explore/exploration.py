@@ -36,7 +36,7 @@ from fame.engine.encoding import Data
 from fame.errors import ModelError, expect
 from fame.gc_tuning import rarely_collected
 from fame.monitor.services import WATCH
-from fame.properties import Place as At, Property, compile, parse, vocabulary_of
+from fame.properties import Location, Property, compile, parse, vocabulary_of
 
 LIMIT = 200_000
 """States of all deliveries together, by default."""
@@ -427,7 +427,7 @@ def _watches(definitions: Definitions, library: Library, cast: Mapping[str, Pool
                     given = {name: one for id in node.data_inputs for name, one in objects[id].values}
                     if {"property", "sentence"} <= given.keys():
                         name, sentence = given["property"].text, given["sentence"]
-                        made = parse(sentence.text, At(home.file, sentence.line), name)
+                        made = parse(sentence.text, Location(home.file, sentence.line), name)
                         yield Watch(compile(made, vocabulary_of(definitions, library, cast)), robot, node.id)
 
 
