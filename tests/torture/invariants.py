@@ -155,7 +155,8 @@ def effects(team: Team) -> Iterator[str]:
                 yield f"A has repeated {count} of version {version} without a crash"
         elif count < before and keeps:
             yield f"A has forgotten effects: after {before} of version {version} comes {count}"
-        last[version] = max(before, count), process, bisect(starts, time)
+        further_back = process != by and not keeps  # and from there on: what rotted may be more than one effect
+        last[version] = count if further_back else max(before, count), process, bisect(starts, time)
 
 
 _LOSING = {"cut", "match", "stop", "kill", "migrate", "repair", *DISK_FAULTS}
