@@ -356,6 +356,8 @@ def _robot_client(arguments: Namespace) -> Iterator[RobotClient]:
 class RobotClient:
     """Sends requests to the robot that a command names. Raises DeploymentError if no such engine is found."""
 
+    scheduler: WallScheduler
+
     def __init__(self, arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> None:
         from fame.clock import SECOND
         from fame.deploy import engines

@@ -106,7 +106,9 @@ class Forms:
         constant: Callable[[Hashable], bool] = lambda code: False,
     ) -> None:
         self.program, self.encode, self.decode = program, encode, decode
-        self.contents = Contents(encode, decode, variable or (lambda name, value: encode(value)), kept, constant)
+        self.contents: Contents = Contents(
+            encode, decode, variable or (lambda name, value: encode(value)), kept, constant
+        )
         self.controls: list[Control] = []
         """The control states by number."""
         self._numbers: dict[Control, int] = {}
@@ -151,6 +153,10 @@ class Walk:
     scopes  all scopes, outer before inner
     waits   all waits, those of outer scopes first; armed ones after what they are armed for
     """
+
+    suspended: bool
+    forms: Forms
+    engine: Engine
 
     scopes: list[Scope]
     waits: list[Wait]

@@ -30,7 +30,7 @@ class Layout:
     __slots__ = ("names", "numbers", "places")
 
     def __init__(self, names: tuple[str, ...]) -> None:
-        self.names = names
+        self.names: tuple[str, ...] = names
         self.places: dict[str, int] = {name: place for place, name in enumerate(names)}
         self.numbers: dict[tuple[Hashable, ...], int] = {}
 
@@ -42,6 +42,10 @@ class DictContent:
     lists    the items of lists of immutable values, which are copied for each engine
     mutable  codes of the other mutable values, decoded for each engine
     """
+
+    number: int
+    layout: Layout
+    codes: tuple[Hashable, ...]
 
     __slots__ = ("codes", "layout", "lists", "mutable", "number", "values")
 

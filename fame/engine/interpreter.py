@@ -42,6 +42,7 @@ class Engine(EngineState):
 
     limit: int
     portion: int
+    suspensions: int
 
     def __init__(
         self, program: Program, host: Host, new_variables: Callable[[], dict[str, Any]] = dict, *, moves: int = MOVES

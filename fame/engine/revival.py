@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 class Revival:
     """Restores an engine from its form."""
 
+    forms: Forms
+    engine: Engine
+
     def __init__(self, forms: Forms, form: Form, engine: Engine) -> None:
         self.forms, self.engine = forms, engine
         control, contents = form

@@ -155,6 +155,8 @@ class Mailbox:
     passed  whether a token has been at the event, and has left it
     """
 
+    passed: bool
+
     __slots__ = ("alive", "catch", "key", "messages", "node", "passed", "scope")
 
     key: int

@@ -32,6 +32,8 @@ class LiveJudge(Sink):
     the properties name have come. `note` gets violations. `whole`: whether what a robot did before counts.
     """
 
+    properties: Sequence[Property]
+
     def __init__(
         self,
         properties: Sequence[Property],

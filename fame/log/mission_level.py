@@ -26,7 +26,7 @@ class MissionLevel:
         if not missions:
             raise ConfigError("lacks the model of its mission: select --level all", file=str(recording.file))
         self._robots = frozenset(recording.robots)
-        self.elements = frozenset(
+        self.elements: frozenset[str] = frozenset(
             id
             for id, info in element_info(missions).items()
             if info.activity or (info.name and info.tag != "sequenceFlow")

@@ -9,9 +9,10 @@ from sklearn.base import BaseEstimator, OutlierMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from fame.monitor.arrays import Floats
-from fame.monitor.calibration import LEAST, calibrate_runs
+from fame.monitor.calibration import LEAST, Calibration, calibrate_runs
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, learned, left_out, losses
+from fame.monitor.pipeline.trained_model import TrainedModel
 
 
 class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
@@ -22,6 +23,12 @@ class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
     false_alarms  share of runs that may raise an alarm, on average over trainings; of rows, if `fit` is not told runs
     folds         that are left out for the scores that set the threshold
     """
+
+    detector: str
+    window: int
+    false_alarms: float
+    folds: int
+    seed: int
 
     def __init__(
         self, detector: str = "mahalanobis", window: int = 1, false_alarms: float = 0.05, folds: int = 5, seed: int = 0
@@ -37,13 +44,13 @@ class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
         X = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
         config = Training(detector=self.detector, window=self.window, stride=1, folds=self.folds, seed=self.seed)
         parts = _runs(X, runs if runs is not None else np.arange(len(X)) * min(self.folds, len(X)) // len(X))
-        self.model_ = learned(parts, config, 1.0)
+        self.model_: TrainedModel = learned(parts, config, 1.0)
         found = {index: losses(model, parts[index]).values for index, model in left_out(parts, config, 1.0)}
-        self.usual_ = np.maximum(np.median(np.concatenate([*found.values()]), axis=0), LEAST)
+        self.usual_: Floats = np.maximum(np.median(np.concatenate([*found.values()]), axis=0), LEAST)
         scores = [(loss / self.usual_).max(axis=1) for loss in found.values() if len(loss)]
         counted = np.concatenate(scores) if runs is None else np.array([score.max() for score in scores])
-        self.calibration_ = calibrate_runs(counted, self.false_alarms)
-        self.offset_ = -self.calibration_.thresholds[0]
+        self.calibration_: Calibration = calibrate_runs(counted, self.false_alarms)
+        self.offset_: float = -self.calibration_.thresholds[0]
         return self
 
     def score_samples(self, X: Any, runs: Any = None) -> Floats:

@@ -57,11 +57,13 @@ _LONGEST = 100_000_000
 class AcknowledgedSignals:
     """Both ends of the topics (qualified names) of one robot whose signals are acknowledged."""
 
+    life: str
+
     def __init__(self, node: RobotNode, membership: Membership) -> None:
         self._node, self._membership, self.life = node, membership, membership.life
         uses = {name: use for name, use in node.mission.types.items() if use.ttl}
         self._types = {name: use.type for name, use in uses.items()}
-        self.outgoing = {
+        self.outgoing: dict[str, Outgoing] = {
             name: Outgoing(
                 self.life,
                 round(use.ttl * SECOND),
@@ -72,7 +74,7 @@ class AcknowledgedSignals:
             for name, use in uses.items()
             if use.throws
         }
-        self.incoming = {name: Incoming(self.life) for name, use in uses.items() if use.catches}
+        self.incoming: dict[str, Incoming] = {name: Incoming(self.life) for name, use in uses.items() if use.catches}
         self._begun = False
         self._timer: Entry | None = None
 

@@ -211,6 +211,9 @@ class StateDirectory:
     Raises ConfigError if it cannot be used, or if another engine uses it.
     """
 
+    path: Path
+    disk: Disk
+
     def __init__(self, path: str | os.PathLike[str], disk: Disk = SYSTEM) -> None:
         self.path, self.disk = Path(path), disk
         try:

@@ -21,14 +21,14 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from fame.check.gate import refuse_errors
-from fame.clock import SECOND, Kind, Scheduler, date_text
+from fame.clock import SECOND, Kind, Scheduler, WallScheduler, date_text
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
 from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.options import DeploymentOptions
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.signing import new_run_key, read_private, write_public
 from fame.middleware import messages, qos
-from fame.middleware.interface import LATCHED, Publisher
+from fame.middleware.interface import LATCHED, Middleware, Publisher
 from fame.middleware.simulated_time import ClockFollower
 from fame.robot.events import Event
 from fame.scenario.plan import Completion, OutsideSignal, published_from_outside
@@ -103,8 +103,8 @@ class DistributedTeam:
         self._key = read_private(key) if key is not None else None
         self._lines: dict[str, list[str]] = {}
         self._restarts: dict[str, int] = {}
-        self.scheduler = scheduler_for(backend)
-        self.middleware = connect(backend, self.scheduler)
+        self.scheduler: WallScheduler = scheduler_for(backend)
+        self.middleware: Middleware = connect(backend, self.scheduler)
         self._recorder = logs.recorder(self.middleware, self.scheduler) if logs is not None else None
         self.reports: dict[str, Report] = {}
         self.world: Mapping[str, Any] | None = None

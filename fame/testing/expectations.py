@@ -162,6 +162,8 @@ class Passage(Expectation):
 class PropertyExpectation:
     """Expectations of a property, as it is judged now (docs/properties.md). Methods raise ExpectationError."""
 
+    judgement: Judgement
+
     def __init__(self, mission: MissionUnderTest, judgement: Judgement) -> None:
         self._mission, self.judgement = mission, judgement
 

@@ -80,6 +80,9 @@ class StandInHost(ExplorationHost):
     twins    shared by all robots, see `_HeldEngine`
     """
 
+    node: RobotNode
+    twins: dict[int, tuple[AnyMessage, Any]]
+
     def __init__(self, node: RobotNode, abstract: Abstraction, values: Values, pool: Pool, robots: tuple[str, ...],
                  twins: dict[int, tuple[AnyMessage, Any]]) -> None:  # fmt: skip
         self.node, self.twins = node, twins

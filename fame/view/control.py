@@ -46,6 +46,8 @@ class RunControl:
     breakpoints  numbers of elements: the run pauses when a token comes to one
     """
 
+    speed: float
+
     over: bool
     paused: bool
     stopped: str

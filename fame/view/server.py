@@ -93,6 +93,8 @@ class Server(Closing):
     for a port that is not free.
     """
 
+    people: tuple[Person, ...]
+
     source: PageSource
     host: str
     port: int

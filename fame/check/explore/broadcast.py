@@ -25,6 +25,11 @@ class Message:
     arrivals  what comes of it, by these bits
     """
 
+    origin: int
+    topic: str
+    number: int
+    receivers: tuple[int, ...]
+
     __slots__ = ("arrivals", "mask", "number", "origin", "receivers", "topic")
 
     def __init__(self, origin: int, topic: str, number: int, receivers: tuple[int, ...]) -> None:
@@ -47,6 +52,11 @@ class Broadcast:
     receive    the moves of a robot in a local state as a message on a topic reaches it
     groups     places of robots that nothing tells apart
     """
+
+    network: Network
+    receivers: Receivers
+    receive: Callable[[int, int, str, int], tuple[Move, ...]]
+    groups: Sequence[tuple[int, ...]]
 
     def __init__(
         self,

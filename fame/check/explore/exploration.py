@@ -175,6 +175,8 @@ class Exploration:
 class Team:
     """The robots of a collaboration, ready to be explored; local transitions are shared by all searches."""
 
+    received: set[tuple[str, str]]
+
     definitions: Definitions
     library: Library
     cast: dict[str, Pool]
@@ -198,7 +200,7 @@ class Team:
         self.values = Values()
         self.received = set[tuple[str, str]]()  # (process, topic) in any search so far
         self.robots: tuple[str, ...] = tuple(cast)
-        self.places = dict(_places(definitions, self.pools, library))
+        self.places: dict[str, Place] = dict(_places(definitions, self.pools, library))
         self.alike: dict[str, bool] = {pool.name: not self._knows_itself(pool) for pool in self.pools}
         fields = field_names(types)
         compiled = [compile(one, vocabulary_of(definitions, library, cast)) for one in request.properties]
@@ -219,7 +221,7 @@ class Team:
             self.locals.append(local)
         several = {robot for robot, pool in cast.items() if pool.multi_instance}
         team = dict(zip(self.robots, self.locals, strict=True))
-        self.monitors = Monitors(compiled, team, several, watches) if compiled or watches else None
+        self.monitors: Monitors | None = Monitors(compiled, team, several, watches) if compiled or watches else None
         self.given: dict[int, Data] = {
             place: as_explored(snapshots[robot], self._real(place, observed), self.locals[place].program)
             for place, robot in enumerate(self.robots)

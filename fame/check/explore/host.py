@@ -126,8 +126,8 @@ class ExplorationHost:
         self.kept: Callable[[str], bool] = lambda name: True
         self.remembered: Mapping[str, Set[str]] = {}
         """Conditions whose outcome is remembered, see `remembering`."""
-        self.memory = Memory({})
-        self.aliases = Aliases()
+        self.memory: Memory = Memory({})
+        self.aliases: Aliases = Aliases()
         self._again: deque[int] = deque()
         """What was chosen before in the condition that is asked again."""
         self._blank: dict[str, int] = {}

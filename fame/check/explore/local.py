@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Set
 from typing import NamedTuple
 
-from fame.bpmn.model import Definitions, Process
+from fame.bpmn.model import Body, Definitions, Process
 from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.footprints import Effect, Footprints, Watched
 from fame.check.explore.host import MOST_DECISIONS, Event, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
@@ -26,7 +26,7 @@ from fame.engine import Engine, compile_program
 from fame.engine.canonical import Forms
 from fame.engine.encoding import Data
 from fame.engine.host import Host
-from fame.engine.program import UNCOUNTED
+from fame.engine.program import UNCOUNTED, Program
 
 MOST_MOVES = 20_000
 """Moves of tokens within one step, after which it is a livelock."""
@@ -57,6 +57,10 @@ class Successor(NamedTuple):
 class Local:
     """The transitions of one robot, or of several that nothing tells apart, between its `states`."""
 
+    body: Body
+    unhandled: set[tuple[str, str]]
+    steps: int
+
     robot: str
     process: Process
     values: Values
@@ -73,15 +77,15 @@ class Local:
         self.host.given = model.given
         host: Host = self.host
         explored = model.process(definitions, process)
-        self.bodies = model.bodies(definitions, process)
+        self.bodies: list[Body] = model.bodies(definitions, process)
         self.host.remembered = remembered(self.bodies)
         self.host.memory = Memory(self.host.remembered)
-        self.kept = kept.union(self.host.remembered)
+        self.kept: frozenset[str] = kept.union(self.host.remembered)
         self.host.kept = self.kept.__contains__
         self.host.caught, self.host.observed, self.host.aliases = model.caught, events, model.aliases
         self.body, self.unhandled = explored.body, model.unhandled
         file = definitions.file
-        self.program = compile_program(explored, host=host, library=model.find, file=file, observed=observed)
+        self.program: Program = compile_program(explored, host=host, library=model.find, file=file, observed=observed)
         elements = self.program.elements
         for node in self.program.nodes:
             if node.index == UNCOUNTED:  # it is counted when it completes; here also when a token comes
@@ -91,8 +95,8 @@ class Local:
         self.topics: frozenset[str] = frozenset(catch.topic for catch in catches if catch.topic)
         self.host.own_topics = self.topics
         self.outside: tuple[str, ...] = tuple(sorted(self.topics & model.outside))
-        self.liveness = Liveness(definitions, process, model, self.kept, self.host.remembered)
-        self.states = States(self.program, self.host, self.outside, self.liveness)
+        self.liveness: Liveness = Liveness(definitions, process, model, self.kept, self.host.remembered)
+        self.states: States = States(self.program, self.host, self.outside, self.liveness)
         self.forms, self.views = self.states.forms, self.states.views
         self.cut: bool = False
         """Whether ways were left out, because one step makes too many decisions."""

@@ -91,6 +91,10 @@ class Product:
     certain         (robot, element) of errors that nothing catches and no unknown value decides
     """
 
+    robots: tuple[str, ...]
+    locals: tuple[Local, ...]
+    cut: bool
+
     options: Options
     network: Network
 

@@ -112,16 +112,22 @@ class Monitors:
     def __init__(
         self, monitors: Sequence[Monitor], robots: Mapping[str, Local], several: Set[str], watches: Iterable[Watch] = ()
     ) -> None:
-        self.all = tuple(monitors)
-        self.reasons = tuple(_unjudged(one, robots) for one in monitors)
-        self.monitors = tuple(one for one, why in zip(monitors, self.reasons, strict=True) if not why)
-        self.names = tuple(robots)
-        self.watches = tuple(replace(one, judged=not _hidden(one.monitor, robots)) for one in watches)
-        self.thrown = frozenset(one.topic for one in self.watches)
-        self.observed = frozenset((element, what) for one in self.monitors for _, element, what in one.events)
+        self.all: tuple[Monitor, ...] = tuple(monitors)
+        self.reasons: tuple[str, ...] = tuple(_unjudged(one, robots) for one in monitors)
+        self.monitors: tuple[Monitor, ...] = tuple(
+            one for one, why in zip(monitors, self.reasons, strict=True) if not why
+        )
+        self.names: tuple[str, ...] = tuple(robots)
+        self.watches: tuple[Watch, ...] = tuple(
+            replace(one, judged=not _hidden(one.monitor, robots)) for one in watches
+        )
+        self.thrown: frozenset[str] = frozenset(one.topic for one in self.watches)
+        self.observed: frozenset[tuple[str, str]] = frozenset(
+            (element, what) for one in self.monitors for _, element, what in one.events
+        )
         self._several = several
         named = (robot for one in self.monitors for robot in self._apart(one))
-        self.apart = frozenset(robots if self.watches else named)
+        self.apart: frozenset[str] = frozenset(robots if self.watches else named)
         self.states: list[tuple[Any, ...]] = []
         self._numbers: dict[tuple[Any, ...], int] = {}
         self._steps: dict[tuple[int, int, Observed], int] = {}

@@ -14,7 +14,7 @@ from fame.check.explore.growth import growth
 from fame.check.explore.host import ExplorationHost
 from fame.check.explore.liveness import Dead, Liveness
 from fame.check.explore.timers import Timers, canonical_timers
-from fame.check.explore.values import UNKNOWN
+from fame.check.explore.values import UNKNOWN, Values
 from fame.check.explore.views import Interned, View, view_of
 from fame.engine import Engine, Instance, Program
 from fame.engine.canonical import Form, Forms, Keys, Stimuli, stimuli
@@ -38,6 +38,10 @@ class States:
     grown    what has grown without bound, see `growth`
     widened  variables that have too many values
     """
+
+    program: Program
+    host: ExplorationHost
+    values: Values
 
     def __init__(self, program: Program, host: ExplorationHost, outside: Sequence[str], liveness: Liveness) -> None:
         self.program, self.host = program, host

@@ -15,6 +15,10 @@ class Symmetry:
     exchanged  the difference of a state in what belongs to properties when robots change places
     """
 
+    groups: Sequence[tuple[int, ...]]
+    network: Network
+    top: int
+
     def __init__(self, groups: Sequence[tuple[int, ...]], network: Network, top: int,
                  exchanged: Callable[[int, Mapping[int, int]], int] | None = None) -> None:  # fmt: skip
         self.groups, self.network, self.top, self._exchanged = groups, network, top, exchanged

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from fame.check.explore.host import Flag
 from fame.check.explore.local import Successor
 from fame.check.explore.states import BITS as BITS, CUT as CUT, MASK as MASK
 from fame.check.explore.stimuli import Stimulus
@@ -59,7 +60,7 @@ class Move:
         self.mark = mark
         self.difference: int = (way.state - old) << (robot * BITS)
         self.sending, self.state, self.stimulus, self.successor = sending, way.state, stimulus, way
-        self.flags = way.flags or None
+        self.flags: tuple[Flag, ...] | None = way.flags or None
         self.failed: tuple[str, ...] = tuple(what.partition("\n")[0] for kind, what in way.flags if kind == "error")
         self.certain = False
         self.ends: tuple[int, ...] | None = None

@@ -200,7 +200,7 @@ class RosNode(WireNode):
         self.ros: Node = middleware.shared(name, namespace, part) or self._made(middleware, name, namespace)
         self._is_own = self.ros is not middleware.observer
         super().__init__(middleware, *_names(self.ros) if self._is_own else (name, namespace), part)
-        self.handle = RosHandle(self.ros, middleware.executor, middleware.on_mismatch, middleware.waiter)
+        self.handle: RosHandle = RosHandle(self.ros, middleware.executor, middleware.on_mismatch, middleware.waiter)
 
     def _made(self, middleware: RosMiddleware, name: str, namespace: str) -> Node:
         try:

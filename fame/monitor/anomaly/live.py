@@ -74,6 +74,8 @@ class ArmRuns(ABC):
     name    of the node that gives it the joint states
     """
 
+    limit: int
+
     name: ClassVar[str]
     moving: ClassVar[str]
     joints: tuple[str, ...] = ()
@@ -134,6 +136,8 @@ def in_order(values: list[float], names: Sequence[str], joints: Sequence[str]) -
 class RunMonitor(ArmRuns):
     """Scores points as they come. `ended` collects the reports of runs; `waiting` until the first begins; `latest` is
     the point that was taken last, None if it was not scored."""
+
+    model: Model
 
     name = "anomaly_detection"
     moving = "the arm is moving; its runs are scored from its next rest at home on"
@@ -233,6 +237,8 @@ class Collector(ArmRuns):
     `progress` gets the number of runs when one has ended.
     Raises ConfigError for the rule ``count`` without a `cycle`.
     """
+
+    label: int
 
     name = "anomaly_collection"
     moving = "the arm is moving; it is recorded from its next pass of home on"
