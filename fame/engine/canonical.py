@@ -157,7 +157,6 @@ class Walk:
     suspended: bool
     forms: Forms
     engine: Engine
-
     scopes: list[Scope]
     waits: list[Wait]
 

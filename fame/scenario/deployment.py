@@ -80,10 +80,11 @@ class MissionWatch:
 
     def _ended(self, robot: str, now: int) -> bool:
         report, since = self._last[robot]
-        failure = self.failures.get(robot, "the mission")
+        failure = self.failures.get(robot, "")
         if failure == _SILENCE:
             return now - since > _LEFT
-        return not failure.startswith("the mission") or not (report.instances or report.ahead)
+        gone = failure != "" and not failure.startswith("the mission")
+        return gone or not (report.instances or report.ahead)
 
     def _fail(self, lines: list[str], robot: str, text: str, *, again: bool = False) -> None:
         if again or robot not in self.failures:

@@ -47,7 +47,6 @@ class RunControl:
     """
 
     speed: float
-
     over: bool
     paused: bool
     stopped: str

@@ -94,7 +94,6 @@ class Server(Closing):
     """
 
     people: tuple[Person, ...]
-
     source: PageSource
     host: str
     port: int

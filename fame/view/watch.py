@@ -91,7 +91,7 @@ class ModelWatch(FileWatch):
             if stamps != self._stamps:
                 self._stamps = stamps
                 self._now = self._read(self._now)
-                if self._stamps is stamps:  # it may have other files now; nobody has asked to read again
+                if self._stamps is stamps:  # nobody asked for another reading; the model may call other files now
                     self._stamps = {path: stamps.get(path, now) for path, now in self._stamped().items()}
                 self._version += 1
                 self.on_read()

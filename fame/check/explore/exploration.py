@@ -176,7 +176,6 @@ class Team:
     """The robots of a collaboration, ready to be explored; local transitions are shared by all searches."""
 
     received: set[tuple[str, str]]
-
     definitions: Definitions
     library: Library
     cast: dict[str, Pool]

@@ -93,7 +93,6 @@ class ExplorationHost:
     robots: tuple[str, ...]
     ordered: bool
     place: str
-
     engine: Engine
 
     def __init__(

@@ -60,7 +60,6 @@ class Local:
     body: Body
     unhandled: set[tuple[str, str]]
     steps: int
-
     robot: str
     process: Process
     values: Values

@@ -94,7 +94,6 @@ class Product:
     robots: tuple[str, ...]
     locals: tuple[Local, ...]
     cut: bool
-
     options: Options
     network: Network
 

@@ -75,7 +75,6 @@ class ArmRuns(ABC):
     """
 
     limit: int
-
     name: ClassVar[str]
     moving: ClassVar[str]
     joints: tuple[str, ...] = ()
