@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from monitor_runs import told
 from view_page import opened, until
 
 from fame.cli import main
+from fame.cli.monitors import judged_on_page
 from fame.log import logging_to
 from fame.scenario import Fault, Scenario
 from fame.view import Replay
@@ -53,6 +55,11 @@ def judged(folder: Path, capsys: pytest.CaptureFixture[str], run: str) -> tuple[
     return told(capsys, "monitor", "judge", folder / "m.skops", folder / run, *words)
 
 
+def shown(folder: Path, run: Path) -> dict[str, Any]:
+    given = Namespace(config=folder / "config.yaml", namespace="Arm", topic="")
+    return judged_on_page(folder / "m.skops", run, given)
+
+
 def test_a_recording_of_fame_is_judged_by_the_topics_that_it_has(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -65,25 +72,49 @@ def test_a_recording_of_fame_is_judged_by_the_topics_that_it_has(
     assert "has no topic /joint_states; it has /Arm/" in capsys.readouterr().err
 
 
+def test_what_an_incomplete_recording_does_not_show_is_not_benign(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = (folder / "1.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) * 2 // 3])
+    code, found = judged(folder, capsys, str(cut))
+    (run,) = found["runs"]
+    assert (code, run["verdict"], run["events"]) == (3, "not judged", [])
+    assert run["notes"] == ["the recording is incomplete: how the run went on is not known"]
+
+
+def test_a_recording_that_is_shorter_than_a_window_is_not_judged_on_the_page(folder: Path, tmp_path: Path) -> None:
+    scenario = Scenario.load(ROOT / "examples" / "reassembly.yaml", duration=0.05)
+    with logging_to(tmp_path / "short.mcap", scenario.closures(), topics="all") as log:
+        scenario.run(observer=log)
+    monitor = shown(folder, tmp_path / "short.mcap")
+    assert (monitor["verdicts"], monitor["channels"]) == (["not judged"], [])
+    with Replay(tmp_path / "short.mcap", monitor=monitor) as replay:
+        assert [text for text, *_ in replay.mission()["chips"] if "judged" in text] == ["not judged"]
+
+
 def test_a_recording_without_the_topics_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "text.mcap").write_text("hello")
     for name in ("text.mcap", "runs.csv"):
         assert main(["view", str(folder / name), "--monitor", str(folder / "m.skops"), "--no-open"]) == 2
-    assert main(["view", str(ROOT / "models" / "reassembly.bpmn"), "--monitor", str(folder / "m.skops")]) == 2
-    *_, last = capsys.readouterr().err.splitlines()
-    assert last.endswith("--monitor judges a recording (.mcap)")
+    for subject in (
+        [str(ROOT / "models" / "reassembly.bpmn")],
+        [str(folder)],
+        [],
+        [str(folder / "1.mcap"), "--branch", "1"],
+    ):
+        assert main(["view", *subject, "--monitor", str(folder / "m.skops")]) == 2
+        assert capsys.readouterr().err.endswith("--monitor judges a recording (RUN.mcap), without --branch\n")
+    assert main(["view", str(folder / "1.mcap"), "--config", str(folder / "config.yaml")]) == 2
+    assert "--config says what --monitor MODEL.skops reads" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)], ids=["wide", "phone"])
 def test_an_alarm_and_the_band_of_its_channel_are_on_the_page(
     chromium: Browser, folder: Path, size: tuple[int, int]
 ) -> None:
-    from argparse import Namespace
-
-    from fame.cli.monitors import judged_on_page
-
-    given = Namespace(config=folder / "config.yaml", namespace="Arm", topic="")
-    monitor = judged_on_page(folder / "m.skops", folder / "held.mcap", given)
+    monitor = shown(folder, folder / "held.mcap")
     names = [each["name"] for each in json.loads(json.dumps(monitor))["channels"]]
     assert JOINT in names
     narrow = size[0] < 1101  # one panel at a time

@@ -87,20 +87,25 @@ def run_judge(arguments: Namespace) -> int:
 
 def judged(model: TrainedModel | Model, path: Path, data: Sequence[Path], arguments: Namespace) -> JudgedRuns:
     """Let a model judge data, with `config`, `namespace` and `topic` of a command."""
+    from fame.monitor.data_files import incomplete
     from fame.monitor.judge import judge_recordings, judge_trained
     from fame.monitor.pipeline.trained_model import TrainedModel
 
-    if not isinstance(model, TrainedModel):
-        return judge_recordings(model, data, str(path), arguments.topic)
-    runs = _read(data, arguments, model)
-    return judge_trained(model, runs, str(path), labelled=any(run.labelled for run in runs))
+    if isinstance(model, TrainedModel):
+        runs = _read(data, arguments, model)
+        found = judge_trained(model, runs, str(path), labelled=any(run.labelled for run in runs))
+    else:
+        found = judge_recordings(model, data, str(path), arguments.topic)
+    return found.cut_in(file for file in data if incomplete(file))
 
 
 def judged_on_page(path: Path, recording: Path, arguments: Namespace) -> dict[str, Any]:
     """Let a model judge a recording: what the page of the recording shows of that. Raises ConfigError."""
+    from fame.monitor.judge_report import on_page
     from fame.monitor.model_card import load_any
 
-    return judged(load_any(path), path, [recording], arguments).on_page()
+    note(f"judging {recording} by {path}")
+    return on_page(judged(load_any(path), path, [recording], arguments))
 
 
 def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> list[LabelledRun]:

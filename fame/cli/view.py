@@ -124,6 +124,7 @@ def _port(text: str) -> int:
 def run(arguments: Namespace) -> int:
     """Serve the page until Ctrl-C."""
     path = arguments.subject
+    _refuse_inputs(arguments)
     if path is None:
         return _team(arguments)
     for name in ("control", "allow", "change", "robot"):
@@ -141,6 +142,16 @@ def run(arguments: Namespace) -> int:
     return 0
 
 
+def _refuse_inputs(arguments: Namespace) -> None:
+    """Raise ConfigError for options of monitors that would do nothing."""
+    path, given = arguments.subject, [name for name in ("config", "namespace") if getattr(arguments, name)]
+    if arguments.monitor is None:
+        if given:
+            raise ConfigError(f"--{given[0]} says what --monitor MODEL.skops reads of a recording")
+    elif path is None or path.suffix.lower() != ".mcap" or arguments.branch is not None:
+        raise ConfigError("--monitor judges a recording (RUN.mcap), without --branch", file=str(path or ""))
+
+
 def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay | HeatMap:
     """The viewer of a file or folder. Raises ConfigError for one that cannot be shown."""
     from fame.view import HeatMap, ModelWatch, Replay
@@ -148,8 +159,6 @@ def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay | HeatMap:
     if path.is_dir():
         return HeatMap(path, show=partial(_page_of_run, arguments))
     kind = path.suffix.lower()
-    if arguments.monitor is not None and kind != ".mcap":
-        raise ConfigError("--monitor judges a recording (.mcap)", file=str(path))
     if kind in (".bpmn", ".xml", ".yaml", ".yml"):
         return ModelWatch(path, arguments.library)
     if kind != ".mcap":

@@ -371,6 +371,16 @@ def _is_recording(path: Path) -> bool:
     return head.startswith(b"\x89MCAP0\r\n\x01") and head.endswith(bytes(4))
 
 
+def incomplete(path: Path) -> list[str]:
+    """What is missing of a recording of FAME; nothing of other files, of which none is read in part."""
+    if not _is_recording(path):
+        return []
+    from fame.log import Recording
+
+    with Recording(path) as recording:
+        return list(recording.warnings)
+
+
 def _read_recording(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[float, str, Any]]:
     """The same of a recording of FAME, which has robots' topics with ``--log-topics``."""
     from fame.log import Recording

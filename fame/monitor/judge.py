@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fame.clock import SECOND
 from fame.errors import NOT_KNOWN, ConfigError
 from fame.intervals import interval
 from fame.monitor.arrays import Floats, Whole
@@ -34,8 +33,6 @@ RESAMPLINGS = 500
 """Of the runs, for the intervals of the areas under the curves."""
 FREQUENCY = 50.0
 """Of the calls of the processors, Hz, as in a processing node."""
-CURVE = 1500
-"""Points of a channel that are drawn on the page of a recording, at most."""
 TELLING = 3
 """Channels of a run that are drawn in the band of the training runs, at most."""
 WHOLE = 0.99
@@ -65,6 +62,7 @@ class JudgedRun:
     samples         what was judged, with stamps in s from the start, by a model whose training runs had a `band`;
                     `times` (n,) are their places in it: s on the axis of phases, or numbers of points
     begin           the stamp of the first sample, s
+    cut             its file is incomplete: how it went on is not known
     """
 
     number: int
@@ -82,11 +80,12 @@ class JudgedRun:
     band: Band | None = None
     times: Floats = field(default_factory=lambda: np.zeros(0))
     begin: float = 0.0
+    cut: bool = False
 
     @property
     def verdict(self) -> str:
         """``anomalous`` after an alarm, ``benign`` if all of the run was judged, otherwise ``not judged``."""
-        return "anomalous" if self.anomalous else "benign" if self.share >= WHOLE else "not judged"
+        return "anomalous" if self.anomalous else "benign" if self.share >= WHOLE and not self.cut else "not judged"
 
     @property
     def score(self) -> float:
@@ -203,40 +202,13 @@ class JudgedRuns:
             ],
         }  # fmt: skip
 
-    def on_page(self) -> dict[str, Any]:
-        """Give the alarms, and what is drawn of the runs, as plain data for the page of a recording: times in ns of its
-        clock, numbers that are not known as None."""
-        drawn = [run for run in self.runs if run.samples is not None and run.band is not None and len(run.samples)]
-        return {
-            "model": Path(self.model).name,
-            "verdicts": [run.verdict for run in self.runs],
-            "alarms": [
-                {"from": _ns(run.begin + event.start), "until": _ns(run.begin + event.end),
-                 "text": [each.text for each in event.explanations] or list(event.shares)}
-                for run in self.runs
-                for event in run.events
-            ],
-            "channels": [{"name": run.samples.names[channel], **_curve(run, channel)}
-                         for run in drawn if run.samples is not None for channel in run.telling],
-        }  # fmt: skip
-
-
-def _curve(run: JudgedRun, channel: int) -> dict[str, Any]:
-    """A channel of a run and its band, at most `CURVE` points."""
-    assert run.samples is not None
-    assert run.band is not None
-    rows = np.unique(np.linspace(0, len(run.samples) - 1, CURVE).astype(int))
-    low, _, high = (part[:, channel] for part in run.band.at(run.times[rows]))
-    return {
-        "times": [_ns(run.begin + stamp) for stamp in run.samples.stamps[rows].tolist()],
-        "values": run.samples.values[rows, channel].tolist(),
-        "low": [None if np.isnan(each) else each for each in low.tolist()],
-        "high": [None if np.isnan(each) else each for each in high.tolist()],
-    }
-
-
-def _ns(seconds: float) -> int:
-    return round(seconds * SECOND)
+    def cut_in(self, files: Iterable[Path]) -> JudgedRuns:
+        """The same where files are incomplete: the last run of each is cut."""
+        runs, last = list(self.runs), {run.file: number for number, run in enumerate(self.runs)}
+        for number in {last[str(file)] for file in files if str(file) in last}:
+            note = "the recording is incomplete: how the run went on is not known"
+            runs[number] = replace(runs[number], cut=True, notes=(*runs[number].notes, note))
+        return replace(self, runs=tuple(runs))
 
 
 def _rate(count: int, total: int) -> dict[str, Any]:
@@ -453,6 +425,7 @@ def _joint_states(model: Model, path: Path, topic: str) -> Recording:
     from fame.monitor.anomaly.live import Collector
     from fame.monitor.anomaly.nodes import RunNode, bag_topics
     from fame.monitor.anomaly.recording import Recording, number_runs
+    from fame.monitor.data_files import incomplete
     from fame.monitor.pipeline.recording import play
 
     collector, notes = Collector(1, "count", cycle=sys.maxsize), list[str]()
@@ -464,8 +437,8 @@ def _joint_states(model: Model, path: Path, topic: str) -> Recording:
     stamps, values = (np.array(part) for part in zip(*collector.rows, strict=True))
     kept, runs = number_runs(values, np.ones(len(values), dtype=np.int64))
     return Recording(
-        model.joints, values[kept], np.ones(len(runs), dtype=np.int64), runs, stamps[kept], str(path), tuple(notes),
-        labelled=False,
+        model.joints, values[kept], np.ones(len(runs), dtype=np.int64), runs, stamps[kept], str(path),
+        (*incomplete(path), *notes), labelled=False,
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats
@@ -81,6 +82,42 @@ def _write_page(title: str, parts: Sequence[str], path: str | Path) -> None:
 def _promise(card: dict[str, Any]) -> str:
     promise = card.get("False alarms", {}).get("promise", "")
     return f"False alarms: {promise}." if promise else ""
+
+
+def on_page(judgement: JudgedRuns) -> dict[str, Any]:
+    """Return the alarms, and what is drawn of the runs, as plain data for the page of a recording: times in ns of its
+    clock, numbers that are not known as None."""
+    drawn = [run for run in judgement.runs if run.samples is not None and run.band is not None and run.ratios.size]
+    return {
+        "model": Path(judgement.model).name,
+        "verdicts": [run.verdict for run in judgement.runs],
+        "alarms": [
+            {"from": _ns(run.begin + event.start), "until": _ns(run.begin + event.end),
+             "text": [each.text for each in event.explanations] or list(event.shares)}
+            for run in judgement.runs
+            for event in run.events
+        ],
+        "channels": [_curve(run, channel) for run in drawn for channel in run.telling],
+    }  # fmt: skip
+
+
+def _curve(run: JudgedRun, channel: int) -> dict[str, Any]:
+    """Return a channel of a run and its band, at most `_POINTS` points."""
+    assert run.samples is not None
+    assert run.band is not None
+    rows = np.unique(np.linspace(0, len(run.samples) - 1, _POINTS).astype(int))
+    low, _, high = (part[:, channel] for part in run.band.at(run.times[rows]))
+    return {
+        "name": run.samples.names[channel],
+        "times": [_ns(run.begin + stamp) for stamp in run.samples.stamps[rows].tolist()],
+        "values": run.samples.values[rows, channel].tolist(),
+        "low": [None if np.isnan(each) else each for each in low.tolist()],
+        "high": [None if np.isnan(each) else each for each in high.tolist()],
+    }
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * SECOND)
 
 
 # ---- tables ----------------------------------------------------------------------------------------------------------

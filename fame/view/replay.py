@@ -43,7 +43,7 @@ class Replay(Closing):
 
     `branch` answers the command *Branch here* of the page: with the files that would run, or, once these are agreed to,
     with the address of the page of the new run. It raises FameError. `monitor` is what a model of monitoring says of
-    the recording (`fame.monitor.judge.JudgedRuns.on_page`).
+    the recording (`fame.monitor.judge_report.on_page`).
     """
 
     catalogue: Catalogue

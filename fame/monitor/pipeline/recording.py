@@ -206,12 +206,15 @@ def record_bag(
     bag: Path, configuration: Configuration, outputs: Sequence[str | Path], *, run_topic: str = "", **options: Any
 ) -> RecordingNode:
     """Record from a bag, as fast as it can be read. Returns the node, which is closed. Raises ConfigError."""
+    from fame.monitor.data_files import incomplete
 
     def make(middleware: Middleware, scheduler: Scheduler) -> RecordingNode:
         return RecordingNode(middleware, scheduler, configuration, outputs, run_topic=run_topic, **options)
 
     if any(Path(output).suffix != ".csv" and "://" not in str(output) for output in outputs):
         raise ConfigError("with --bag, expected a .csv file or a database as output", file=str(bag))
+    for text in incomplete(bag):
+        options.get("report", print)(text)
     topics = {port.topic: port.type for port in configuration.inputs} | ({run_topic: EMPTY} if run_topic else {})
     topics |= {EVENTS_TOPIC: STRING} if options.get("elements") else {}
     return play(bag, make, {resolve(topic, options.get("namespace", "")): type for topic, type in topics.items()})
