@@ -23,7 +23,7 @@ from fame.bpmn.reader.xml import BPMN, CAMUNDA
 from tests.networked_machines import ADDRESSES, Machines, machines
 
 ROOT = Path(__file__).resolve().parent.parent
-SPEED, PATIENCE = 4.0, 300.0
+SPEED, PATIENCE = 1.0, 900.0
 """Simulated seconds per second; s of a run, at most."""
 LONGEST_GAP, LONGEST_PEACE = 4.0, 8.0
 """s for which a link is down, and then up."""
