@@ -113,6 +113,14 @@ def test_the_graph_of_a_pipeline_shows_nodes_and_topics_in_order(tmp_path: Path)
     assert sum(each.tag.endswith("path") for each in drawn) == 8
 
 
+def test_a_processor_that_does_not_exist_is_not_drawn(
+    low_pass: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    low_pass.write_text(low_pass.read_text().replace("LowPass", "LwoPass"))
+    assert main(["monitor", "process", str(low_pass), "--graph", str(tmp_path / "g.svg")]) == 2
+    assert "did you mean 'LowPass'?" in capsys.readouterr().err
+
+
 def test_losses_are_drawn_with_thresholds_and_alarms(tmp_path: Path) -> None:
     loss = Samples(np.abs(np.random.default_rng(0).normal(size=(50, 2))), np.arange(50.0), ("elbow", "wrist"))
     plot_loss(loss, tmp_path / "bare.png")

@@ -104,12 +104,14 @@ def listen(arguments: Namespace, make: Callable[[Middleware, Scheduler], Listeni
 def run_process(arguments: Namespace) -> int:
     """Serve until interrupted."""
     from fame.monitor.pipeline.node import ProcessingNode
-    from fame.monitor.pipeline.processors import assign, make_processors
+    from fame.monitor.pipeline.processors import assign, find_classes, make_processors
 
     configurations = [_configured(path, arguments) for path in arguments.configurations]
     if arguments.graph is not None:
         from fame.monitor.plots import draw
 
+        for configuration in configurations:
+            find_classes(configuration)
         draw(configurations, arguments.graph)
         return 0
     chains = [make_processors(configuration) for configuration in configurations]

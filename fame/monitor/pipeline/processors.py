@@ -50,11 +50,23 @@ __all__ = [
 
 def make_processors(configuration: Configuration) -> list[Any]:
     """Make the processors of a configuration. Raises ConfigError with file, line and key path."""
-    made = [_make(stage, configuration) for stage in configuration.stages]
-    if not made:
-        raise ConfigError("expected a processor, got none", file=str(configuration.file), element="Processor")
+    kinds = find_classes(configuration)
+    made = [_make(kind, stage, configuration) for kind, stage in zip(kinds, configuration.stages, strict=True)]
     _refuse_stale(made, configuration)
     return made
+
+
+def find_classes(configuration: Configuration) -> list[type]:
+    """The classes of its processors, which may need models that are not trained yet. Raises ConfigError."""
+    found = []
+    for stage in configuration.stages:
+        try:
+            found.append(find_class(stage.cls, configuration.folder))
+        except ConfigError as error:
+            raise stage.error("Class", error.text) from None
+    if not found:
+        raise ConfigError("expected a processor, got none", file=str(configuration.file), element="Processor")
+    return found
 
 
 def find_class(name: str, folder: Path) -> type:
@@ -123,11 +135,7 @@ def _refuse_stale(processors: Sequence[Any], configuration: Configuration) -> No
             model.require(path, data=hash_files(training.files))
 
 
-def _make(stage: Stage, configuration: Configuration) -> Any:
-    try:
-        kind = find_class(stage.cls, configuration.folder)
-    except ConfigError as error:
-        raise stage.error("Class", error.text) from None
+def _make(kind: type, stage: Stage, configuration: Configuration) -> Any:
     try:
         arguments = _arguments(kind, stage.parameters, configuration.folder)
         if "folder" in inspect.signature(kind).parameters:  # classes that look for files themselves
