@@ -223,7 +223,7 @@ def test_so_does_one_on_loopback_that_the_platform_does_not_confine(monkeypatch,
     monkeypatch.setattr(domain, "bind_to_loopback", lambda number: False)
     monkeypatch.setenv("ROS_DOMAIN_ID", "229")
     assert main(["engine", "A"]) == 2
-    assert "other machines can reach this process" in capsys.readouterr().err
+    assert "others can reach this process" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("depth", [33, 200, 600, 100_000])

@@ -28,7 +28,7 @@ def guard(arguments: Namespace, trusted: Sequence[Any], option: str) -> Callable
     `option` names what would keep them away.
     """
     open_to_all = FameError(
-        "other machines can reach this process, and a topic that carries code must not be open by accident: "
+        "others can reach this process, and a topic that carries code must not be open by accident: "
         f"give {option}, or --insecure to take what anybody sends"
     )
     guarded = bool(trusted or arguments.insecure)
