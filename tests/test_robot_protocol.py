@@ -89,6 +89,10 @@ AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched()
         (LOADED, [AwaitEndpoints(FIRST)]),
         (READY, [AwaitSender(5.0), Reply("ready", "d1")]),
         ((*READY, told("hold")), [AwaitSender(5.0)]),
+        (
+            (Received(replace(FIRST, silence=25.0)), LoadDue(), Loaded(), Matched(), Promised()),
+            [AwaitSender(25.0), Reply("ready", "d1")],
+        ),
         ((*RUNS, *MIGRATES), [Hold(), MapState()]),
         ((*RUNS, *MIGRATES, Mapped()), [Promise()]),
         ((*LOADED, Matched()), [Promise()]),

@@ -89,6 +89,21 @@ def test_what_a_sender_does(events, actions):
     assert after(*events)[1] == actions
 
 
+def test_robots_wait_longer_for_the_sender_of_a_large_team_and_for_one_whose_timers_are_late():
+    assert NEW.silence == 5
+    assert replace(NEW, robots=tuple(RobotProgress(f"R{number}") for number in range(100))).silence == 25
+    late = after(Begun(0), TimerFired(round(1.52 * SECOND)), TimerFired(3 * SECOND))[0]
+    assert late.silence == pytest.approx(7.5)
+    assert after(TimerFired(10 * SECOND), state=late)[0].silence == late.silence  # robots have been told
+    assert after(Begun(0), TimerFired(LATE))[0].silence == 30
+
+
+def test_a_sender_that_robots_still_wait_for_goes_on():
+    late = (Begun(0), StatusReceived("A", 3), StatusReceived("B", 9), TimerFired(2 * SECOND))
+    assert after(*late, TimerFired(9 * SECOND))[0].phase == "load"
+    assert after(*late, TimerFired(13 * SECOND))[0].failed
+
+
 HELD = [SendEnvelope("A", "hold"), SendEnvelope("B", "hold")]
 TOO_LONG = round(HOLDING * SECOND)
 

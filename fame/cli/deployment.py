@@ -84,8 +84,9 @@ _AT_ONCE = 0.5
 
 def _add_wait(parser: ArgumentParser) -> None:
     parser.add_argument(
-        "--wait", type=positive, default=10.0, metavar="S",
-        help="how long to wait for answers (10); robots wait half of it for the other ends of their topics",
+        "--wait", type=positive, metavar="S",
+        help="how long to wait for answers (10, half a second for each robot of more than 20); robots wait half of it "
+        "for the other ends of their topics",
     )  # fmt: skip
 
 
@@ -118,7 +119,7 @@ def run_deploy(arguments: Namespace) -> int:
     with connected(arguments) as (scheduler, middleware):
         options = replace(migrated.options, library=library, patience=arguments.wait, key=key, who=person())
         sending = Sending(definitions, scheduler, middleware, options)
-        deployment = sending.deploy(arguments.to, arguments.wait, note, examine)
+        deployment = sending.deploy(arguments.to, options.patience_of(0), note, examine)
         if migrated.dry:
             return migrated.show(deployment)
         failures: Mapping[str, str] = {}

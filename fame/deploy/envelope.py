@@ -21,8 +21,9 @@ STATUS_QOS = QoS(durability="transient_local", depth=100)
 """Of subscriptions to ``bpmn_status``: the last report from before the match, and every one from then on."""
 MATCHING = 5.0
 """How long a robot waits for the other ends of its topics, unless its sender says more or less (s)."""
-SILENCE = 5.0
-"""After how long without an envelope of its sender a robot that is ready asks the others (s)."""
+SILENCE, LONGEST_SILENCE = 5.0, 3600.0
+"""After how long without an envelope of its sender a robot that is ready asks the others, unless its sender says more,
+and at most (s)."""
 PHASES = ("load", "hold", "start", "abort", "ask")
 """Of an envelope that was sent; a bare model is one of phase ``run``."""
 PLAIN = "plain-"
@@ -97,6 +98,7 @@ class Envelope:
     proof     with ``ask``, where keys are used: the signed envelope that the asking robot received, without the model
     promises  public topics at which others have the opposite end, as ``publisher`` or ``subscriber``
     matching  how long the robot waits for those ends (s)
+    silence   after how long without an envelope of the sender it asks the others (s)
     team      the robots that start together with it
     engines   the `Report.engine` of each of them: reports of another engine are not believed
     receivers topics with acknowledgements that it throws: the other robots that catch them
@@ -119,6 +121,7 @@ class Envelope:
         field(default_factory=dict, hash=False)
     )
     matching: fields.Number = MATCHING
+    silence: Annotated[float, fields.seconds(LONGEST_SILENCE)] = SILENCE
     team: Annotated[Sequence[str], fields.sequence(fields.robot)] = field(default=(), hash=False)
     engines: Annotated[Mapping[str, str], fields.mapping(fields.robot, fields.text(1000))] = field(
         default_factory=dict, hash=False

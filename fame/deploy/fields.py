@@ -56,6 +56,11 @@ def number(value: Any) -> bool:
     return (type(value) is int and abs(value) < LAST) or (type(value) is float and math.isfinite(value))
 
 
+def seconds(longest: float) -> FieldCheck:
+    """A number from 0 to `longest`."""
+    return lambda value: number(value) and 0 <= value <= longest
+
+
 def flag(value: Any) -> bool:
     """True or false."""
     return isinstance(value, bool)

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from fame.robot.journal import StateDirectory
     from fame.robot.live import FeedLog
 
-PATIENCE = 10.0
-"""How long a deployment waits for a robot (s)."""
+PATIENCE, PATIENCE_PER_ROBOT = 10.0, 0.5
+"""How long a deployment waits for its robots, at least and for each of them (s)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +63,7 @@ class DeploymentOptions:
     """Options of a `fame.deploy.Deployment`.
 
     library    where called processes are found
-    patience   how long a robot may take to answer (s)
+    patience   how long its robots may take to answer (s); by default it grows with their number
     key        signs what is sent
     wall_time  gives s since 1970
     migrate    what runs goes over to the model by a `plan` (`fame.deploy.migration`), for somebody (`who`)
@@ -73,7 +73,7 @@ class DeploymentOptions:
     """
 
     library: Library | None = None
-    patience: float = PATIENCE
+    patience: float | None = None
     key: Any = None
     wall_time: Callable[[], float] = time.time
     migrate: bool = False
@@ -81,3 +81,7 @@ class DeploymentOptions:
     who: str = ""
     approve: Callable[[Mapping[str, Pool], Mapping[str, Foreseen]], str] = lambda pools, foreseen: ""
     preview: bool = False
+
+    def patience_of(self, robots: int) -> float:
+        """How long a deployment to some robots waits for their answers (s)."""
+        return max(PATIENCE, PATIENCE_PER_ROBOT * robots) if self.patience is None else self.patience

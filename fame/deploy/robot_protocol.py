@@ -35,7 +35,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from fame.deploy import termination
-from fame.deploy.envelope import SILENCE, Envelope, Problem
+from fame.deploy.envelope import Envelope, Problem
 from fame.deploy.robot_state import (
     AskOthers,
     AwaitEndpoints,
@@ -351,7 +351,7 @@ class _Transition:
                 Hold(), AwaitSender(ASKING), Reply("asking", candidate.envelope.deployment, candidate.why_it_holds)
             )
         else:
-            self._do(AwaitSender(SILENCE))
+            self._do(AwaitSender(candidate.envelope.silence))
             self._answer("ready", candidate.envelope.deployment)
 
     def _set_aside(self) -> None:
@@ -369,7 +369,7 @@ class _Transition:
         self.state = replace(self.state, candidate=candidate)
         match action:
             case termination.KeepWaiting():
-                self._do(AwaitSender(SILENCE))
+                self._do(AwaitSender(candidate.envelope.silence))
             case termination.Ask():
                 self._ask_others(candidate)
             case termination.ReportAsking():

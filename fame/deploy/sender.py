@@ -105,6 +105,7 @@ class Deployment:
         sent = {robot: pool for robot, pool in pools.items() if not only or robot in only}
         refuse_errors(definitions, [pool.process for pool in sent.values()], library, sent=True)
         self.pools: Mapping[str, Pool] = sent
+        self._patience: float = options.patience_of(len(sent))
         state = SenderState(
             tuple(map(RobotProgress, sent)),
             sequence=sequence,
@@ -147,7 +148,7 @@ class Deployment:
                 model=parts[pool.name],
                 hash=model_hash(parts[pool.name].encode()),
                 promises=promised[robot],
-                matching=self._options.patience / 2,  # the rest is for loading, and for saying what is missing
+                matching=self._patience / 2,  # the rest is for loading, and for saying what is missing
                 team=list(sent),
                 receivers=caught[robot],
                 again=robot in again,
@@ -190,7 +191,7 @@ class Deployment:
 
     def begin(self) -> None:
         """Send every robot its part, in a moment."""
-        patience = self._options.patience
+        patience = self._patience
         self._limit = self._after(patience, lambda: self._protocol.handle(PatienceEnded(patience)))
         self._protocol.handle(Begun(self.scheduler.now))
 
@@ -230,7 +231,9 @@ class Deployment:
             case Prepare():
                 known = {robot: report.engine for robot, report in self._known.items()}
                 self.envelopes = {
-                    robot: replace(envelope, sequence=self.sequence, engines=known)
+                    robot: replace(
+                        envelope, sequence=self.sequence, silence=self._protocol.state.silence, engines=known
+                    )
                     for robot, envelope in self.envelopes.items()
                 }
             case SendEnvelope(robot, "load"):

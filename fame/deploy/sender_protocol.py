@@ -12,8 +12,9 @@ looked at as a whole, and it may not stay suspended for more than `HOLDING` s. A
 when all have answered.
 
 ``load``, ``hold`` and ``start`` are repeated every second: to receive one twice has no effect but the answer. A robot
-that is ready waits for its sender for `SILENCE` s and then decides with the others (`fame.deploy.termination`), so a
-sender that was stopped for longer must not start anybody.
+that is ready waits for its sender and then decides with the others (`fame.deploy.termination`), so a sender that was
+stopped for longer must not start anybody. How long that is grows with the team and with how late timers are here, as
+they are on a machine that has much to do: a sender tells its robots with the model.
 
 Invariants, checked for every reachable state in ``tests/test_sender_protocol.py``:
 
@@ -31,7 +32,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from fame.clock import SECOND
-from fame.deploy.envelope import SILENCE
+from fame.deploy.envelope import LONGEST_SILENCE, SILENCE
 
 SETTLE = 0.02
 """Between the endpoints of a sender and its first message (s): DDS drops messages of a sender that it has not matched
@@ -42,6 +43,9 @@ REPEAT = 1.0
 """After how long a robot that did not answer is asked again (s)."""
 HOLDING = 4.8
 """How long robots may be held for a migration before it starts or is aborted (s)."""
+SILENCE_PER_ROBOT, SILENCE_PER_LATENESS, LONGEST_LATENESS = 0.25, 5.0, 6.0
+"""How long robots wait for their sender, at least: s for each of the team, and how many times the greatest lateness of
+a timer before the model was sent, of which at most some s count: longer ones are of a sender that was stopped."""
 REFUSALS = frozenset({"refused", "stale", "superseded", "aborted", "left"})
 """Answers that end a deployment for all."""
 _VOTES = REFUSALS | {"ready", "asking"}
@@ -77,6 +81,7 @@ class SenderState:
     signed    whether keys are used: then every robot must have reported before it is loaded
     reported  the robots that have reported anything
     begun     when it began, `spoke` when all were last told something (ns)
+    late      the greatest lateness of a timer before robots were loaded, `woken` the last timer (ns)
     migrates  whether what runs is to go over: it is approved before it starts
     preview   whether it only asks what would become of what runs
     holding   since when a robot has been ready for a migration (ns); -1 if none is
@@ -90,9 +95,17 @@ class SenderState:
     reported: frozenset[str] = frozenset()
     begun: int = 0
     spoke: int = 0
+    late: int = 0
+    woken: int = 0
     migrates: bool = False
     preview: bool = False
     holding: int = -1
+
+    @property
+    def silence(self) -> float:
+        """After how long without an envelope robots that are ready ask each other (s)."""
+        late = SILENCE_PER_LATENESS * min(LONGEST_LATENESS, self.late / SECOND)
+        return min(LONGEST_SILENCE, max(SILENCE, SILENCE_PER_ROBOT * len(self.robots), late))
 
 
 # ---- events ----------------------------------------------------------------------------------------------------------
@@ -209,7 +222,7 @@ def step(state: SenderState, event: SenderEvent) -> tuple[SenderState, tuple[Sen
         return state, ()
     match event:
         case Begun(now):
-            return replace(state, begun=now), (StartTimer(SETTLE),)
+            return replace(state, begun=now, woken=now), (StartTimer(SETTLE),)
         case StatusReceived():
             return _on_status(state, event), ()
         case RobotAnswered():
@@ -237,6 +250,7 @@ def _on_status(state: SenderState, event: StatusReceived) -> SenderState:
 def _timer(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderAction, ...]]:
     """Load when all robots have reported; then repeat the request to each robot."""
     if state.phase == "discovery":
+        state = replace(state, late=max(state.late, now - state.woken - round(SETTLE * SECOND)), woken=now)
         waits = state.signed or now < state.begun + round(DISCOVERY * SECOND)
         if waits and len(state.reported) < len(state.robots):
             return state, (StartTimer(SETTLE),)
@@ -311,7 +325,7 @@ def _refused(state: SenderState, refusal: str) -> tuple[SenderState, tuple[Sende
 
 def _was_stopped(state: SenderState, now: int) -> bool:
     """Whether robots may have given this sender up, so that no robot may be started any more."""
-    return now - state.spoke > SILENCE * SECOND
+    return now - state.spoke > state.silence * SECOND
 
 
 def _end_stopped(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderAction, ...]]:
