@@ -121,6 +121,11 @@ def test_the_active_element_tells_the_phase_of_runs_that_wait_for_different_time
     assert (losses(made, flat, 5).values > threshold).any()  # no pulse, where one belongs
 
 
+def test_filtered_runs_keep_their_elements():
+    made = fit([mission(seed, 2.0 + 0.3 * seed) for seed in range(RUNS)], replace(CONFIG, before=10.0))
+    assert list(made.elements) == ["wait", "work"]
+
+
 def test_without_elements_windows_are_judged_by_all_and_an_element_of_no_training_run_is_not_judged():
     made, known = mission_model(), mission(70, 3.0)
     bare = losses(made, Samples(known.values, known.stamps, known.names), 5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,9 @@ from view_page import opened, until
 
 from fame.cli import main
 from fame.cli.monitors import judged_on_page
-from fame.log import logging_to
+from fame.log import Recording, logging_to
+from fame.monitor.data_files import read_labelled_runs
+from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.scenario import Fault, Scenario
 from fame.view import Replay
 
@@ -70,6 +73,27 @@ def test_a_recording_of_fame_is_judged_by_the_topics_that_it_has(
     without = ("monitor", "judge", str(folder / "m.skops"), str(folder / "held.mcap"))
     assert main([*without, "--config", str(folder / "config.yaml")]) == 2
     assert "has no topic /joint_states; it has /Arm/" in capsys.readouterr().err
+
+
+def test_the_active_elements_of_a_recording_of_fame_are_known(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--namespace", "Arm", "--bag", str(folder / "1.mcap"), "-o", str(tmp_path / "run.csv"), "--elements")
+    assert main(["monitor", "record", str(folder / "config.yaml"), *words]) == 0
+    capsys.readouterr()
+    (run,) = read_labelled_runs([tmp_path / "run.csv"])
+    there = [(stamp, name) for stamp, name in run.samples.elements if name == "Event_Re_There"]
+    with Recording(folder / "1.mcap") as recording:
+        entered = [e.time / 1e9 for e in recording.events() if (e.element, e.what) == ("Event_Re_There", "enter")]
+    assert [stamp for stamp, _ in there] == pytest.approx(entered, abs=0.005)
+    assert len(there) > 2
+    model = TrainedModel.load(folder / "m.skops")
+    replace(model, elements={"sort": (0.0, 9.0)}).save(tmp_path / "sorting.skops")
+    code, found = told(
+        capsys, "monitor", "judge", tmp_path / "sorting.skops", folder / "1.mcap", "--namespace", "Arm",
+        "--config", folder / "config.yaml",
+    )  # fmt: skip
+    assert (code, found["runs"][0]["verdict"]) == (3, "not judged")
 
 
 def test_what_an_incomplete_recording_does_not_show_is_not_benign(

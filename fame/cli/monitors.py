@@ -137,7 +137,8 @@ def _of_bag(path: Path, arguments: Namespace, model: TrainedModel) -> list[Label
 
     with TemporaryDirectory(prefix="fame-judge-") as folder:
         csv = Path(folder) / "bag.csv"
-        record_bag(path, load(arguments.config), [csv], namespace=arguments.namespace, report=note)
+        options = {"namespace": arguments.namespace, "elements": bool(model.elements), "report": note}
+        record_bag(path, load(arguments.config), [csv], **options)
         return [run._replace(file=str(path)) for run in read_labelled_runs([csv], model.columns)]
 
 

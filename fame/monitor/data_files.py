@@ -11,19 +11,30 @@ from __future__ import annotations
 import codecs
 import csv
 import hashlib
+import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from heapq import merge
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from fame.clock import EPOCH, date_text
 from fame.errors import ConfigError
 from fame.imports import require
+from fame.iso8601 import parse_datetime
+from fame.middleware.interface import resolve
+from fame.middleware.typesystem import STRING
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.pipeline.processor import ActiveElements, Samples
+from fame.robot.robot_state import EVENTS, EVENTS_TOPIC, VARIABLES, WAITING, RobotState
+
+if TYPE_CHECKING:
+    from fame.log import Recording
 
 STAMP, RUN, LABEL, ELEMENT = "stamp", "run", "label", "element"
 
@@ -382,17 +393,42 @@ def incomplete(path: Path) -> list[str]:
 
 
 def _read_recording(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[float, str, Any]]:
-    """The same of a recording of FAME, which has robots' topics with ``--log-topics``."""
+    """The same of a recording of FAME, which has robots' topics with ``--log-topics``, and ``bpmn_events`` always."""
     from fame.log import Recording
     from fame.middleware import codec
 
     with Recording(path) as recording:
         sent = {name: topic.type for name, topic in recording.topics.items() if topic.encoding == "cdr"}
-        _require_topics(topics, sent, str(path))
-        for type in topics.values():
+        doing = {resolve(EVENTS_TOPIC, robot): robot for robot in recording.robots if topics.keys() - sent}
+        _require_topics(topics, dict.fromkeys(doing, STRING) | sent, str(path))
+        for type in {topics[topic] for topic in topics if topic in sent}:
             recording.typestore(type)
-        for message in recording.messages(topics):
-            yield message.time * 1e-9, message.topic, codec.deserialize(message.data, topics[message.topic])
+        own = {robot: topic for topic, robot in doing.items() if topic in topics and topic not in sent}
+        read = ((one.time, one.topic, codec.deserialize(one.data, topics[one.topic])) for one in
+                recording.messages(topics.keys() - set(own.values())))  # fmt: skip
+        begin = parse_datetime(recording.metadata.get("epoch", date_text(EPOCH))).timestamp()
+        for time, topic, message in merge(read, _batches(recording, own), key=itemgetter(0)):
+            yield begin + time * 1e-9, topic, message
+
+
+def _batches(recording: Recording, robots: Mapping[str, str]) -> Iterator[tuple[int, str, Any]]:
+    """What happens in some robots (name -> topic), as they publish it live: time (ns), topic, message."""
+    from fame.middleware import messages
+
+    epoch = recording.metadata.get("epoch", date_text(EPOCH))
+
+    def batch(robot: str, time: int, changes: list[Any], **more: Any) -> tuple[int, str, Any]:
+        numbers[robot] += 1
+        content = {"robot": robot, "batch": numbers[robot], "epoch": epoch, "time": time, "changes": changes, **more}
+        return time, robots[robot], messages.create(STRING, json.dumps(content))
+
+    first, numbers = recording.state(recording.start).robots if robots else {}, dict.fromkeys(robots, 0)
+    for robot in robots:
+        yield batch(robot, recording.start, [], key=first.get(robot, RobotState()).to_key())
+    for one in recording.messages((EVENTS, VARIABLES, WAITING), recording.start + 1) if robots else ():
+        change = one.json()
+        if change["robot"] in robots:
+            yield batch(change["robot"], one.time, [[one.topic.removeprefix("/fame/"), one.time, change]])
 
 
 def _require_topics(topics: Mapping[str, str], recorded: Mapping[str, str], file: str) -> None:

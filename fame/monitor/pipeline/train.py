@@ -170,7 +170,10 @@ def prepared(runs: Sequence[Samples], config: Training) -> list[Samples]:
     """Return the runs after the low-pass on the data."""
     if not config.before:
         return list(runs)
-    return [processors.run([LowPass(cutoff=config.before)], {"x": run})["x"] if len(run) else run for run in runs]
+    return [
+        replace(processors.run([LowPass(cutoff=config.before)], {"x": run})["x"], elements=run.elements)
+        if len(run) else run for run in runs
+    ]  # fmt: skip
 
 
 def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedModel:
