@@ -60,11 +60,13 @@ def run(scenario: Path, seed: int, kind: str) -> LabelledRun:
     """One run: the efforts of the joints, and which element was active."""
     print(f"{kind}: seed {seed}", file=sys.stderr)
     mission = Scenario.load(scenario, seed=seed, faults=FAULTS[kind])
-    recording, csv = scenario.with_suffix(".mcap"), scenario.with_suffix(".csv")
+    recording, csv = (scenario.with_name(f"{seed}{ending}") for ending in (".mcap", ".csv"))
     with logging_to(recording, mission.closures(), topics="all") as log:
         mission.run(observer=log)
     record_bag(recording, load(INPUTS), [csv], namespace="Arm", elements=True, report=lambda text: None)
     (found,) = read_labelled_runs([csv])
+    recording.unlink()
+    csv.unlink()
     return found
 
 
