@@ -113,6 +113,7 @@ def run_deploy(arguments: Namespace) -> int:
         _refuse_unexplored(definitions, library, {}, partial=arguments.allow_partial)
 
     def examine(found: Mapping[str, Pool]) -> None:
+        migrated.prepare(found)
         if arguments.explore and not at_once:
             _refuse_unexplored(definitions, library, found, partial=arguments.allow_partial)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,6 +46,10 @@ def add_options(parser: Parser) -> None:
     )  # fmt: skip
 
 
+_PREPARATION = 0.5
+"""How long a search may take that only prepares another one (s)."""
+
+
 class Migration:
     """The migration that the arguments of a command ask for. Raises ConfigError for options without --migrate."""
 
@@ -71,7 +76,14 @@ class Migration:
         self.is_explored: bool = arguments.migrate and not arguments.dry_run
         if self.is_explored:
             self.options = replace(self.options, approve=self._approve)
-            import fame.scenario.exploration  # noqa: F401  (before the robots are held)
+
+    def prepare(self, pools: Mapping[str, Pool]) -> None:
+        """Load and compile what the exploration needs while the robots still run: then they are held for less time."""
+        from fame.scenario.exploration import explore_migrated
+
+        if self.is_explored:
+            with suppress(FameError):
+                explore_migrated(self._definitions, self._library, pools, {}, seconds=_PREPARATION)
 
     def _approve(self, pools: Mapping[str, Pool], foreseen: Mapping[str, Foreseen]) -> str:
         """Explore the state that the robots would have. Called in a thread, while they are held."""

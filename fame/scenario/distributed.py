@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 _CHECK = SECOND // 5  # ns between two checks of the processes
 RESTARTS = 3
 """Maximum number of restarts of an engine that keeps its mission."""
-_DISCOVERY = 15.0  # s until all engines must have been discovered
+_DISCOVERY = 45.0  # s until all engines must have been discovered; a machine with much to do starts them slowly
 
 
 class DistributedTeam:
