@@ -17,7 +17,7 @@ from typing import Any
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND, WallScheduler
 from fame.deploy import Deployment, EngineNode, engines
-from fame.deploy.options import EngineOptions
+from fame.deploy.options import DeploymentOptions, EngineOptions
 from fame.scenario.process import Router, connect
 from tests.networked_machines import ADDRESSES, INTERFACE, machines
 
@@ -76,8 +76,9 @@ def engine(robot: str, backend: str, signals: int) -> None:
             scheduler.run(scheduler.now + SECOND // 10)
         both = read_text(model(signals), file="counts.bpmn")
         deployment = Deployment(
-            both, id="d", sequence=1, scheduler=scheduler, middleware=middleware, ended=lambda _: scheduler.stop()
-        )
+            both, id="d", sequence=1, scheduler=scheduler, middleware=middleware, ended=lambda _: scheduler.stop(),
+            options=DeploymentOptions(patience=60.0),  # a busy machine takes long to find all ends of a topic
+        )  # fmt: skip
         deployment.begin()
         scheduler.run(scheduler.now + 60 * SECOND)
         print(json.dumps([str(progress) for progress in deployment.robots.values()]), flush=True)
