@@ -24,6 +24,7 @@ TWO: dict[str, Steps] = {
 }
 LOOP: dict[str, Steps] = {"A": [("loop", ["work", "throw a"])], "B": ["catch a", "throw b"]}
 FOREVER: dict[str, Steps] = {"A": [("while", ["work"])], "B": ["work", "throw b"]}
+RAISES: dict[str, Steps] = {"A": ["run raise ValueError('x')"], "B": ["run assert 1 > 2"]}
 MANY: dict[str, Steps] = {"C": ["throw go", "catch done"], "F": ["catch go", "work", "throw done"]}
 
 
@@ -50,6 +51,8 @@ def judged(robots: dict[str, Steps], sentence: str, several: tuple[str, ...] = (
         (LOOP, "B completes", "proved"),
         (FOREVER, "B completes", "proved"),
         (FOREVER, "A completes", "refuted"),
+        (RAISES, "never A fails", "refuted"),
+        (RAISES, "B completes", "refuted"),
         (TWO, "A completes within 5 s", "not known"),
         (TWO, "always A.battery > 0.1", "not known"),
     ],

@@ -77,6 +77,13 @@ def test_a_run_that_is_cut_leaves_properties_pending(team: Path, capsys: pytest.
     ]  # fmt: skip
 
 
+def test_a_value_is_judged_as_it_was_before_a_script_changed_it_in_place(team: Path) -> None:
+    team.write_text(text_of({"A": ["run v = [99]", "timer PT2S", "run v[0] = 1"], "B": ["timer PT1S"]}))
+    team.with_name("team.properties.yaml").write_text("properties: {small: 'always A.v[0] < 50'}")
+    (found,) = Scenario.load(team).run().judgements
+    assert (found.verdict, found.time) == ("violated", 0)
+
+
 def test_what_cannot_come_any_more_is_violated(team: Path) -> None:
     team.write_text(text_of({"A": ["throw go"], "B": ["catch never"]}))
     team.with_name("team.properties.yaml").write_text("properties:\n  answer: after A throws /go, B completes\n")

@@ -99,6 +99,10 @@ def test_what_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "expected a number in column 'Zeit'" in capsys.readouterr().err
     assert main(["monitor", "train", "--data", str(file), "--time-column", "Zeit", "--run-column", "part"]) == 2
     assert "has no column 'part'" in capsys.readouterr().err
+    for name, columns in (("two", "stamp,a,b"), ("three", "stamp,a,b,c")):
+        (tmp_path / f"{name}.csv").write_text(f"{columns}\n0,1,2,3\n".replace(",3" if name == "two" else "-", ""))
+    assert main(["monitor", "train", "--data", str(tmp_path / "two.csv"), str(tmp_path / "three.csv")]) == 2
+    assert "has columns that the first file lacks, c: say which to use" in capsys.readouterr().err
     assert main(["monitor", "train"]) == 2
     assert "expected a configuration with the section Training, or --data FILE" in capsys.readouterr().err
     (tmp_path / "runs.parquet").write_bytes(b"PAR0")

@@ -155,7 +155,7 @@ def _ocel_events(events: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]
         values = {each["name"]: each["value"] for each in event["attributes"]}
         if "lifecycle" not in values:
             continue
-        instance = next(each["objectId"] for each in event["relationships"] if each["qualifier"] == "instance")
+        (instance,) = (each["objectId"] for each in event["relationships"] if each["qualifier"] == "instance")
         robot, _, number = instance.removeprefix("instance:").rpartition("/")
         element, what = values["element"], _WHAT[values["lifecycle"]]
         if what == "leave" and not under_way[instance, element]:

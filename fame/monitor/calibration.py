@@ -13,8 +13,8 @@ without a promise they are at least the highest that could be promised.
 
 The promise is for all channels together; each channel keeps a threshold of its own. The scores are those of
 cross-validation, while the model in use learned from all runs. So the promise is approximate, on the safe side as far
-as more data give smaller losses; what is proved of such scores without any assumption on the model is twice the rate
-(jackknife+: Barber, Candes, Ramdas and Tibshirani 2021).
+as more data give smaller losses. Nothing is proved without an assumption on the model: jackknife+ (Barber, Candes,
+Ramdas and Tibshirani 2021), which has twice the rate, keeps the models without each run, and one that refits has not.
 """
 
 from __future__ import annotations

@@ -101,10 +101,16 @@ def read_labelled_runs(
     if not paths:
         raise ConfigError("no files to read; expected Files: [runs.csv]", element="Files")
     runs: list[LabelledRun] = []
+    found: tuple[str, ...] = ()  # the columns of the first file, if none were asked for
     for path in map(Path, paths):
         parquet = path.suffix == ".parquet"
         names, cells, _, elements = _read_parquet(path, special) if parquet else read_recorded(path, special)
-        columns = tuple(columns) or tuple(name for name in names if name not in (*special, LABEL, ""))
+        channels = tuple(name for name in names if name not in (*special, LABEL, ""))
+        if found and (more := sorted(set(channels) - set(found))):
+            text = f"has columns that the first file lacks, {', '.join(more)}: say which to use (Columns)"
+            raise ConfigError(text, file=str(path), line=1)
+        if not columns:
+            columns = found = channels
         if not columns:
             raise ConfigError(f"has no columns but {', '.join(names)}: nothing to learn from", file=str(path))
         if special.element != ELEMENT and not elements:

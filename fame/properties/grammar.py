@@ -69,7 +69,8 @@ class _Parser:
 
     def _expected(self, what: str, words: tuple[str, ...] = ()) -> NoReturn:
         token = self._next
-        hint = suggestion(token.text, words) if words and token.kind == "name" else ""
+        asked = bool(words) and token.kind == "name" and token.text not in words
+        hint = suggestion(token.text, words) if asked else ""
         close = f"; {hint}" if hint.startswith("did") else ""
         self._fail(token.offset, f"expected {what}, got {token.shown}{close}")
 
@@ -171,10 +172,11 @@ class _Parser:
         number = self._take() if self._next.kind == "number" else self._expected("a time, as in 12 s")
         if self._next.text not in _UNITS:
             self._expected(f"a unit ({', '.join(_UNITS)})")
-        bound = round(float(number.text) * _UNITS[self._take().text])
-        if not 0 < bound < 1e18:
-            self._fail(number.offset, f"expected a time above 0, got {number.text}")
-        return bound
+        bound = float(number.text) * _UNITS[self._take().text]
+        if not 0.5 < bound < 1e18:
+            limit = "above 0" if bound < 1 else "below 30 years"
+            self._fail(number.offset, f"expected a time {limit}, got {number.text}")
+        return round(bound)
 
     # ---- events ------------------------------------------------------------------------------------------------------
 
@@ -216,6 +218,9 @@ class _Parser:
         target = self._element()
         code = None
         if verb == "fails" and self._is("with") and self._tokens[self._at + 1].kind == "text":
+            if not target.text:
+                text = "an error code needs an element that fails: of a robot that fails, the code is not recorded"
+                self._fail(self._next.offset, text)
             self._take()
             code = self._quoted().text
         return verb, target, code, ()
@@ -242,7 +247,9 @@ class _Parser:
             self._fail(self._next.offset, "only throws takes a condition: which message was caught is not recorded")
         self._take()
         tests = [self._field_test()]
-        while self._is("and") and self._tokens[self._at + 2].text in (*_OPERATORS, ".", "["):
+        while self._is("and") and self._at + 2 < len(self._tokens) and (
+            self._tokens[self._at + 2].text in (*_OPERATORS, ".", "[")
+        ):  # fmt: skip
             self._take()
             tests.append(self._field_test())
         return tuple(tests)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -132,7 +133,7 @@ class RunJudge(Observer):
             for source in self._reads[robot] if instance is not None else ():
                 variables: dict[str, Any] = instance.root_variables  # type: ignore[union-attr]
                 if source.name in variables:
-                    self.judge.sample(now, source, variables[source.name])
+                    self.judge.sample(now, source, _as_now(variables[source.name]))
 
     def _tap(self, publisher: Any) -> Callable[[Any], object] | None:
         """Take the messages of a publisher, if a property reads them."""
@@ -185,6 +186,11 @@ class RunJudge(Observer):
             ]
             if missing or not monitor.parts:
                 yield monitor, missing[0] if missing else "no robot that it names takes part"
+
+
+def _as_now(value: Any) -> Any:
+    """A value as it is now, which scripts may change in place before a property is judged."""
+    return deepcopy(value) if isinstance(value, list | dict | set) else value
 
 
 class RunWatches(Observer):

@@ -26,6 +26,9 @@ from fame.errors import FameError
 from fame.middleware.messages import is_action
 from fame.scripting import script_topics
 
+_FAILS = re.compile(r"\b(raise|assert|throw)\b")
+"""What a script says that fails on purpose: it is run, although it may set nothing that matters."""
+
 Home = tuple[model.Definitions, model.Process]
 STEP = "explored step "
 """Begins the names of the services that take the place of behaviours."""
@@ -137,7 +140,7 @@ class Abstraction:
             elif isinstance(node, model.Event):
                 node = _without_message(node)
             elif isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
-                if around or node.id in caught:
+                if around or node.id in caught or _FAILS.search(node.script.text):
                     self.caught.add(node.id)
                 node = replace(node, script=self._script(node.script, node.id in self.caught))
             elif isinstance(node, model.Task) and node.kind == "service":
