@@ -15,7 +15,7 @@ SCENARIOS = sorted(
     path for path in (ROOT / "examples").glob("*.yaml") if "\nmodel:" in "\n" + path.read_text(encoding="utf-8")
 )
 SHORT = ("convoy", "delivery", "ground_vehicles", "shuttle")
-"""Missions that are run here; the others take longer, and were judged in the runs of their own tests."""
+"""Missions that are run here; the others take longer: ``fame run`` of each example judges them."""
 
 
 @pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
