@@ -84,6 +84,22 @@ def test_stations_that_are_all_blocked_are_tried_by_turns(mission: MissionLoader
     assert [call.variables["poses_goal"][-1] for call in way.calls[:4]] == 2 * [[14.2, 7.7], [14.2, 2.3]]
 
 
+def test_a_carrier_that_does_not_come_through_the_east_door_opens_it_again(mission: MissionLoader) -> None:
+    m = hall(mission, (1, 1))
+    m.stub("NavigateThroughPoses", after=130)
+    m.run_until("Carrier_1", at="Flow_EastClosed_OpenEast")
+    m.run_until("Carrier_1", at="Go to Station")
+    m.expect("Carrier_1").passed("Open East Door", times=2).never_entered("Unload")
+
+
+def test_a_carrier_that_does_not_come_home_opens_the_west_door_again(mission: MissionLoader) -> None:
+    m = hall(mission, (1, 1))
+    m.stub("NavigateThroughPoses", after=90)
+    m.run_until("Carrier_1", at="Flow_WestClosed_OpenWest")
+    m.run_until("Carrier_1", at="Return")
+    m.expect("Carrier_1").passed("Open West Door", times=2).passed("Go to Station")
+
+
 def test_a_carrier_with_a_low_battery_charges_and_then_goes_on_to_the_shelf(mission: MissionLoader) -> None:
     m = hall(mission, (1, 1), charges=[0.9, 0.2, 0.5, 0.9])
     m.stub("NavigateThroughPoses", after=10)
