@@ -25,6 +25,7 @@ TWO: dict[str, Steps] = {
 LOOP: dict[str, Steps] = {"A": [("loop", ["work", "throw a"])], "B": ["catch a", "throw b"]}
 FOREVER: dict[str, Steps] = {"A": [("while", ["work"])], "B": ["work", "throw b"]}
 RAISES: dict[str, Steps] = {"A": ["run raise ValueError('x')"], "B": ["run assert 1 > 2"]}
+OPAQUE: dict[str, Steps] = {"A": ["run import os; assert os.getpid() < 2"], "B": ["work"]}
 MANY: dict[str, Steps] = {"C": ["throw go", "catch done"], "F": ["catch go", "work", "throw done"]}
 
 
@@ -53,6 +54,8 @@ def judged(robots: dict[str, Steps], sentence: str, several: tuple[str, ...] = (
         (FOREVER, "A completes", "refuted"),
         (RAISES, "never A fails", "refuted"),
         (RAISES, "B completes", "refuted"),
+        (OPAQUE, "never A fails", "not known"),
+        (OPAQUE, "B completes", "not known"),
         (TWO, "A completes within 5 s", "not known"),
         (TWO, "always A.battery > 0.1", "not known"),
     ],

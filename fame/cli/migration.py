@@ -79,9 +79,9 @@ class Migration:
 
     def prepare(self, pools: Mapping[str, Pool]) -> None:
         """Load and compile what the exploration needs while the robots still run: then they are held for less time."""
-        from fame.scenario.exploration import explore_migrated
-
         if self.is_explored:
+            from fame.scenario.exploration import explore_migrated
+
             with suppress(FameError):
                 explore_migrated(self._definitions, self._library, pools, {}, seconds=_PREPARATION)
 

@@ -432,9 +432,10 @@ def _batches(recording: Recording, robots: Mapping[str, str]) -> Iterator[tuple[
     for robot in robots:
         yield batch(robot, recording.start, [], key=first.get(robot, RobotState()).to_key())
     for one in recording.messages((EVENTS, VARIABLES, WAITING), recording.start + 1) if robots else ():
-        change = one.json()
-        if change["robot"] in robots:
-            yield batch(change["robot"], one.time, [[one.topic.removeprefix("/fame/"), one.time, change]])
+        change = recording.decode(one)
+        name = str(change.get("robot"))
+        if name in robots:
+            yield batch(name, one.time, [[one.topic.removeprefix("/fame/"), one.time, change]])
 
 
 def _require_topics(topics: Mapping[str, str], recorded: Mapping[str, str], file: str) -> None:

@@ -18,6 +18,7 @@ from fame.bpmn.pools import Pool
 from fame.bpmn.topics import TopicUse
 from fame.check.events import raised_codes
 from fame.check.explore.aliases import SHARED, Aliases
+from fame.check.explore.purity import may_raise
 from fame.check.explore.script_effects import changed_in_place, list_uses, may_change, script_writes, without_items
 from fame.check.explore.slicing import assignments, links, sliced, unknown_part, without_operations
 from fame.check.expressions import cover_all, expressions_in, names_of
@@ -25,9 +26,6 @@ from fame.engine.data import variable_name
 from fame.errors import FameError
 from fame.middleware.messages import is_action
 from fame.scripting import script_topics
-
-_FAILS = re.compile(r"\b(raise|assert|throw)\b")
-"""What a script says that fails on purpose: it is run, although it may set nothing that matters."""
 
 Home = tuple[model.Definitions, model.Process]
 STEP = "explored step "
@@ -140,7 +138,7 @@ class Abstraction:
             elif isinstance(node, model.Event):
                 node = _without_message(node)
             elif isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
-                if around or node.id in caught or _FAILS.search(node.script.text):
+                if around or node.id in caught or may_raise(node.script):
                     self.caught.add(node.id)
                 node = replace(node, script=self._script(node.script, node.id in self.caught))
             elif isinstance(node, model.Task) and node.kind == "service":

@@ -20,7 +20,7 @@ from fame.check.events import raised_codes
 from fame.check.explore.abstraction import Step, emitted, step_name
 from fame.check.explore.aliases import SHARED, Aliases, shared
 from fame.check.explore.asking import asking, functions
-from fame.check.explore.purity import STEPS, catches, is_certain, is_computable, waits
+from fame.check.explore.purity import STEPS, catches, is_certain, is_computable, may_raise, waits
 from fame.check.explore.remembering import Memory, Outcomes, key_of, memory_of, owner_of
 from fame.check.explore.script_effects import changed_in_place, may_change, script_writes
 from fame.check.explore.timers import Timer
@@ -117,7 +117,9 @@ class ExplorationHost:
         self.observed: Set[tuple[str, str]] = frozenset()
         """(element, what) of the events that properties name."""
         self.caught: Set[str] = frozenset()
-        """Scripts whose failures may decide something, as an error event catches them."""
+        """Scripts whose failures may decide something: an error event catches them, or they are raised on purpose."""
+        self.opaque: set[str] = set()
+        """Scripts that may raise, and are not executed."""
         self.traceable = True
         """Whether `Watched` variables note all that texts read and write."""
         self.given: Mapping[str, Set[str]] = {}
@@ -292,11 +294,13 @@ class ExplorationHost:
             step = replace(step, changes=tuple(sorted(shown.union(step.changes))))
         if script.language == "python":
             run = compile_script(asking(script), file=file, element=element)
+        computable = is_computable(script, self.fields)
+        if may_raise(script) and (waits(script) or not computable):
+            self.opaque.add(element)
         if waits(script):
             running = Running(step)
             return lambda variables: running
         quiet = not step.emits and not step.codes and "signal" not in script.text
-        computable = is_computable(script, self.fields)
         if (
             quiet
             and element not in self.caught

@@ -126,6 +126,7 @@ class Monitors:
             (element, what) for one in self.monitors for _, element, what in one.events
         )
         self._several = several
+        self._opaque = [f"{name}'s {id}" for name, local in robots.items() for id in sorted(local.host.opaque)]
         named = (robot for one in self.monitors for robot in self._apart(one))
         self.apart: frozenset[str] = frozenset(robots if self.watches else named)
         self.states: list[tuple[Any, ...]] = []
@@ -200,6 +201,9 @@ class Monitors:
                 verdict, said = "not known", ["not all states were explored", *said]
             elif all(one.verdict(self.states[number][place]).word == "not triggered" for number in {*numbers}):
                 verdict = "not triggered"
+            if self._opaque and exhaustive:
+                verdict = "not known"
+                said = [f"{', '.join(self._opaque)} may raise an error, and is not executed in an exploration", *said]
             yield Judged(name, sentence, verdict, "; ".join(said))
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 from functools import lru_cache
 
 from fame.bpmn.model import Expression
@@ -150,6 +151,14 @@ _REFUSED = (
     ast.AsyncWith, ast.Yield, ast.YieldFrom, ast.Global, ast.Nonlocal, ast.With, ast.Pow, ast.LShift, ast.GeneratorExp,
     ast.MatchSingleton, ast.MatchSequence, ast.MatchMapping, ast.MatchClass,
 )  # fmt: skip
+
+
+_RAISES = re.compile(r"\b(raise|assert|throw)\b(?!\s+(new\s+)?BpmnError\b)")
+
+
+def may_raise(script: Expression) -> bool:
+    """Whether a script, in any language, says that it fails otherwise than with an error code."""
+    return _RAISES.search(script.text) is not None
 
 
 @lru_cache(maxsize=1024)
