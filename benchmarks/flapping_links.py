@@ -44,16 +44,19 @@ def longest_silence(seed: int, seconds: float, lease: str) -> float:
     random, environment = Random(f"flapping {seed}"), os.environ | {"FAME_LEASE": lease}
 
     def begin(*command: str) -> subprocess.Popen[str]:
-        return running.enter_context(_ended(subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
-        )))  # fmt: skip
+        """Start a process, which is killed at the end."""
+        made = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment)
+        running.callback(made.communicate)
+        running.callback(made.kill)
+        return made
 
     with machines(3) as place, ExitStack() as running:
         for number, address in enumerate(ADDRESSES):
             others = ["--connect", ADDRESSES[0]] if number else []
             fame = (sys.executable, "-m", "fame", "router", "--network", address, *others)
             router = begin(*place.inside(number, *fame))
-            assert "Ctrl-C" in (router.stdout or sys.stdin).readline()
+            assert router.stdout is not None
+            assert "Ctrl-C" in router.stdout.readline()
         talkers = [begin(*place.inside(number, sys.executable, "-c", TALK, str(number))) for number in range(3)]
         time.sleep(3)
         until = time.monotonic() + seconds
@@ -67,20 +70,6 @@ def longest_silence(seed: int, seconds: float, lease: str) -> float:
         for talker in talkers:
             talker.kill()
         return max(float(line) for talker in talkers for line in talker.stdout or ())
-
-
-class _ended:
-    """Kill a process at the end of a block."""
-
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        self._process = process
-
-    def __enter__(self) -> subprocess.Popen[str]:
-        return self._process
-
-    def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._process.communicate()
 
 
 def main(words: list[str]) -> None:

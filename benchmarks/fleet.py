@@ -1,8 +1,8 @@
-"""How a fleet starts on a machine that has far too much to do: found, deployed and completed, over Zenoh.
+"""How a fleet starts on a machine that has far too much to do: found, deployed to and started, over Zenoh.
 
 One command starts the engines (a process each), another one deploys to them: the first robot throws a signal, all
 others catch it. Beside them `BURNERS` processes do nothing but compute. One JSON line per round. Run as
-``python -m benchmarks.fleet [ENGINES [ROUNDS [BURNERS]]]``; exit code 1 unless every round completed.
+``python -m benchmarks.fleet [ENGINES [ROUNDS [BURNERS]]]``; exit code 1 unless all started in every round.
 """
 
 from __future__ import annotations
