@@ -26,7 +26,7 @@ from cyclonedds.core import Entity
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import make_idl_struct, types
 from cyclonedds.pub import DataWriter
-from cyclonedds.qos import Policy, Qos
+from cyclonedds.qos import Policy, Qos, _CQos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from dds_child import FAREWELLS, TEXT
@@ -226,6 +226,32 @@ def test_a_request_has_two_numbers_before_its_fields_and_the_response_the_same(
     answers: list[Any] = []
     here.until(lambda: answers.extend(reader.take(2)) or answers)
     assert [(one.guid, one.sequence_number, one.success) for one in answers] == [(2**63 + 5, 7, True)]
+
+
+def test_participants_that_discover_at_the_same_time_do_not_mix_up_what_they_see() -> None:
+    """Each has a thread of its own, and all of cyclonedds' getters write to the same places."""
+    usual, switch = QoS(), sys.getswitchinterval()
+    other = QoS("best_effort", "transient_local", deadline=2.0, liveliness="manual_by_topic", lease_duration=0.5)
+    wrong: list[QoS] = []
+
+    def read(expected: QoS) -> None:
+        policies = _CQos.qos_to_cqos(wire.to_dds(expected, "typehash=x;", writes=True))
+        for _ in range(3000):
+            found, _ = wire.from_dds(policies)
+            if found != expected:
+                wrong.append(found)
+        _CQos.cqos_destroy(policies)
+
+    threads = [threading.Thread(target=read, args=(qos,)) for qos in (usual, other)]
+    sys.setswitchinterval(1e-6)
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(switch)
+    assert wrong == []
 
 
 # ---- what goes wrong -------------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from typing import Any
 from cyclonedds.core import DDSException
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import make_idl_struct, types
+from cyclonedds.internal import dds_c_t
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos, _CQos
 from cyclonedds.sub import DataReader
@@ -135,7 +136,8 @@ def _primitive(field: Field) -> Any:
 
 # ---- writers and readers ---------------------------------------------------------------------------------------------
 
-_RELIABLE: Any = Policy.Reliability.Reliable
+_VOLATILE, _RELIABLE, _MANUAL_BY_TOPIC = 0, 1, 2
+"""Cyclone's numbers of these kinds."""
 _FOREVER = duration(infinite=True)
 _PATIENCE = SECOND // 10
 """Time that a write waits for subscriptions that do not keep up (ns)."""
@@ -252,17 +254,24 @@ def to_dds(qos: QoS, user_data: str, writes: bool) -> Qos:
 def from_dds(pointer: int) -> tuple[QoS, dict[str, str]]:
     """The policies by which an endpoint matches others, and the entries of its user data.
 
-    `pointer` is Cyclone's. cyclonedds' own conversion is four times as slow, and never frees the user data.
+    `pointer` is Cyclone's. cyclonedds' own conversion is four times as slow, never frees the user data, and has one
+    place for all threads where a value lies until it is read: two participants of a process would mix up what they
+    discover.
     """
     get: Any = _CQos
     policies = ctypes.c_void_p(pointer)
-    liveliness, deadline = get._get_p_liveliness(policies), get._get_p_deadline(policies)
+    reliability, durability, liveliness = dds_c_t.reliability(), dds_c_t.durability(), dds_c_t.liveliness()
+    blocking, deadline, lease = (dds_c_t.duration(_FOREVER) for _ in range(3))
+    get._get_reliability(policies, ctypes.byref(reliability), ctypes.byref(blocking))
+    get._get_durability(policies, ctypes.byref(durability))
+    get._get_liveliness(policies, ctypes.byref(liveliness), ctypes.byref(lease))
+    get._get_deadline(policies, ctypes.byref(deadline))
     qos = QoS(
-        reliability="reliable" if isinstance(get._get_p_reliability(policies), _RELIABLE) else "best_effort",
-        durability="volatile" if get._get_p_durability(policies) == Policy.Durability.Volatile else "transient_local",
-        deadline=_seconds(deadline.deadline) if deadline else None,
-        liveliness="manual_by_topic" if isinstance(liveliness, Policy.Liveliness.ManualByTopic) else "automatic",
-        lease_duration=_seconds(liveliness.lease_duration) if liveliness else None,
+        reliability="reliable" if reliability.value == _RELIABLE else "best_effort",
+        durability="volatile" if durability.value == _VOLATILE else "transient_local",
+        deadline=_seconds(deadline.value),
+        liveliness="manual_by_topic" if liveliness.value == _MANUAL_BY_TOPIC else "automatic",
+        lease_duration=_seconds(lease.value),
     )
     data, size = ctypes.c_void_p(), ctypes.c_size_t()
     if not get._get_userdata(policies, ctypes.byref(data), ctypes.byref(size)) or not data:
