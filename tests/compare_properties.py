@@ -57,6 +57,8 @@ def sentences(random: Random) -> Iterator[str]:
     yield f"never {event()} before {event()}"
     yield f"after A throws /found, some T throws /done{bound()} with the same id"
     yield "T throws /done each time only after A throws /found with the same id"
+    yield f"after A starts x, A ends x{bound()}"
+    yield f"after T starts x, T ends x{bound()}"
 
 
 # ---- traces ----------------------------------------------------------------------------------------------------------
@@ -160,6 +162,10 @@ def _of_part(made: Property, robots: dict[str, str], items: Sequence[Item], end:
     if made.pattern == "exists" and made.bound is not None and opens is None:
         assert made.main is not None
         opens = Occurrence(made.main.robot, "starts", made.main.target._replace(text=""), made.main.some)
+    if opens is not None and made.main is not None and made.closes is None and made.pattern == "exists":
+        named = [(one.robot.text, one.target.text, one.some) for one in (opens, made.main)]
+        if (opens.verb, made.main.verb) == ("starts", "ends") and named[0] == named[1] and not opens.some:
+            return _of_each(made, opens, robots, items, end, complete)
     starts = [number for number, item in enumerate(items) if is_event(opens, item, robots)]
     closings = [number for number, item in enumerate(items) if is_event(made.closes, item, robots)]
     begins = starts if opens is not None else [-1]
@@ -218,6 +224,57 @@ def _of_span(
     if over:
         return "violated", None, min(over)
     return ("violated", None, end) if complete else ("pending", None, limit)
+
+
+def _of_each(
+    made: Property, opens: Occurrence, robots: dict[str, str], items: Sequence[Item], end: int, complete: bool
+) -> Result:
+    """What it comes to that each start has an end of its own, whichever of those that are open it may be.
+
+    `choices`: for each choice so far which starts are open, and when the first of them was late.
+    """
+    bound, never = made.bound or 1 << 62, 1 << 63
+    choices: set[tuple[tuple[int, ...], int]] = {((), never)}
+    slacks, doubtful, failed, begun, judged = list[float](), False, False, 0, False
+    for item in items:
+        choices = {
+            (opened, min([late, *(start + bound for start in opened if start + bound < item.time)]))
+            for opened, late in choices
+        }
+        empty = not next(iter(choices))[0]
+        if is_event(opens, item, robots):
+            begun, judged = item.time if empty else begun, True
+            choices = {((*opened, item.time), late) for opened, late in choices}
+        elif is_event(made.main, item, robots) and not empty:
+            assert item.event is not None
+            doubtful = doubtful or (failed and item.event[2] == "cancel")
+            failed = failed or item.event[2] == "fail"
+            choices = {
+                ((*opened[:number], *opened[number + 1 :]), late)
+                for opened, late in choices
+                for number in range(len(opened))
+            }
+            if not next(iter(choices))[0]:
+                lates = [late for _, late in choices]
+                if max(lates) < never:
+                    break
+                doubtful, choices = doubtful or min(lates) < never, {((), never)}
+                slacks += [] if made.bound is None else [(begun + bound - item.time) / S]
+    choices = {
+        (opened, min([late, *(one + bound for one in opened if one + bound <= end)])) for opened, late in choices
+    }
+    certain, waiting = max(late for _, late in choices), next(iter(choices))[0]
+    if certain < never:
+        return "violated", None, certain
+    if waiting and complete:
+        return "violated", None, end
+    slack = min(slacks, default=None)
+    if doubtful:
+        return "not known", slack, None
+    if waiting:
+        due = max(min(opened) for opened, _ in choices) + bound
+        return "pending", slack, None if made.bound is None else due
+    return "holds" if judged else "not triggered", slack, None
 
 
 def _of_condition(

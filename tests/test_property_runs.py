@@ -249,6 +249,39 @@ def test_a_deadline_is_drawn(tmp_path: Path, deadline: str, verdict: str) -> Non
     assert not [finding for finding in check(path) if "deadline" in str(finding)]
 
 
+@pytest.mark.parametrize(("times", "verdict"), [("[1, 5]", "violated"), ("[1, 3]", "holds")])
+def test_a_deadline_counts_for_each_instance_of_an_activity(tmp_path: Path, times: str, verdict: str) -> None:
+    wait = '<timerEventDefinition id="d"><timeDuration>PT${pause}S</timeDuration></timerEventDefinition>'
+    path = tmp_path / "m.bpmn"
+    path.write_text(
+        process(
+            f"""<startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/>
+            <subProcess id="t">{properties(deadline="PT3S")}<multiInstanceLoopCharacteristics id="mi"
+            camunda:collection="${{{times}}}" camunda:elementVariable="pause"/>
+            <startEvent id="a"/><sequenceFlow id="g" sourceRef="a" targetRef="c"/>
+            <intermediateCatchEvent id="c">{wait}</intermediateCatchEvent></subProcess>"""
+        )
+    )
+    (found,) = Scenario.load(path).run().judgements
+    assert (found.name, found.verdict) == ("deadline_t", verdict)
+
+
+def test_which_of_two_tokens_left_an_activity_is_not_known(tmp_path: Path) -> None:
+    """The deadline is kept if the first one left first; both were in it for 5 s otherwise."""
+    wait = '<timerEventDefinition id="d"><timeDuration>PT3S</timeDuration></timerEventDefinition>'
+    event = f'<intermediateCatchEvent id="t">{properties(deadline="PT4S")}{wait}</intermediateCatchEvent>'
+    pause = f'<intermediateCatchEvent id="p">{wait.replace("3", "2")}</intermediateCatchEvent>'
+    ends = [("s", "g"), ("g", "t"), ("g", "p"), ("p", "t")]
+    flows = "".join(
+        f'<sequenceFlow id="f{n}" sourceRef="{one}" targetRef="{other}"/>' for n, (one, other) in enumerate(ends)
+    )
+    path = tmp_path / "m.bpmn"
+    path.write_text(process(f'<startEvent id="s"/><parallelGateway id="g"/>{event}{pause}{flows}'))
+    (found,) = Scenario.load(path).run().judgements
+    assert (found.verdict, found.slack) == ("not known", -1)
+    assert found.text == "several started before one ended, and nobody knows which of them did"
+
+
 def test_a_deadline_that_is_no_duration_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "m.bpmn"
     path.write_text(process(f'<startEvent id="s">{properties(deadline="soon")}</startEvent>'))

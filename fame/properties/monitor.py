@@ -28,8 +28,8 @@ from fame.properties.sentence import FieldTest, Occurrence, Property, Word
 from fame.properties.vocabulary import Vocabulary
 
 WAITING, OPEN, ANSWERED, CLOSED, VIOLATED, UNKNOWN = range(6)
-OPENS, CLOSES, MAIN, OTHER = 1, 2, 4, 8
-"""The roles of an event in a sentence, added up."""
+OPENS, CLOSES, MAIN, OTHER, FAILS, CANCELS = 1, 2, 4, 8, 16, 32
+"""The roles of an event in a sentence, added up. The last two say how a start ended, of ``each`` patterns."""
 SECOND = 1_000_000_000
 
 PartState: TypeAlias = tuple[int, int, Any, float | None, int]
@@ -59,6 +59,7 @@ class Part:
     binding     pool -> robot
     opens, closes   whether its scope begins, or ends, with an event
     bound       ns; `count` of ``at most``; `keyed`: events belong together by a key
+    each        each start of an element or instance has an end of its own; which of them ends is not told
     condition   of ``always`` and ``never``
     """
 
@@ -69,6 +70,7 @@ class Part:
     bound: int | None = None
     count: int = 0
     keyed: bool = False
+    each: bool = False
     condition: Condition | None = None
 
     @property
@@ -109,6 +111,10 @@ class Part:
 
     def _open(self, state: PartState, time: int, key: Any) -> PartState:
         phase, since, memory, slack, triggered = state
+        if self.each:
+            failed, first, *starts = memory or (False, 0)
+            begun = (failed, first, *starts, time) if starts else (failed, time, time)
+            return OPEN, begun[2], begun, slack, max(triggered, 1)
         if phase == WAITING:
             opened = self._opened(time, slack, key)
             return (*opened[:4], max(triggered, opened[4]))
@@ -241,13 +247,35 @@ def _exists(part: Part, state: PartState, time: int, roles: int, key: Any) -> Pa
     return ((ANSWERED if part.closes else WAITING) if part.opens else CLOSED), since, None, slack, triggered
 
 
+def _each_ends(part: Part, state: PartState, time: int, roles: int, key: Any) -> PartState:
+    """One of what started has ended, and nobody knows which.
+
+    If it is the oldest each time, all are as early as they can be: what is late then is late. They are surely in time if
+    all that overlap have ended before the first of them would be late. What has failed may be kept as an incident, and
+    be cancelled later: another end, of something that has ended.
+    """
+    _, _, (failed, first, *starts), slack, triggered = state
+    if not roles & MAIN:
+        return state
+    if roles & CANCELS and failed:
+        triggered = 2
+    failed = failed or bool(roles & FAILS)
+    if len(starts) > 1:
+        return OPEN, starts[1], (failed, first, *starts[1:]), slack, triggered
+    if part.bound is not None:
+        left = (first + part.bound - time) / SECOND
+        slack = left if slack is None or left < slack else slack
+        triggered = 2 if left < 0 else triggered
+    return WAITING, 0, (failed, 0), slack, triggered
+
+
 _INSIDE: Mapping[str, Callable[[Part, PartState, int, int, Any], PartState]] = {
     "never": _never,
     "always": lambda part, state, time, roles, key: state,
     "at most": _at_most,
     "only after": _only_after,
     "each time only after": _each_time_only_after,
-    "exists": _exists,
+    "exists": lambda part, *step: (_each_ends if part.each else _exists)(part, *step),
 }
 
 
@@ -399,6 +427,7 @@ def compile(property: Property, vocabulary: Vocabulary) -> Monitor:
                 made.bound,
                 made.count,
                 bool(made.same),
+                _is_each(made),
                 condition,
             )
             _react(made, vocabulary, names, len(parts), events)
@@ -412,6 +441,15 @@ def _from_start(made: Property) -> Property:
         return made
     start = Occurrence(made.main.robot, "starts", Word(""), made.main.some, text=f"{made.main.robot.text} starts")
     return replace(made, opens=start)
+
+
+def _is_each(made: Property) -> bool:
+    """Whether it says of something that starts that it ends."""
+    begin, end = made.opens, made.main
+    if made.pattern != "exists" or made.closes is not None or begin is None or end is None or begin.some or end.some:
+        return False
+    same = (begin.robot.text, begin.target.text) == (end.robot.text, end.target.text)
+    return same and begin.verb == "starts" and end.verb == "ends"
 
 
 def _bindings(made: Property, vocabulary: Vocabulary) -> list[dict[str, str]]:
@@ -453,8 +491,12 @@ def _react(
             instance = event.verb not in ("throws", "catches", "reports") and not event.target.text
             for element in vocabulary.elements(robot, event, made):
                 for what, detail in _marks(event, instance):
-                    reaction = Reaction(part, role, detail, event.where, same, topic)
+                    how = _ENDS.get(what, 0) if event.verb == "ends" else 0
+                    reaction = Reaction(part, role | how, detail, event.where, same, topic)
                     events.setdefault((robot, element, what), []).append(reaction)
+
+
+_ENDS = {"fail": FAILS, "cancel": CANCELS}
 
 
 def _marks(event: Occurrence, instance: bool) -> Sequence[tuple[str, str | None]]:
