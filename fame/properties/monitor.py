@@ -250,9 +250,9 @@ def _exists(part: Part, state: PartState, time: int, roles: int, key: Any) -> Pa
 def _each_ends(part: Part, state: PartState, time: int, roles: int, key: Any) -> PartState:
     """One of what started has ended, and nobody knows which.
 
-    If it is the oldest each time, all are as early as they can be: what is late then is late. They are surely in time if
-    all that overlap have ended before the first of them would be late. What has failed may be kept as an incident, and
-    be cancelled later: another end, of something that has ended.
+    If it is the oldest each time, all are as early as they can be: what is late then is late. They are surely in time
+    if all that overlap have ended before the first of them would be late. What has failed may be kept as an incident,
+    and be cancelled later: another end, of something that has ended.
     """
     _, _, (failed, first, *starts), slack, triggered = state
     if not roles & MAIN:
