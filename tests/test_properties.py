@@ -87,6 +87,12 @@ WRONG = {
 }  # fmt: skip
 
 
+def test_failures_and_cancellations_are_counted_with_and_without_their_element() -> None:
+    for event in ("A fails", 'A fails at "X"', "A is cancelled", 'A is cancelled at "X"'):
+        made = parse(f"{event} at most 2 times")
+        assert (made.pattern, made.count, made.main and made.main.text) == ("at most", 2, event)
+
+
 @pytest.mark.parametrize("sentence", WRONG)
 def test_a_wrong_sentence_is_refused_where_it_is_wrong(sentence: str) -> None:
     column, text = WRONG[sentence]

@@ -82,7 +82,21 @@ def test_what_was_not_looked_at_is_not_called_none(tmp_path: Path) -> None:
     assert rows(page.read_text(), "Coverage by tests")[0][0] == "not given"
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"processes": []}', '{"processes": [1], "requirements": {}}'])
+PROCESS = '{"file": "f", "name": "n", "elements": {}, "flows": {}, "tests": {}, "missing": [], "excused": {}}'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[" * 100_000,
+        "[]",
+        '{"processes": []}',
+        '{"processes": [1], "requirements": {}}',
+        f'{{"processes": [{PROCESS}], "requirements": {{}}}}',
+        '{"processes": [], "requirements": {"R1": [1]}}',
+    ],
+)
 def test_a_wrong_coverage_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "choice.bpmn").write_text(process(CHOICE))
     (tmp_path / "cov.json").write_text(text)

@@ -6,7 +6,7 @@ import sys
 import time
 from argparse import Namespace
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -18,6 +18,7 @@ from fame.errors import NOT_KNOWN, ConfigError, FameError
 
 if TYPE_CHECKING:
     from fame.check.explore import Exploration, Finding
+    from fame.scenario.coverage_file import CoverageReport
 
 _ONLY = (
     "robots",
@@ -100,8 +101,8 @@ def refuse_without_explore(arguments: Namespace) -> None:
 
 def run(arguments: Namespace) -> int:
     """Explore every file; exit code 1 after an error that is not accepted, else 3 if not all states were explored."""
+    from fame.scenario.coverage_file import read_coverage
     from fame.scenario.exploration import explore
-    from fame.scenario.safety_report import read_coverage
 
     robots = _robots(arguments.robots)
     if arguments.coverage is not None and arguments.report is None:
@@ -159,7 +160,7 @@ _EVERY = 0.2  # s between two looks at how far it is
 
 
 def _report(
-    result: Exploration, arguments: Namespace, path: Path, robots: dict[str, int], coverage: Mapping[str, Any] | None
+    result: Exploration, arguments: Namespace, path: Path, robots: dict[str, int], coverage: CoverageReport | None
 ) -> None:
     """Write the page for people who sign."""
     from fame import __version__

@@ -213,7 +213,8 @@ class _Parser:
             return verb, Word(topic.text, topic.offset), None, where
         if verb == "reports":
             return verb, self._quoted() if self._next.kind == "text" else Word("", robot.offset), None, ()
-        if verb in ("fails", "is cancelled") and self._skip("at") and self._next.kind not in ("text", "name"):
+        located = verb in ("fails", "is cancelled") and not self._is("at", "most") and self._skip("at")
+        if located and self._next.kind not in ("text", "name"):
             self._expected("an element, by label or id")
         target = self._element()
         code = None

@@ -5,17 +5,16 @@ It is one static page. The same files, versions and options give the same page b
 
 from __future__ import annotations
 
-import json
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
 
 from fame.bpmn.model import Definitions, Element
 from fame.check.explore import Exploration
 from fame.deploy.envelope import model_hash
-from fame.errors import ConfigError, display_name
+from fame.errors import display_name
+from fame.scenario.coverage_file import CoverageReport
 from fame.scenario.scenario import Scenario
 
 REQUIREMENT = "requirement"
@@ -36,20 +35,6 @@ _WORDS = {
 }
 
 
-def read_coverage(path: Path) -> Mapping[str, Any]:
-    """What ``fame test --cov-json`` has written. Raises ConfigError."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        for one in found["processes"]:
-            one["name"], one["file"], one["tests"].items(), one["missing"], one["excused"].items()
-        found["requirements"].items()
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
-    except (ValueError, LookupError, TypeError, AttributeError):
-        raise ConfigError("expected the coverage that fame test --cov-json FILE writes", file=str(path)) from None
-    return found  # type: ignore[no-any-return]
-
-
 def safety_report(
     result: Exploration,
     scenario: Scenario,
@@ -57,11 +42,11 @@ def safety_report(
     command: str,
     version: str,
     faults: bool,
-    coverage: Mapping[str, Any] | None = None,
+    coverage: CoverageReport | None = None,
 ) -> str:
     """The page about an exploration of a scenario, perhaps with single `faults`.
 
-    `command` repeats it, with this `version` of FAME; `coverage` is as `read_coverage` gives it.
+    `command` repeats it, with this `version` of FAME; `coverage` is that of tests.
     """
     files = _files(scenario)
     parts = [
@@ -160,7 +145,7 @@ def _faults(result: Exploration, *, explored: bool) -> Iterator[tuple[str, ...]]
 
 
 def _requirements(
-    result: Exploration, files: Sequence[Definitions], coverage: Mapping[str, Any] | None
+    result: Exploration, files: Sequence[Definitions], coverage: CoverageReport | None
 ) -> Iterator[tuple[str, ...]]:
     """A requirement is the id of a property, or what elements and tests name."""
     elements: dict[str, list[tuple[str, Element]]] = {}
@@ -168,18 +153,18 @@ def _requirements(
         for element in file.elements():
             if id := element.properties.get(REQUIREMENT, "").strip():
                 elements.setdefault(id, []).append((file.file, element))
-    marked: Mapping[str, Sequence[str]] = coverage["requirements"] if coverage is not None else {}
+    marked: Mapping[str, Sequence[str]] = coverage.requirements if coverage is not None else {}
     entered = {
-        (str(Path(one["file"]).resolve()), id): tests
-        for one in (coverage["processes"] if coverage is not None else ())
-        for id, tests in one["tests"].items()
+        (one.file, id): tests
+        for one in (coverage.processes if coverage is not None else ())
+        for id, tests in one.tests.items()
     }
     for id in sorted({*elements, *marked}):
         named = elements.get(id, [])
         told = [one for one in result.properties if one.name in (id, *(f"deadline_{one.id}" for _, one in named))]
         tests = dict.fromkeys(marked.get(id, ()))
         for name, element in named:
-            tests |= dict.fromkeys(entered.get((str(Path(name).resolve()), element.id), ()))
+            tests |= dict.fromkeys(entered.get((Path(name).resolve(), element.id), ()))
         shown = ", ".join(display_name(one.id, one.name) for _, one in named)
         words = ", ".join(f"{one.name}: {one.verdict}" for one in told)
         verdicts = {one.verdict for one in told}
@@ -187,16 +172,14 @@ def _requirements(
         yield id, shown, words, ", ".join(tests), "refuted" if "refuted" in verdicts else covered
 
 
-def _covered(coverage: Mapping[str, Any] | None) -> Iterator[tuple[str, ...]]:
-    for one in coverage["processes"] if coverage is not None else ():
-        counts = (f"{one[kind]['covered']} of {one[kind]['total']}" for kind in ("elements", "flows"))
-        missing = ", ".join(display_name(each["id"], each["name"]) for each in one["missing"])
-        excused = "; ".join(f"{id}: {why}" for id, why in one["excused"].items())
-        yield f"{one['name']} ({Path(one['file']).name})", *counts, missing, excused
+def _covered(coverage: CoverageReport | None) -> Iterator[tuple[str, ...]]:
+    for one in coverage.processes if coverage is not None else ():
+        excused = "; ".join(f"{id}: {why}" for id, why in one.excused.items())
+        yield f"{one.name} ({one.file.name})", one.elements, one.flows, ", ".join(one.missing), excused
 
 
 def _left(
-    result: Exploration, files: Sequence[Definitions], coverage: Mapping[str, Any] | None, *, faults: bool
+    result: Exploration, files: Sequence[Definitions], coverage: CoverageReport | None, *, faults: bool
 ) -> Iterator[tuple[str, str]]:
     for one in result.properties:
         if one.verdict in ("not known", "not triggered"):

@@ -409,21 +409,103 @@ def _channels() -> list[bytes]:
 
 
 def read_log(data: bytes) -> None:
-    """A log of a run as JSON Lines or CSV."""
+    """A log of a run as JSON Lines or CSV: the way of its tokens, and what properties say of it."""
     from fame.log.reading import visits
 
-    visits(_file("run.jsonl" if data[:1] == b"{" else "run.csv", data))
+    suffix = ".jsonl" if data[:1] == b"{" else ".csv"
+    visits(_file(f"run{suffix}", data))
+    judge_log(suffix, data)
+
+
+def judge_log(suffix: str, data: bytes) -> None:
+    """A log of events, judged by properties."""
+    from fame.log.judge import judge_log
+
+    judge_log(_file(f"run{suffix}", data), *_judging())
+
+
+@cache
+def _judging() -> tuple[Sequence[Any], Any]:
+    """The properties and the model of the run from which logs are made."""
+    from fame.bpmn.reader import read
+    from fame.properties import parse
+
+    model = read(ROOT / "models/ground_vehicles.bpmn")
+    return [parse(sentence) for sentence in _SENTENCES], model
+
+
+def _converted(suffix: str) -> bytes:
+    from fame.log.conversion import convert
+
+    convert(_file("valid.mcap", _run()), _folder() / f"valid{suffix}")
+    return (_folder() / f"valid{suffix}").read_bytes()
+
+
+def _xes() -> list[bytes]:
+    """A log with the first events of each trace."""
+    from lxml import etree
+
+    root = etree.fromstring(_converted(".xes"))
+    for trace in root.findall("{*}trace"):
+        for event in trace.findall("{*}event")[10:]:
+            trace.remove(event)
+    return [etree.tostring(root)]
 
 
 def _logs() -> list[bytes]:
-    from fame.log.conversion import convert
+    return [b"\n".join(_converted(suffix).split(b"\n")[:60]) for suffix in (".jsonl", ".csv")]
 
-    path = _file("valid.mcap", _run())
-    found = []
-    for suffix in (".jsonl", ".csv"):
-        convert(path, _folder() / f"valid{suffix}")
-        found.append(b"\n".join((_folder() / f"valid{suffix}").read_bytes().split(b"\n")[:60]))
-    return found
+
+_SENTENCES = (
+    "REX completes within 300 s", "REX fails at most 0 times", 'never DINGO fails at "Go To" with "no way"',
+    'after DINGO throws /done until DINGO completes "Fire", some DINGO starts "Go To" within 1.5e1 min',
+    "between REX starts and DINGO ends, never distance(REX, DINGO) <= 0.4 and REX.battery != 1",
+    "always REX.map[0].x > -1e3 and REX.done == true", 'DINGO reports "fired" only after DINGO is cancelled at "Go To"',
+    "after DINGO throws /done, exists DINGO throws /done where x >= 1 and y[2].z == \"a\" with the same data",
+    "DINGO starts each time only after REX starts", "always /REX/odom.pose.pose.position.x < 6 until REX ends",
+)  # fmt: skip
+
+
+def read_sentence(data: bytes) -> None:
+    """The sentence of a property, and its monitor for a team."""
+    from fame.log.judge import judge_log
+    from fame.properties import parse
+
+    judge_log(_valid_log(), [parse(_loose(data))], _judging()[1])
+
+
+@cache
+def _valid_log() -> Path:
+    return _file("judged.jsonl", _logs()[0])
+
+
+def read_coverage(data: bytes) -> None:
+    """The coverage of tests, as a page for people who sign has it."""
+    from fame.scenario.coverage_file import read_coverage
+    from fame.scenario.safety_report import safety_report
+
+    coverage = read_coverage(_file("coverage.json", data))
+    result, scenario = _explored()
+    safety_report(result, scenario, command="", version="", faults=True, coverage=coverage).encode()
+
+
+@cache
+def _explored() -> tuple[Any, Any]:
+    from fame.scenario import Scenario
+    from fame.scenario.exploration import explore
+
+    path = ROOT / "models/ground_vehicles.bpmn"
+    return explore(path, limit=10), Scenario.load(path)
+
+
+def _coverages() -> list[bytes]:
+    process = {
+        "file": str(ROOT / "models/ground_vehicles.bpmn"), "name": "REX", "elements": {"covered": 1, "total": 2},
+        "flows": {"covered": 0, "total": 1}, "tests": {"a": ["test_a", "test_b"], "b": []},
+        "missing": [{"id": "b", "name": "Turn", "line": 3}, {"id": "c", "name": "", "line": 4}],
+        "excused": {"d": "cannot happen"},
+    }  # fmt: skip
+    return [json.dumps({"percent": 50.0, "requirements": {"R1": ["test_a"]}, "processes": [process]}).encode()]
 
 
 # ---- models and expressions ------------------------------------------------------------------------------------------
@@ -685,6 +767,11 @@ TARGETS = tuple(
         ("recording", read_recording, lambda: [_run()], text_or_bytes, {"slow": True, "needs": ("pymunk",)}),
         ("channels", read_channels, _channels, json_lines, {"slow": True, "needs": ("pymunk",)}),
         ("log", read_log, _logs, text_or_bytes, {"needs": ("pymunk",)}),
+        ("xes", partial(judge_log, ".xes"), _xes, xml, {"needs": ("pymunk",)}),
+        ("ocel", partial(judge_log, ".ocel.json"), lambda: [_converted(".ocel.json")], json_text,
+         {"needs": ("pymunk",)}),
+        ("sentence", read_sentence, _texts(*_SENTENCES), text_or_bytes, {"needs": ("pymunk",)}),
+        ("coverage", read_coverage, _coverages, json_text, {}),
         ("model", read_model, _models, xml, {"slow": True}),
         ("check", check_model, _models, xml, {"slow": True}),
         *(
