@@ -399,6 +399,7 @@ class Subprocesses:
             start_new_session=True,
         )
         self._processes[name] = process
+        self.last.pop(name, None)
         thread = threading.Thread(target=self._listen, args=(name, process), daemon=True)
         self._threads.append(thread)
         thread.start()
@@ -436,7 +437,8 @@ class Subprocesses:
         with process.stderr as lines:
             for line in lines:
                 decoded = decode_line(line)
-                self.last[name] = (event_text(decoded) if isinstance(decoded, Event) else str(decoded or line)).strip()
+                if not isinstance(decoded, Event):  # what the robot does is no reason why its engine has ended
+                    self.last[name] = str(decoded or line).strip()
                 self._on_line(name, line.rstrip())
 
 
