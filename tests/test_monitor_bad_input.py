@@ -11,7 +11,8 @@ from fame.cli import main
 from fame.errors import ConfigError
 from fame.monitor.pipeline.detectors import DETECTORS
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.train import Training, fit, losses, warnings_of
+from fame.monitor.pipeline.train import Training, fit, losses
+from fame.monitor.pipeline.training_checks import warnings_of
 
 QUICK = Training(window=20, samples=800, epochs=3, hidden=(4, 2, 4), detector="pca", folds=3)
 

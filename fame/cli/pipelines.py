@@ -264,7 +264,7 @@ def add_train(commands: Commands) -> None:
         "--check", action="store_true", help="only check that the stored model was trained on these data"
     )
     parser.add_argument(
-        "--keep", action="store_true", help="train also if runs are outliers: left-out losses far above the others"
+        "--keep", action="store_true", help="train also if runs are unlike the others (left-out loss, movement)"
     )
     add_json(parser)
 
@@ -276,8 +276,9 @@ def run_train(arguments: Namespace) -> int:
     from fame.imports import require
     from fame.monitor.data_files import hash_files
     from fame.monitor.model_card import write_card
-    from fame.monitor.pipeline.train import train, warnings_of
+    from fame.monitor.pipeline.train import train
     from fame.monitor.pipeline.trained_model import TrainedModel
+    from fame.monitor.pipeline.training_checks import warnings_of
 
     if arguments.onnx is not None:
         require("onnx")
@@ -379,7 +380,7 @@ def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: P
     from contextlib import suppress
 
     from fame.errors import ConfigError, UnavailableError
-    from fame.monitor.pipeline.train import memorised, outliers
+    from fame.monitor.pipeline.training_checks import memorised, outliers
 
     if text := memorised(model):
         mend = "record more or longer runs, take another Detector (--compare) or a shorter Window"

@@ -46,7 +46,7 @@ def card_of(model: TrainedModel | Model) -> Card:
 
 def _of_windows(model: TrainedModel) -> Card:
     from fame.monitor.pipeline.detectors import detector_name
-    from fame.monitor.pipeline.train import warnings_of
+    from fame.monitor.pipeline.training_checks import warnings_of
 
     conditions, calibration = model.conditions, model.calibration
     window = f"{model.window / model.rate:.3g} s"

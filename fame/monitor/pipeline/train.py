@@ -22,7 +22,7 @@ import numpy as np
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
-from fame.monitor.calibration import FAR, FEWEST, Calibration, calibrate, false_alarm_rate, read_false_alarms
+from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, read_false_alarms
 from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, hash_files, rate_of, read_runs
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
@@ -33,6 +33,7 @@ from fame.monitor.pipeline.filters import LowPass, Windower
 from fame.monitor.pipeline.phases import Phases, reduced
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.monitor.pipeline.training_checks import UNLIKE, drifts, unlike_movements
 from fame.monitor.storage import versions
 from fame.text import suggestion
 
@@ -93,10 +94,6 @@ class Training:
 
 
 ReportProgress = Callable[[str], object]
-OUTLIER = 30.0
-"""A run whose left-out loss is this many times those of the others, or of the training, is not one of them."""
-UNLIKE = 1.2
-"""Longest run over shortest, above which lengths are told."""
 REPEATING = 0.5
 """Share of the variance of a channel that the time since the start explains in runs that repeat."""
 
@@ -120,20 +117,20 @@ def fit(
     for index, fold in left_out(filtered, config, rate, report):
         loss = losses(fold, filtered[index], config.stride).values
         scores[index] = loss.max(axis=0, initial=-np.inf)
-    whole = np.isfinite(scores).all(axis=1)
-    if whole.sum() < 2:
-        text = (
-            f"{whole.sum()} of {len(runs)} runs have a whole window of {config.window} samples; at least 2 are needed"
-        )
+    whole = np.flatnonzero(np.isfinite(scores).all(axis=1)).tolist()
+    if len(whole) < 2:
+        text = f"{len(whole)} of {len(runs)} runs have a whole window of {config.window} samples; at least 2 are needed"
         raise ConfigError(text, element="Training.window")
     lasted = [float(run.stamps[-1] - run.stamps[0]) for run in runs if len(run)]
     asked = false_alarm_rate(config.false_alarms, float(np.mean(lasted)))
     calibration = calibrate(scores[whole], asked, config.margin)
     figures = _figures(model, filtered, scores[whole], config)
     conditions = {
-        "runs": len(runs), "scored": int(whole.sum()), "seconds": [min(lasted), max(lasted)],
+        "runs": len(runs), "scored": len(whole), "numbers": whole, "seconds": [min(lasted), max(lasted)],
         "samples": sum(map(len, runs)), "settings": _plain(asdict(config)),
         "constant": [name for name, moves in zip(model.columns, _moves(runs), strict=True) if not moves],
+        "movement": unlike_movements([runs[index] for index in whole]),
+        "drifts": drifts([runs[index] for index in whole]), "late_scores": _late_scores(filtered, whole, config, rate),
     }  # fmt: skip
     return replace(
         model, thresholds=calibration.thresholds, metrics=figures, data=data, versions=versions(),
@@ -204,6 +201,16 @@ def left_out(
         yield from ((int(index), model) for index in sorted(held))
 
 
+def _late_scores(runs: Sequence[Samples], whole: list[int], config: Training, rate: float) -> list[list[float]]:
+    """Return the largest losses of the last third of the runs by a detector of those before, which learned nothing of
+    what came later; none of few runs."""
+    late = whole[len(whole) - len(whole) // 3 :]
+    if len(whole) - len(late) < FEWEST:
+        return []
+    model = learned(runs[: late[0]], config, rate)
+    return [losses(model, runs[index], config.stride).values.max(axis=0).tolist() for index in late]
+
+
 def _figures(
     model: TrainedModel, runs: Sequence[Samples], scores: Floats, config: Training
 ) -> dict[str, tuple[float, ...]]:
@@ -224,103 +231,6 @@ def _moves(runs: Sequence[Samples]) -> Any:
 def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
     kept = {name: value for name, value in settings.items() if name not in ("files", "model")}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in kept.items()}
-
-
-def warnings_of(model: TrainedModel) -> list[str]:
-    """Return what a user has to know about the thresholds of a model, a line each."""
-    if model.calibration is None:
-        return [
-            "was trained by an earlier version, its rate of false alarms is unknown; fame monitor train makes it anew"
-        ]
-    notes = [] if model.calibration.promised is not None else [model.calibration.text]
-    above = [
-        name
-        for name, largest, threshold in zip(model.columns, model.metrics["training_max"], model.thresholds, strict=True)
-        if largest > threshold
-    ]
-    if above:
-        notes.append(
-            f"training runs exceed the thresholds of {', '.join(above)}: these have outliers, look at the runs"
-        )
-    far = [
-        f"{name} ({times:.2g} times)"
-        for name, times in zip(model.columns, model.calibration.stretch, strict=True)
-        if times > max(FAR, model.calibration.margin) and name not in model.conditions.get("constant", [])
-    ]
-    if far:
-        notes.append(f"thresholds lie far above the largest left-out losses, as some runs are unlike: {', '.join(far)}")
-    constant = model.conditions.get("constant", [])
-    if constant:
-        notes.append(f"{', '.join(constant)} never moved in training: any movement raises an alarm")
-    short = model.conditions.get("runs", 0) - model.conditions.get("scored", 0)
-    if short:
-        notes.append(f"{short} of {model.conditions['runs']} runs are shorter than a window: they set no threshold")
-    shortest, longest = model.conditions.get("seconds", (1.0, 1.0))
-    if _trend(model.calibration.scores):
-        notes.append("losses grow or fall from run to run: the promise needs runs that could come in any order")
-    late, expected, exceed = _split(model.calibration)
-    if exceed:
-        notes.append(f"{exceed} of the last {late} runs exceed thresholds by the runs before; expected: {expected:.2g}")
-    notes += [text] if (text := memorised(model)) else outliers(model).values()
-    if longest > UNLIKE * shortest:
-        notes.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
-    return notes
-
-
-def memorised(model: TrainedModel) -> str:
-    """Say so if most runs, left out, have losses far above those of the training: the detector knows its own runs."""
-    if model.calibration is None:
-        return ""
-    times = (model.calibration.scores / _least(np.array(model.metrics["training_max"]))).max(axis=1)
-    above = times[times > OUTLIER]
-    if 2 * len(above) <= len(times):
-        return ""
-    found = f"in {len(above)} of {len(times)} runs the left-out loss is {np.median(above):.0f} times that in training"
-    return f"{found}: the detector has learned its own runs by heart"
-
-
-def _least(loss: Any) -> Any:
-    return np.maximum(loss, 1e-4)  # losses are of scaled channels: less than this is nothing
-
-
-def outliers(model: TrainedModel) -> dict[int, str]:
-    """Name the runs whose left-out loss is far above those of the others, or of the training: number, and a line."""
-    if model.calibration is None:
-        return {}
-    scores, lines = model.calibration.scores, dict[int, str]()
-    for number, row in enumerate(scores):
-        usual = np.minimum(
-            np.median(np.delete(scores, number, axis=0), axis=0), np.array(model.metrics["training_max"])
-        )
-        times = row / _least(usual)
-        worst = int(times.argmax())
-        if times[worst] > OUTLIER:
-            lines[number] = (
-                f"run {number}: its left-out loss of {model.columns[worst]} is {times[worst]:.0f} times the usual"
-            )
-    return lines
-
-
-def _trend(scores: Floats) -> bool:
-    """Whether losses grow or fall from run to run, so that the runs are not exchangeable."""
-    from scipy.stats import spearmanr
-
-    level = np.log(np.maximum(scores, 1e-12)).mean(axis=1)
-    return len(level) >= 6 and bool(np.ptp(level) > 0) and float(spearmanr(np.arange(len(level)), level).pvalue) < 0.002
-
-
-def _split(calibration: Calibration) -> tuple[int, float, int]:
-    """Judge the last third of the runs by thresholds of the runs before: their number, how many are expected to exceed
-    these, and how many do; 0 if that may be chance (1 in 100)."""
-    from scipy.stats import binom
-
-    scores = calibration.scores
-    late = len(scores) // 3
-    if len(scores) - late < FEWEST:
-        return late, 0.0, 0
-    before = calibrate(scores[:-late], max(calibration.asked, 1 / (len(scores) - late + 1)), calibration.margin)
-    rate, above = before.promised or 0.0, int((scores[-late:] > before.thresholds).any(axis=1).sum())
-    return late, late * rate, above if binom.sf(above - 1, late, rate) < 0.01 else 0
 
 
 def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:

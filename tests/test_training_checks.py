@@ -1,0 +1,91 @@
+"""Runs that are unlike the others are refused, and changes from run to run are told."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from monitor_runs import write_runs
+
+from fame.cli import main
+from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.train import Training, fit
+from fame.monitor.pipeline.training_checks import drifting, outliers
+
+RATE, RUNS = 50.0, 12
+CONFIG = Training(detector="phase", window=20, stride=5, false_alarms="0.1 per run")
+
+
+def run(seed: int, gain: float = 1.0, level: float = 0.0, rows: int = 300) -> Samples:
+    """Two channels with heavy-tailed noise that repeat; the first has another gain or level."""
+    random = np.random.default_rng(seed)
+    stamps = np.arange(rows) / RATE
+    values = np.sin(stamps[:, None] * [2.0, 3.0]) * [gain, 1.0] + [level, 0.0]
+    return Samples(values + 0.05 * random.standard_t(4, (rows, 2)), stamps, ("left", "right"))
+
+
+def trained(folder: Path, runs: Sequence[Samples], *more: str) -> int:
+    file = write_runs(folder / "runs.csv", runs)
+    words = ["monitor", "train", "--data", str(file), "--false-alarms", "0.1 per run", "-o", str(folder / "m.skops")]
+    return main([*words, *more])
+
+
+@pytest.mark.parametrize("detector", ["phase", "mahalanobis", "pca"])
+def test_a_run_in_which_a_motor_stood_still_is_refused_by_name_unless_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], detector: str
+):
+    runs = [run(seed, gain=0.0 if seed == 4 else 1.0) for seed in range(RUNS)]
+    assert trained(tmp_path, runs, "--detector", detector) == 2
+    error = capsys.readouterr().err
+    assert re.search(r"run 4: .*left moves 0\.\d+ times as much as usual", error)
+    assert not (tmp_path / "m.skops").exists()
+    assert trained(tmp_path, runs, "--detector", detector, "--keep") == 0
+    assert "warning: run 4: " in capsys.readouterr().err
+
+
+def test_the_number_of_a_refused_run_counts_runs_that_are_too_short():
+    runs = [run(seed, gain=0.0 if seed == 4 else 1.0, rows=10 if seed == 1 else 300) for seed in range(RUNS)]
+    assert list(outliers(fit(runs, CONFIG))) == [4]
+
+
+@pytest.mark.parametrize("spread", [0.01, 0.4])
+def test_undisturbed_runs_are_not_refused_however_much_the_movement_varies(spread: float):
+    gains = np.exp(spread * np.random.default_rng(1).standard_normal(RUNS))
+    for detector in ("phase", "mahalanobis"):
+        model = fit([run(seed, gain) for seed, gain in enumerate(gains)], replace(CONFIG, detector=detector))
+        assert outliers(model) == {}
+
+
+def test_a_run_that_stands_still_from_the_middle_on_is_refused():
+    runs = [run(seed) for seed in range(RUNS)]
+    runs[7].values[150:] = runs[7].values[150]
+    assert list(outliers(fit(runs, CONFIG))) == [7]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_level_that_drifts_from_run_to_run_is_told_and_stands_on_the_card(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], order: int
+):
+    levels = np.linspace(0.0, 0.1, RUNS)[::order]
+    assert trained(tmp_path, [run(seed, level=level) for seed, level in enumerate(levels)]) == 0
+    told = "levels drift from run to run: later runs may raise more alarms than promised: left (from "
+    assert f"warning: {told}" in capsys.readouterr().err
+    assert any(text.startswith(told) for text in json.loads((tmp_path / "m.card.json").read_text())["Limits"])
+    mixed = np.random.default_rng(2).permutation(levels)
+    assert trained(tmp_path, [run(seed, level=level) for seed, level in enumerate(mixed)]) == 0
+    assert "drift" not in capsys.readouterr().err
+
+
+def test_last_runs_that_a_model_of_those_before_does_not_know_are_told():
+    """From the ninth run on another movement: the detectors of the folds know it from the other late runs."""
+    runs = [run(seed) for seed in range(RUNS)]
+    for late in runs[8:]:
+        late.values[100:160, 1] += np.sin(np.arange(60) * 2 * np.pi / 12)
+    told = drifting(fit(runs, replace(CONFIG, detector="mahalanobis")))
+    assert any(text.startswith("4 of the last 4 runs exceed thresholds by the runs before") for text in told)
+    assert drifting(fit([run(seed) for seed in range(RUNS)], replace(CONFIG, detector="mahalanobis"))) == []
