@@ -51,7 +51,11 @@ def test_what_runs_beside_the_robots_is_struck_while_it_runs() -> None:
 
 @pytest.mark.parametrize(
     ("name", "file"),
-    [("a promise that is not read again", "seed_727"), ("a start before its record", "seed_253789720")],
+    [
+        ("a promise that is not read again", "seed_727"),
+        ("a start before its record", "seed_253789720"),
+        ("a robot that stops listening", "seed_2723"),
+    ],
 )
 def test_a_planted_bug_is_found(name: str, file: str) -> None:
     plan = Plan.from_json((Path(__file__).parent / "torture" / "found" / f"{file}.json").read_text())

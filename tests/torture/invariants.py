@@ -244,17 +244,41 @@ def goals(team: Team) -> Iterator[str]:
             yield f"A has sent its goal {count} {number} times"
 
 
+_SILENCE = 5.0
+"""How long a mission may do nothing (s): each second, at most, A has something to say."""
+
+
 def stuck(team: Team) -> Iterator[str]:
-    """A mission that runs goes on."""
+    """A mission that runs goes on: A says counts, the others take them, and B catches the alarms of the monitor."""
     states = {name: robot.engine.state for name, robot in team.robots.items() if robot.engine is not None}
     for name, state in states.items():
         if state == "idle":
             yield f"{name} has lost its mission, which has no end"
-    if states.get("A") != "running":
-        return
-    ticks = team.fabric.published.get("/tick", ())
-    if not ticks or team.scheduler.now / SECOND - ticks[-1][0] > 5:
-        yield "A runs and does nothing for 5 s"
+    said = _lately(team, "/tick")
+    if states.get("A") == "running" and not said:
+        yield f"A runs and does nothing for {_SILENCE:g} s"
+    for name in ("B", "C"):
+        if said and states.get(name) == "running" and _last(team, name, "kept") not in said:
+            yield f"{name} runs and takes nothing for {_SILENCE:g} s: {said}"
+    alarms = _lately(team, "/alarm")
+    if alarms and states.get("B") == "running" and _last(team, "B", "alarms") not in alarms:
+        yield f"B runs and catches no alarm for {_SILENCE:g} s: {alarms}"
+
+
+def _lately(team: Team, topic: str) -> list[int]:
+    """What was published on a topic lately."""
+    since = team.scheduler.now / SECOND - _SILENCE
+    return [round(message.data) for time, _, message in team.fabric.published.get(topic, ()) if time >= since]
+
+
+def _last(team: Team, robot: str, variable: str) -> int | None:
+    """The last value in a list of a robot's mission."""
+    engine = team.robots[robot].engine
+    process = engine.running if engine is not None else None
+    for instance in process.engine.instances.values() if process is not None else ():
+        if values := instance.variables.get(variable):
+            return int(values[-1])
+    return None
 
 
 def strangers(team: Team) -> Iterator[str]:

@@ -75,14 +75,18 @@ RARE = ("battery", "flip")
 DISK_FAULTS = ("power", "battery", "fuse", "full", "read-only", "flip", "erase")
 
 _OF_ROBOTS = ("kill", "stop", "match", *DISK_FAULTS)
+_OF_CLOCKS = ("clock", "drift")
+_OF_NETWORKS = ("cut", "loss", "delay", "twice")
 _STAGES = ("waiting", "loading", "matching", "ready", "holding", "running")
+_SENDING = ("discovery", "load", "start")
 PHASES = (
-    {f"{kind} / {stage}" for kind in _OF_ROBOTS for stage in _STAGES}
-    | {f"{kind} sender / {phase}" for kind in ("kill", "stop") for phase in ("discovery", "load", "start")}
+    {f"{kind} / {stage}" for kind in (*_OF_ROBOTS, *_OF_CLOCKS, *KEYS) for stage in _STAGES}
+    | {f"{kind} / {phase}" for kind in (*_OF_CLOCKS, *_OF_NETWORKS) for phase in (*_SENDING, "nothing under way")}
+    | {f"{kind} sender / {phase}" for kind in ("kill", "stop") for phase in _SENDING}
     | {f"{kind} {target} / running" for kind in ("kill", "stop") for target in ("server", "splitter", "monitor")}
-    | {f"{kind} / nothing under way" for kind in ("cut", "loss", "delay", "twice")}
 )
-"""Each fault with the phases in which it has to strike some time."""
+"""Each fault with the phases in which it has to strike some time: those of the robot that it strikes, or of the newest
+sender (of a clock: that of the senders' machine)."""
 
 
 KEPT = sorted((Path(__file__).parent / "found").glob("*.json"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,6 +15,7 @@ from fame.deploy.envelope import Envelope
 from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.requests import TaskServer
 from fame.deploy.resumption import _PROMISE, StateKeeper
+from fame.gc_tuning import uncollected
 from fame.robot import acknowledged, delivery_protocol, journal
 from fame.robot.acknowledged import AcknowledgedSignals
 from fame.robot.durable import DurableRecorder
@@ -230,6 +232,16 @@ def _alarms_dropped(original: Any) -> Any:
     return on_message
 
 
+def _deaf_in_the_end(original: Any) -> Any:
+    """No message from the 15th of a version on reaches the engine."""
+
+    def on_message(self: RobotNode, topic: str, message: Any) -> None:
+        if message.data % 1000 < 15:
+            original(self, topic, message)
+
+    return on_message
+
+
 def _signal_taken_again(original: Any) -> Any:
     """An acknowledged signal that arrives again is taken again."""
 
@@ -291,6 +303,7 @@ BUGS: dict[str, Bug] = {
     "what was set aside is forgotten": (_transition, "_set_aside", _set_aside_is_dropped),
     "messages twice after a migration": (RobotNode, "forget_early", _again_after_migration),
     "a message that is dropped": (RobotNode, "on_message", _some_dropped),
+    "a robot that stops listening": (RobotNode, "on_message", _deaf_in_the_end),
     "an alarm that is dropped": (RobotNode, "on_message", _alarms_dropped),
     "a signal taken as often as it arrives": (acknowledged, "step_incoming", _signal_taken_again),
     "a repair done each time it is asked": (TaskServer, "_on_request", _repair_each_time),
@@ -318,7 +331,9 @@ def seeds_until_found(name: str, starts: Sequence[int], limit: int) -> int:
     searching = set(starts)
     with planted(name):
         for number in range(limit):
-            searching -= {start for start in searching if judge(Team(draw(start + number)))}
+            with uncollected(stays=True):
+                searching -= {start for start in searching if judge(Team(draw(start + number)))}
+                gc.collect()
             if len(searching) <= len(starts) // 2:
                 return number + 1
     return limit

@@ -308,16 +308,20 @@ class Team:
         return True
 
     def _phase(self, step: Step) -> str:
-        """A kind of fault, and in which phase of a deployment it strikes its robot (or the newest)."""
-        engine = self.robots[step.target].engine if step.target in self.robots else None
-        if engine is not None:
-            candidate = engine._protocol.state.candidate
-            stage = engine.state if candidate is None else "holding" if candidate.holds else candidate.stage
-            return f"{step.kind} / {stage}"
+        """A kind of fault, and in which phase of a deployment it strikes its robot (or the newest sender)."""
+        if step.target in self.robots:
+            return f"{step.kind} / {self._stage(self.robots[step.target].engine)}"
         if step.kind.endswith(PROGRAMS):
             return f"{step.kind} / {'absent' if self._program(step).process is None else 'running'}"
         running = [one.deployment for one in self.senders if one.alive and one.deployment is not None]
         return f"{step.kind} / {running[-1]._protocol.state.phase if running else 'nothing under way'}"
+
+    def _stage(self, engine: EngineNode | None) -> str:
+        """How far an engine is."""
+        if engine is None:
+            return "absent"
+        candidate = engine._protocol.state.candidate
+        return engine.state if candidate is None else "holding" if candidate.holds else candidate.stage
 
     def _program(self, step: Step) -> Program:
         """What a step strikes beside the robots."""
