@@ -1,6 +1,6 @@
-"""Compare what is installed with `.ci/constraints.txt`: the versions that the tests ran with.
+"""Compare what is installed with `.ci/constraints.txt`: the versions that the tests ran with, which `.ci/run` installs.
 
-``python .ci/versions.py`` prints each difference and always succeeds: newer versions are tried, not refused.
+``python .ci/versions.py`` prints each difference and always succeeds: ``VERSIONS=newest .ci/run`` tries newer ones.
 ``python .ci/versions.py --write`` writes the versions that are installed.
 """
 
@@ -18,11 +18,11 @@ HEAD = """\
 # pip install -c .ci/constraints.txt -e '.[dev]'
 # Written by: python .ci/versions.py --write
 """
-OURS = {"fame-robots", "pip"}
+OURS = {"fame-robots", "pip", "setuptools"}
 
 
 def installed() -> dict[str, str]:
-    """Give the version of each package here, but for our own."""
+    """Give the version of each package here, but for our own and those of every environment."""
     found = {re.sub("[-_.]+", "-", one.metadata["Name"]).lower(): one.version for one in distributions()}
     return {name: version for name, version in sorted(found.items()) if name not in OURS}
 
