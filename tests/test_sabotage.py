@@ -35,6 +35,10 @@ def test_the_mission_completes_with_one_part_spoiled(result: Result) -> None:
     assert 12 < arm["parts"] < 40
 
 
+def test_its_properties_hold(result: Result) -> None:
+    assert [each.verdict for each in result.judgements] == ["holds"] * 3
+
+
 def test_the_alarm_says_which_part_and_how_many_are_good_and_spoiled(result: Result) -> None:
     assert result.world is not None
     good = result.world["robots"]["Arm"]["parts"]
