@@ -72,6 +72,12 @@ def test_a_margin_holds_with_a_promise_too():
     assert calibrate(every, 0.01, 2.0).thresholds == pytest.approx(2 * np.array(calibrate(every, 0.01).thresholds))
 
 
+def test_a_margin_that_lowers_the_thresholds_voids_the_promise():
+    lowered = calibrate(scores(1, 99), 0.01, 0.5)
+    assert lowered.promised is None
+    assert lowered.text == "no promise: a margin of 0.5 lowers thresholds below those that 99 runs promise"
+
+
 def test_runs_are_judged_by_the_thresholds_of_the_others():
     every = scores(4, 30)
     every[17] *= 50

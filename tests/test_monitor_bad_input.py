@@ -1,5 +1,6 @@
 """Data that say little or contradict themselves: one run, channels that stand still, very unequal runs, labels."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -152,3 +153,13 @@ def test_a_model_of_one_kind_is_refused_where_the_other_is_expected(
     for kind, maker in (("train", "fame monitor train"), ("adm", "fame monitor adm learn")):
         assert main(["monitor", "model", "show", str(models[kind])]) == 0
         assert f"made by: {maker}" in capsys.readouterr().out
+
+
+def test_the_card_of_a_model_that_was_learned_again_names_what_it_replaced(tmp_path: Path):
+    write_runs(tmp_path / "runs.csv", [run(seed) for seed in range(6)], lambda number, row: 1)
+    for _ in range(2):
+        assert main(["monitor", "adm", "learn", str(learning(tmp_path)), "-o", str(tmp_path / "m.skops")]) == 0
+    card = json.loads((tmp_path / "m.card.json").read_text())
+    made = card["Model"]["made on"]
+    assert card["Model"]["predecessor"].startswith(f"of {made[:11]}")
+    assert card["Model"]["predecessor"].endswith(f"trained on data {card['Data']['sha256'][:12]}")

@@ -15,7 +15,7 @@ from monitor_runs import write_runs
 from fame.cli import main
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit
-from fame.monitor.pipeline.training_checks import drifting, outliers
+from fame.monitor.pipeline.training_checks import drifting, outliers, warnings_of
 
 RATE, RUNS = 50.0, 12
 CONFIG = Training(detector="phase", window=20, stride=5, false_alarms="0.1 per run")
@@ -89,3 +89,10 @@ def test_last_runs_that_a_model_of_those_before_does_not_know_are_told():
     told = drifting(fit(runs, replace(CONFIG, detector="mahalanobis")))
     assert any(text.startswith("4 of the last 4 runs exceed thresholds by the runs before") for text in told)
     assert drifting(fit([run(seed) for seed in range(RUNS)], replace(CONFIG, detector="mahalanobis"))) == []
+
+
+@pytest.mark.parametrize(("margin", "why"), [(5.0, "5 times by the margin, the rest as runs differ: "), (1.0, "")])
+def test_thresholds_that_a_margin_lifts_are_not_blamed_on_the_runs(margin: float, why: str):
+    model = fit([run(seed) for seed in range(RUNS)], replace(CONFIG, margin=margin))
+    told = [text for text in warnings_of(model) if text.startswith("thresholds lie far above")]
+    assert [text.partition(", ")[2][: len(why)] for text in told] == ([why] if why else [])

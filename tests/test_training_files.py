@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from fame.cli import main
+from fame.errors import ConfigError
 from fame.monitor.data_files import Special, read_runs
 from fame.monitor.pipeline.train import suited_detector
 
@@ -82,6 +83,15 @@ def test_parquet_is_read_as_csv_is(tmp_path: Path):
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one.values, other.values, atol=1e-6)
         np.testing.assert_allclose(one.stamps, other.stamps, atol=1e-5)
+
+
+def test_stamps_that_fall_within_a_run_are_refused_with_their_line(tmp_path: Path):
+    file = tmp_path / "runs.csv"
+    file.write_text("stamp,run,a\n0,0,1\n1,0,2\n0,1,3\n1,1,4\n0.5,1,5\n")
+    with pytest.raises(ConfigError, match=r"runs\.csv:6: expected stamps that grow within a run, got 0\.5 after 1: "):
+        read_runs([file])
+    file.write_text("stamp,run,a,b\n0,0,1,2\n5,0,1,\n1,0,2,3\n")  # a row that is left out does not count
+    assert read_runs([file])[0].stamps.tolist() == [0.0, 1.0]
 
 
 def test_phases_suit_only_cycles_that_repeat(tmp_path: Path):

@@ -118,10 +118,12 @@ def _add_learn(parts: Commands) -> None:
 
 def run_learn(arguments: Namespace) -> int:
     """Fit, judge, store the best, and print how all of them did."""
+    from dataclasses import replace
+
     from fame.monitor.anomaly.classifiers import HEADS, plain, rows
     from fame.monitor.anomaly.learn import best, learn, read_data
     from fame.monitor.anomaly.learning_file import load
-    from fame.monitor.model_card import write_card
+    from fame.monitor.model_card import origin_of, write_card
 
     learning = load(arguments.config)
     writable(arguments.output)
@@ -135,8 +137,9 @@ def run_learn(arguments: Namespace) -> int:
             if line is not None else None,
         )  # fmt: skip
     chosen = best(learned)
-    chosen.model.save(arguments.output)
-    write_card(chosen.model, arguments.output)
+    model = replace(chosen.model, conditions=origin_of(arguments.output))
+    model.save(arguments.output)
+    write_card(model, arguments.output)
     note(f"{arguments.output}: {chosen.model.alarm_text()}")
     if arguments.plots is not None:
         _plot(arguments.plots, learned, chosen, data)

@@ -275,7 +275,7 @@ def run_train(arguments: Namespace) -> int:
 
     from fame.imports import require
     from fame.monitor.data_files import hash_files
-    from fame.monitor.model_card import write_card
+    from fame.monitor.model_card import origin_of, write_card
     from fame.monitor.pipeline.train import train
     from fame.monitor.pipeline.trained_model import TrainedModel
     from fame.monitor.pipeline.training_checks import warnings_of
@@ -297,7 +297,7 @@ def run_train(arguments: Namespace) -> int:
             print(_comparison(compared))
         if not arguments.keep:
             _refuse_doubtful(model, file, training, path)
-        model = replace(model, conditions={**model.conditions, **_origin(path)})
+        model = replace(model, conditions={**model.conditions, **origin_of(path)})
         model.save(path)
         write_card(model, path)
     if arguments.onnx is not None:
@@ -354,24 +354,6 @@ def _compare(training: Training, report: Callable[[str], object]) -> list[Compar
     return compare(
         read_runs(training.files, training.columns, training.special, undisturbed=True), training, report=report
     )
-
-
-def _origin(path: Path) -> dict[str, str]:
-    """Return the date of a model that is stored now, and what it replaces."""
-    from datetime import UTC, datetime
-
-    from fame.errors import FameError
-    from fame.monitor.model_card import load_any
-
-    found = {"made": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")}
-    if not path.exists():
-        return found
-    try:
-        old = load_any(path)
-    except FameError:
-        return found | {"predecessor": "a file that is no model of this version"}
-    made = getattr(old, "conditions", {}).get("made", "an unknown date")
-    return found | {"predecessor": f"of {made}, trained on data {old.data[:12]}"}
 
 
 def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: Path) -> None:

@@ -76,6 +76,10 @@ class Calibration:
     def text(self) -> str:
         """What is promised, in one sentence."""
         sure = f"{runs_to_bound(self.asked)} to be {100 * CONFIDENCE:.0f} % sure of it"
+        if self.levels and self.margin < 1:
+            return (
+                f"no promise: a margin of {self.margin:g} lowers thresholds below those that {self.runs} runs promise"
+            )
         if self.promised is None:
             best = f"{self.runs} runs promise {1 / (self.runs + 1):.2g} per run at best"
             needed = max(runs_needed(self.asked), FEWEST)
@@ -164,7 +168,7 @@ def calibrate(scores: Floats, rate: float = RATE, margin: float | None = None) -
         limits = (margin or 1.0) * (centre + np.sort(_run_scores(scores))[(place or runs) - 1] * unit)
         limits = limits if place else np.maximum(limits, seen)  # never below what a higher rate gives
     levels, deviations = _log_scale(scores)
-    thresholds = np.maximum(limits, LEAST)
+    thresholds, promised = np.maximum(limits, LEAST), None if factor < 1 else promised
     return Calibration(
         tuple(thresholds.tolist()), rate, promised, runs, factor, scores,
         tuple(levels.tolist()), tuple(deviations.tolist()),

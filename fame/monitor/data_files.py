@@ -104,7 +104,7 @@ def read_labelled_runs(
     found: tuple[str, ...] = ()  # the columns of the first file, if none were asked for
     for path in map(Path, paths):
         parquet = path.suffix == ".parquet"
-        names, cells, _, elements = _read_parquet(path, special) if parquet else read_recorded(path, special)
+        names, cells, first, elements = _read_parquet(path, special) if parquet else read_recorded(path, special)
         channels = tuple(name for name in names if name not in (*special, LABEL, ""))
         if found and (more := sorted(set(channels) - set(found))):
             text = f"has columns that the first file lacks, {', '.join(more)}: say which to use (Columns)"
@@ -128,12 +128,12 @@ def read_labelled_runs(
             raise ConfigError(f"has no row with all of {', '.join(columns)}", file=str(path))
         for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1):
             kept = rows[whole[rows]]
-            order = kept[np.argsort(stamps[kept], kind="stable")]
+            _refuse_backward(stamps, kept, path, first)
             known = stamps[rows][np.isfinite(stamps[rows])]
-            changes = _changes(stamps[order], [elements[row] for row in order]) if elements else ()
-            samples = Samples(values[order], stamps[order], tuple(columns), changes)
+            changes = _changes(stamps[kept], [elements[row] for row in kept]) if elements else ()
+            samples = Samples(values[kept], stamps[kept], tuple(columns), changes)
             runs.append(LabelledRun(
-                samples, labels[order], str(path), len(rows) - len(kept),
+                samples, labels[kept], str(path), len(rows) - len(kept),
                 float(np.ptp(known)) if len(known) else 0.0, LABEL in names,
             ))  # fmt: skip
     return runs
@@ -163,6 +163,17 @@ def _refuse_other_units(stamps: Floats, path: Path) -> None:
     if got:
         text = f"expected s in column {STAMP!r}, got {got}"
         raise ConfigError(text, file=str(path), line=2)
+
+
+def _refuse_backward(stamps: Floats, rows: Whole, path: Path, first: int) -> None:
+    """Raise ConfigError where the stamps of the rows of a run fall: a clock that jumped, runs without a column that
+    divides them, or another order. Sorted, they would be a motion that never was."""
+    falls = np.flatnonzero(np.diff(stamps[rows]) < 0)
+    if len(falls):
+        before, row = (int(each) for each in rows[falls[0] : falls[0] + 2])
+        got = f"got {stamps[row]:.12g} after {stamps[before]:.12g}"
+        text = f"expected stamps that grow within a run, {got}: sort the rows, or begin another run here ({RUN})"
+        raise ConfigError(text, file=str(path), line=row + first)
 
 
 def _labels(column: Floats, path: Path) -> Whole:

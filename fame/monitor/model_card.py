@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from fame.errors import FameError
 from fame.intervals import interval
 from fame.monitor.calibration import measured_alarms
 
@@ -36,6 +38,19 @@ def load_any(path: str | Path) -> TrainedModel | Model:
         return TrainedModel.load(path)
     content = read_model(Path(path), "fame monitor train or adm learn")
     return Model.of(content, str(path)) if content.get("kind") == Model.kind else TrainedModel.of(content, str(path))
+
+
+def origin_of(path: Path) -> dict[str, str]:
+    """Return the date of a model that is stored now, and what it replaces."""
+    found = {"made": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")}
+    if not path.exists():
+        return found
+    try:
+        old = load_any(path)
+    except FameError:
+        return found | {"predecessor": "a file that is no model of this version"}
+    made = old.conditions.get("made", "an unknown date")
+    return found | {"predecessor": f"of {made}, trained on data {old.data[:12]}"}
 
 
 def card_of(model: TrainedModel | Model) -> Card:
@@ -85,7 +100,8 @@ def _of_points(model: Model) -> Card:
         detector = f"{model.detector.rule} {', '.join(model.parts)}"
     return {
         "Model": {
-            "made by": model.maker, "detector": f"{model.name} ({detector})",
+            "made by": model.maker, "made on": model.conditions.get("made"),
+            "predecessor": model.conditions.get("predecessor"), "detector": f"{model.name} ({detector})",
             "joints": ", ".join(model.joints), "usual run": f"{model.nominal} points",
         },
         "Data": {"sha256": model.data},

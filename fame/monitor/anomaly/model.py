@@ -145,6 +145,7 @@ class Model(StoredModel):
     versions     of the packages that made it
     calibration  of the threshold, if it promises a rate of false alarms
     band         of the benign training runs, over the number of the point in its run; None of an earlier version
+    conditions   of the learning, as plain data: its date, and what the model replaced
     """
 
     kind: ClassVar[str] = "points"
@@ -161,6 +162,7 @@ class Model(StoredModel):
     versions: Mapping[str, str] = field(default_factory=dict)
     calibration: Calibration | None = None
     band: Band | None = None
+    conditions: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self) -> None:
         """Raises ValueError or another error if its parts do not fit each other."""

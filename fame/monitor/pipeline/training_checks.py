@@ -51,10 +51,12 @@ def warnings_of(model: TrainedModel) -> list[str]:
     far = [
         f"{name} ({times:.2g} times)"
         for name, times in zip(model.columns, model.calibration.stretch, strict=True)
-        if times > max(FAR, model.calibration.margin) and name not in model.conditions.get("constant", [])
+        if times > FAR and name not in model.conditions.get("constant", [])
     ]
     if far:
-        notes.append(f"thresholds lie far above the largest left-out losses, as some runs are unlike: {', '.join(far)}")
+        margin = model.calibration.margin
+        cause = "as some runs are unlike" if margin == 1 else f"{margin:g} times by the margin, the rest as runs differ"
+        notes.append(f"thresholds lie far above the largest left-out losses, {cause}: {', '.join(far)}")
     constant = model.conditions.get("constant", [])
     if constant:
         notes.append(f"{', '.join(constant)} never moved in training: any movement raises an alarm")
