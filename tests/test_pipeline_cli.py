@@ -28,7 +28,7 @@ ROOT = Path(__file__).parent.parent
 MONITOR = ROOT / "models" / "monitoring" / "joint_monitor"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 EFFORTS = {"Topic": "joint_states", "Field": ["effort"], "MessageType": JOINT_STATE}
-PATIENCE = 30 * SECOND
+PATIENCE = 120 * SECOND
 
 
 @pytest.fixture
@@ -158,10 +158,14 @@ class Arm:
         """Publish until all these commands have ended; the exit code of each, and what it printed."""
         processes = [fame(*command) for command in commands]
         end = self.scheduler.now + PATIENCE
-        while any(process.poll() is None for process in processes):
-            assert self.scheduler.now < end, "they did not end"
-            self.step()
-        said = [process.communicate() for process in processes]
+        try:
+            while any(process.poll() is None for process in processes):
+                assert self.scheduler.now < end, "they did not end"
+                self.step()
+        finally:
+            for process in processes:
+                process.kill()
+            said = [process.communicate() for process in processes]
         return [(process.returncode, *told) for process, told in zip(processes, said, strict=True)]
 
 
@@ -221,7 +225,8 @@ def test_topics_of_another_process_are_listed_recorded_and_drawn(arm: Arm, low_p
     assert topics["/joint_states"]["types"] == [JOINT_STATE]
     assert echoed == (0, "2.0\n2.0\n", "")
     assert (often[0], "Hz over 20 messages" in often[1]) == (0, True)
-    assert (recorded[0], recorded[2]) == (0, f"low_pass: recording to {csv}\n")
+    told, *late = recorded[2].splitlines()  # on a busy machine, that messages are late, too
+    assert (recorded[0], told, [one for one in late if "late: " not in one]) == (0, f"low_pass: recording to {csv}", [])
     assert csv.read_text().splitlines()[0] == "stamp,run,Efforts.elbow,Efforts.wrist"
     assert csv.read_text().splitlines()[1].endswith(",0,1,2")
     assert (drawn[0], drawn[2], png.read_bytes()[:4]) == (0, "", b"\x89PNG")
