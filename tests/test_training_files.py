@@ -115,6 +115,10 @@ def test_what_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "has columns that the first file lacks, c: say which to use" in capsys.readouterr().err
     assert main(["monitor", "train"]) == 2
     assert "expected a configuration with the section Training, or --data FILE" in capsys.readouterr().err
+    (tmp_path / "bag").mkdir()
+    for bag in (tmp_path / "bag", tmp_path / "runs.mcap"):
+        assert main(["monitor", "train", "--data", str(bag)]) == 2
+        assert f"fame monitor record CONFIG.yaml --bag {bag} -o runs.csv makes one" in capsys.readouterr().err
     (tmp_path / "runs.parquet").write_bytes(b"PAR0")
     assert main(["monitor", "train", "--data", str(tmp_path / "runs.parquet")]) == 2
     assert "is not a Parquet table of numbers" in capsys.readouterr().err

@@ -103,6 +103,11 @@ def read_labelled_runs(
     runs: list[LabelledRun] = []
     found: tuple[str, ...] = ()  # the columns of the first file, if none were asked for
     for path in map(Path, paths):
+        if path.is_dir() or path.suffix in (".mcap", ".bag", ".db3"):
+            text = (
+                f"is a bag, expected CSV or Parquet: fame monitor record CONFIG.yaml --bag {path} -o runs.csv makes one"
+            )
+            raise ConfigError(text, file=str(path))
         parquet = path.suffix == ".parquet"
         names, cells, first, elements = _read_parquet(path, special) if parquet else read_recorded(path, special)
         channels = tuple(name for name in names if name not in (*special, LABEL, ""))
