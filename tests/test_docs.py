@@ -21,7 +21,7 @@ from fame.config.values import entries
 from fame.deploy.migration import read_plan
 from fame.monitor.anomaly import learning_file
 from fame.monitor.pipeline import configuration
-from fame.properties.files import properties_of
+from fame.properties.files import read_properties
 from fame.scenario import plan
 from fame.scenario.settings import read_network
 from sim2d import config
@@ -209,8 +209,8 @@ def yaml_is_right(text: str, folder: Path) -> bool:
         assert config.world_config({"size": [100, 100], **document.data})
     elif names == {"network"}:
         assert read_network(document.mapping()["network"])
-    elif names == {"properties"}:
-        assert properties_of(document.mapping()["properties"])
+    elif names <= {"properties", "poses"}:
+        assert read_properties(file)
     elif names <= {*configuration.KEYS}:
         parts = document.mapping(configuration.KEYS)  # types that it imports are the reader's
         for port in (port for key in ("Inputs", "Outputs") for port in entries(parts, key).values()):

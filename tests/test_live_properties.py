@@ -2,16 +2,21 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
 import pytest
+from bpmn_text import process, properties as deadline
 from collaborations import team
 
+from fame.bpmn import read
 from fame.bpmn.model import Definitions
 from fame.bpmn.split import split
 from fame.cli import main
 from fame.clock import SECOND
+from fame.deploy import STRING
+from fame.deploy.requests import TaskRequest
 from fame.log import Recording
 from fame.log.channels import PROPERTIES
 from fame.log.judge import judge_log
@@ -24,6 +29,7 @@ from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE
 from fame.monitor.pipeline.configuration import Port
 from fame.monitor.pipeline.sinks import BagWriter
 from fame.properties import Property, parse
+from fame.scenario import Scenario
 from tests.test_live_team import Field
 
 TEAM = {"A": ["timer PT2S", "throw go", "timer PT9S"], "B": ["catch go", "timer PT1S", "throw done", "timer PT9S"]}
@@ -113,6 +119,28 @@ def test_a_team_is_judged_while_it_runs(judged: Judged) -> None:
     assert judged.verdicts() == WORDS
     close = next(each for each in judged.judging.judgements if each.name == "close")
     assert close.text.startswith("a bound is within the doubt of the clocks (0.0")
+
+
+def test_a_deadline_runs_on_while_a_person_suspends_its_robot(tmp_path: Path) -> None:
+    model = tmp_path / "sign.bpmn"
+    model.write_text(process(f'<userTask id="Sign">{deadline(deadline="PT5S")}</userTask>'))
+    judged = Judged(tmp_path / "run.mcap", list(Scenario.load(model).properties), read(model))
+    with closing(judged):
+        judged.field.engine("P")
+        judged.field.run(1)
+        judged.field.deploy("P", model.read_text())
+        judged.field.run(1)
+        ask = TaskRequest(id="1", element="", act="suspend", who="ann@desk").to_json()
+        judged.field.middleware.node("person").publisher("/P/bpmn_task", STRING).publish(messages.create(STRING, ask))
+        judged.field.run(1)
+        assert judged.field.engines[0].state == "suspended"
+        judged.field.run(2)
+        assert judged.notes == []
+        judged.field.run(3)
+        assert judged.notes == [
+            'property deadline_Sign is violated: P starts "Sign" at 1 s, and not: P ends "Sign" by 6 s'
+        ]
+        assert judged.verdicts() == {"deadline_Sign": "violated"}
 
 
 def test_a_recording_has_each_change_where_it_happened(judged: Judged) -> None:

@@ -11,8 +11,11 @@ from fame.bpmn import read, read_text
 from fame.check import check
 from fame.cli import main
 from fame.errors import ConfigError, ModelError
+from fame.log import Recording
+from fame.log.channels import PROPERTIES as CHANGES
 from fame.log.judge import judge_log
 from fame.log.reading import run_outcomes
+from fame.log.recording import RecordedMessage
 from fame.properties import parse
 from fame.properties.files import read_properties
 from fame.scenario import Scenario
@@ -191,6 +194,21 @@ def test_every_log_has_the_violations(team: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(("suspended", "word", "slack"), [(2.5, "holds", 1.0), (8, "violated", None)])
+def test_a_deadline_runs_on_while_its_robot_is_suspended(
+    tmp_path: Path, suspended: float, word: str, slack: float | None
+) -> None:
+    (tmp_path / "sign.bpmn").write_text(process(f'<userTask id="Sign">{properties(deadline="PT5S")}</userTask>'))
+    mission = MissionLoader(lambda: tmp_path / "saved").load(tmp_path / "sign.bpmn")
+    hand = mission.advance(1).take_over("P")
+    mission.advance(suspended)
+    hand.resume()
+    mission.advance(0.5).complete("Sign")
+    judgement = mission.expect_property("deadline_Sign").judgement
+    assert (judgement.verdict, judgement.slack) == (word, slack)  # 4 s after it was entered, or 5 s, in the suspension
+    assert judgement.time == (5.0 if word == "violated" else None)
+
+
 @pytest.mark.parametrize("form", ["mcap", "jsonl"])
 def test_a_drawing_of_a_run_shows_the_element_whose_deadline_broke(tmp_path: Path, form: str) -> None:
     part = read_text(process(DEADLINE), file="slow.bpmn")
@@ -200,6 +218,23 @@ def test_a_drawing_of_a_run_shows_the_element_whose_deadline_broke(tmp_path: Pat
     found = run_outcomes(log, part)
     assert found.tallies["Wait"]["violated"] == 1
     assert found.notes(part)[-1].startswith('property deadline_Wait is violated: P starts "Wait" at 0 s')
+
+
+def test_where_values_break_an_annotation_the_elements_are_marked_that_it_is_associated_with(
+    team: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    note = """<textAnnotation id="N"><text>property low: always A.x &lt; 3</text></textAnnotation>
+      <association id="X" sourceRef="B_throw_done_6" targetRef="N"/>"""
+    team.write_text(text_of(TEAM).replace("</collaboration>", f"{note}</collaboration>"))
+    team.with_name("team.properties.yaml").unlink()
+    log = team.with_name("run.mcap")
+    assert main(["run", str(team), "--json", "--log", str(log)]) == 1
+    (found,) = json.loads(capsys.readouterr().out)["properties"]
+    assert (found["verdict"], found["elements"]) == ("violated", [["B", "B_throw_done_6"]])
+    assert run_outcomes(log, read(team)).tallies["B_throw_done_6"]["violated"] == 1
+    with Recording(log) as recording:
+        (declared,) = (one for one in map(RecordedMessage.json, recording.messages([CHANGES])) if "names" in one)
+    assert declared["names"] == [["B", "B_throw_done_6"]]  # which the page outlines
 
 
 def test_a_test_expects_properties(team: Path, tmp_path: Path) -> None:

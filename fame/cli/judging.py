@@ -30,9 +30,9 @@ def subject(path: Path) -> tuple[tuple[Property, ...], Definitions | None, Vocab
     """
     from fame.config.loader import read_document
     from fame.errors import ConfigError
-    from fame.properties.files import properties_and_model
+    from fame.properties.files import KEYS, properties_and_model
 
-    if read_document(path).mapping().keys() <= {"properties"}:
+    if read_document(path).mapping().keys() <= {*KEYS}:
         return (*properties_and_model(path), None)
     from fame.scenario import Scenario
     from fame.scenario.judging import team_vocabulary

@@ -198,7 +198,7 @@ class TeamJudge:
             if source.kind == "variable":
                 self._reads.setdefault(source.subject, []).append(source)
         self._batteries = {one.subject for one in judge.sources if one.kind == "battery"}
-        self._poses = {one.subject for one in judge.sources if one.kind == "pose"}
+        self._poses = {one.subject for one in judge.sources if one.kind == "pose" and not one.name}
 
     def _see(self, robots: Iterable[str]) -> None:
         """Note that something of robots was recorded."""

@@ -84,6 +84,11 @@ class LiveJudge(Sink):
         self._judge.judge.watch, self._ready = self._watch, True
 
     @property
+    def topics(self) -> frozenset[str]:
+        """The topics whose messages it needs, as far as the robots are known."""
+        return self._judge.judge.topics
+
+    @property
     def so_far(self) -> list[Judgement]:
         """The judgements until now."""
         return self._judge.judge.judgements()

@@ -45,7 +45,8 @@ class TeamRecorder(Closing):
     """Records the robots of a team, or those named in `robots`, until `close`. `note` gets lines for people.
 
     `open_file` is called before the first message. `models`: attach what each robot runs; `on_model` gets it, too.
-    `delay`: how long batches wait for those of other robots (ns). `judging` judges what is recorded.
+    `delay`: how long batches wait for those of other robots (ns). `judging` judges what is recorded: the topics
+    that it reads are recorded, and those in `also`.
     """
 
     def __init__(
@@ -62,8 +63,9 @@ class TeamRecorder(Closing):
         note: Callable[[str], object] = lambda text: None,
         on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
         judging: LiveJudge | None = None,
+        also: frozenset[str] = frozenset(),
     ) -> None:
-        self._report_model, self._judging = on_model, judging
+        self._report_model, self._judging, self._also = on_model, judging, also
         self._middleware, self._scheduler, self._open_file = middleware, scheduler, open_file
         self._every, self._metadata, self._note = topics == "all", dict(metadata or {}), note
         self._named = robots
@@ -195,6 +197,8 @@ class TeamRecorder(Closing):
         first, last = info.name.split("/")[1], info.name.rpartition("/")[2]
         if not info.publishers or not info.types or "/msg/" not in info.types[0]:
             return False
+        if info.name in self._also or (self._judging is not None and info.name in self._judging.topics):
+            return True
         if last in _INTERNAL or info.name in _GENERAL or (info.name in TF_TOPICS and not self._every):
             return False
         ends = (*info.publishers, *info.subscribers)

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import eq, ge, gt, le, lt, ne
 from typing import Any, Literal, NamedTuple
 
-from fame.properties.sentence import FieldTest, Property, Value
+from fame.properties.sentence import FieldTest, Property, Value, Word
 from fame.properties.vocabulary import Path, Vocabulary
 
 SECOND = 1_000_000_000
 STALE = SECOND
-"""Age (ns) of a position that comes from messages, after which the distance to it is not known."""
+"""Age (ns) of a position that came in a message, after which it is not known."""
 
 
 class Source(NamedTuple):
@@ -21,7 +21,7 @@ class Source(NamedTuple):
     ``variable``  a process variable of robot `subject`: that of the process itself, not of what it calls
     ``battery``   its charge, 0 to 1
     ``topic``     the last message on the topic with this full name
-    ``pose``      a `Pose` of the robot
+    ``pose``      a `Pose` of the robot: from the topic `name`, or without one that in the simulated world
     """
 
     kind: Literal["variable", "battery", "topic", "pose"]
@@ -30,13 +30,12 @@ class Source(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """A position (m) in a frame. `time` (ns): when it was measured; None: it holds until the next one."""
+    """A position (m) in a frame."""
 
     x: float
     y: float
     z: float = 0.0
     frame: str = "world"
-    time: int | None = None
 
 
 LastValues = Mapping[Source, Any]
@@ -124,13 +123,21 @@ def meets(message: Any, tests: Sequence[FieldTest]) -> bool | None:
     return True
 
 
-def distance(one: Pose | None, other: Pose | None, time: int) -> float | None:
-    """The distance (m) of two positions; None in different frames, and for one that is older than `STALE`."""
+def distance(one: Pose | None, other: Pose | None) -> float | None:
+    """The distance (m) of two positions; None in different frames."""
     if one is None or other is None or one.frame != other.frame:
         return None
-    if any(each.time is not None and time - each.time > STALE for each in (one, other)):
-        return None
     return math.dist(one[:3], other[:3])
+
+
+def pose_of(message: Any) -> Pose | None:
+    """The position in a PoseStamped, PoseWithCovarianceStamped or Odometry; None if it has none."""
+    inner = field_of(message, ("pose", "pose")) or field_of(message, ("pose",))
+    place = [field_of(inner, ("position", axis)) for axis in "xyz"]
+    frame = field_of(message, ("header", "frame_id"))
+    if frame is None or not all(isinstance(each, int | float) and math.isfinite(each) for each in place):
+        return None
+    return Pose(*place, frame)
 
 
 # ---- compile ---------------------------------------------------------------------------------------------------------
@@ -187,8 +194,8 @@ def _getter(
         constant = value.constant
         return (), lambda values, time: constant
     if value.kind == "distance":
-        one, other = (Source("pose", robot) for robot in robots)
-        return (one, other), lambda values, time: distance(values.get(one), values.get(other), time)
+        one, other = (_pose_source(robot, made, vocabulary) for robot in robots)
+        return (one, other), lambda values, time: distance(values.get(one), values.get(other))
     if value.kind == "topic":
         vocabulary.check_topic_field(value.subject.text, value.path, made, value.subject.offset)
         topic, path = Source("topic", value.subject.text), value.path
@@ -199,6 +206,21 @@ def _getter(
     vocabulary.check_variable(robots[0], value.path, made, value.subject.offset)
     variable, rest = Source("variable", robots[0], str(value.path[0])), value.path[1:]
     return (variable,), lambda values, time: field_of(values.get(variable), rest)
+
+
+def _pose_source(robot: str, made: Property, vocabulary: Vocabulary) -> Source:
+    """Where the position of a robot comes from. Raises ConfigError for a wrong entry of `poses`."""
+    named = {name: each for each in made.poses for name in vocabulary.robots_of(Word(each.robot), each)}
+    if robot not in named:
+        return Source("pose", robot)
+    at = named[robot]
+    topic = f"/{robot}{at.topic[1:]}" if at.topic.startswith("~") else at.topic
+    vocabulary.check_topic_field(topic, ("header", "frame_id"), at, 0)
+    # the poses of some types are inside of another one
+    wrong = [vocabulary.check_field(topic, (*outer, "position")) for outer in (("pose",), ("pose", "pose"))]
+    if all(wrong):
+        raise at.error(wrong[0])
+    return Source("pose", robot, topic)
 
 
 def subjects(made: Property) -> Iterator[Value]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Element, Process
@@ -34,7 +35,8 @@ def drawn_properties(definitions: Definitions, library: Library, cast: Mapping[s
     for one in definitions.artifacts:
         found = _ANNOTATION.fullmatch(" ".join(one.name.split())) if one.kind == "annotation" else None
         if found is not None:
-            yield parse(found["sentence"], Location(definitions.file, one.line), found["name"])
+            made = parse(found["sentence"], Location(definitions.file, one.line), found["name"])
+            yield replace(made, about=one.about)
     roles = {pool.name if pool.multi_instance else robot: pool for robot, pool in cast.items()}
     seen: set[str] = set()
     for robot, pool in roles.items():

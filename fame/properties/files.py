@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 from fame.bpmn.model import Definitions
@@ -9,24 +11,36 @@ from fame.config.loader import read_document
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.properties.grammar import parse
-from fame.properties.sentence import Location, Property
+from fame.properties.sentence import Location, PoseTopic, Property
 
 SUFFIX = ".properties.yaml"
+KEYS = ("properties", "poses")
+"""Of such a file."""
 
 
 def read_properties(path: str | Path) -> tuple[Property, ...]:
     """The properties of a file with the key ``properties``. Raises ConfigError with file, line and column."""
     document = read_document(path)
-    document.mapping(("properties",))
-    return properties_of(document.required("properties", "{NAME: SENTENCE}"))
+    keys = document.mapping(KEYS)
+    return properties_of(document.required("properties", "{NAME: SENTENCE}"), poses_of(keys.get("poses")))
 
 
-def properties_of(value: ConfigValue) -> tuple[Property, ...]:
+def properties_of(value: ConfigValue, poses: tuple[PoseTopic, ...] = ()) -> tuple[Property, ...]:
     """The properties of a mapping from names to sentences. Raises ConfigError with file, line and column."""
     return tuple(
-        parse(sentence.text(), Location(value.source.file, sentence.line, sentence.column), name)
+        replace(parse(sentence.text(), Location(value.source.file, sentence.line, sentence.column), name), poses=poses)
         for name, sentence in value.mapping().items()
     )
+
+
+def poses_of(value: ConfigValue | None) -> tuple[PoseTopic, ...]:
+    """The topics with positions, by robot or pool. Raises ConfigError for what is no topic."""
+    found = list[PoseTopic]()
+    for robot, topic in value.mapping().items() if value is not None else ():
+        if not re.fullmatch(r"~?(/\w+)+", topic.text()):
+            raise topic.expected("a topic, as in /map_pose, or ~/odom for the robot's own")
+        found.append(PoseTopic(robot, topic.text(), Location(topic.source.file, topic.line)))
+    return tuple(found)
 
 
 def beside(model: Path) -> tuple[Property, ...]:
@@ -47,4 +61,5 @@ def properties_and_model(path: Path) -> tuple[tuple[Property, ...], Definitions 
         raise ConfigError("expected the key properties: {NAME: SENTENCE}", file=str(path))
     named = path.parent / str(keys["model"].data) if "model" in keys else None
     model = named or path.with_name(path.name.removesuffix(SUFFIX) + ".bpmn")
-    return properties_of(keys["properties"]), read(model) if model.is_file() else None
+    made = properties_of(keys["properties"], poses_of(keys.get("poses")))
+    return made, read(model) if model.is_file() else None

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from fame.errors import NOT_KNOWN
-from fame.properties.conditions import Pose, Source
+from fame.properties.conditions import STALE, Pose, Source, pose_of
 from fame.properties.monitor import (
     OPEN,
     SECOND,
@@ -110,6 +110,7 @@ class Judge:
         self._began: dict[_Place, tuple[int, str, str]] = {}
         self._broken: dict[_Place, tuple[str, str, str]] = {}  # robot, element, values
         self._reasons: dict[int, str] = {}
+        self._measured: dict[Source, int] = {}  # when the last position came from a topic, the oldest first
         self._curves: dict[_Place, tuple[int, float]] = {}  # when a condition was watched last, and its slack then
         self._on_violation, self._told = on_violation, set[int]()
         self._use(monitors)
@@ -122,6 +123,7 @@ class Judge:
         self._due: int | None = 0 if any(one.timed for one in monitors) else None
         self._watched: dict[str, dict[str, dict[str, list[int]]]] = {}
         self._readers: dict[Source, list[_Place]] = defaultdict(list)
+        self._poses = [source for source in self.sources if source.kind == "pose" and source.name]
         self._clocks: dict[_Place, tuple[int, int]] = {}
         for number, monitor in enumerate(monitors):
             self._index(number, monitor)
@@ -212,6 +214,11 @@ class Judge:
         source = Source("topic", topic)
         if source in self._readers:
             self.sample(time, source, message)
+        for one in self._poses:
+            if one.name == topic:
+                self.sample(time, one, pose_of(message))
+                self._measured.pop(one, None)
+                self._measured[one] = time
 
     def sample(self, time: int, source: Source, value: Any) -> None:
         """Take the value of a source; None if it is lost."""
@@ -271,6 +278,10 @@ class Judge:
         """All instants before `time` (ns) are over."""
         if time <= self.now:
             return
+        while self._measured and (since := next(iter(self._measured.values()))) + STALE + 1 < time:
+            old = next(iter(self._measured))
+            del self._measured[old]
+            self.sample(since + STALE + 1, old, None)
         if self._dirty:
             self._read()
         if self._messages:
@@ -373,7 +384,8 @@ class Judge:
     def declared(self) -> Iterator[dict[str, Any]]:
         """Each property before anything happened, JSON-serialisable: `names` has (robot, element) of its events."""
         for number, monitor in enumerate(self.monitors):
-            names = [[robot, element] for robot, element, _ in monitor.events if element]
+            named = ((robot, element) for robot, element, _ in monitor.events if element)
+            names = [[*each] for each in (*named, *monitor.about)]
             yield {**self._judgement(number, self._verdict(number)).to_json(), "names": names}
 
     def _verdict(self, number: int) -> Verdict:
@@ -388,6 +400,11 @@ class Judge:
         ends = [began[1:]] if began is not None else []
         ends.append(broken[:2])
         decides = verdict.word in ("violated", "pending")
+        robots = tuple(parts[verdict.part].binding.values()) if decides and parts else ()
+        elements = tuple(each for each in dict.fromkeys(ends) if each[1])
+        if decides and not elements:  # values broke it: it is drawn where its annotation is
+            about = self.monitors[number].about
+            elements = tuple(each for each in about if each[0] in robots) or about
         return Judgement(
             made.name,
             made.sentence,
@@ -395,9 +412,9 @@ class Judge:
             verdict.slack,
             None if verdict.time is None else verdict.time / SECOND,
             self._why(number, verdict, began, broken),
-            tuple(parts[verdict.part].binding.values()) if decides and parts else (),
+            robots,
             None if began is None else began[0] / SECOND,
-            tuple(each for each in dict.fromkeys(ends) if each[1]),
+            elements,
         )
 
     def _why(
@@ -431,6 +448,7 @@ class Judge:
 def _topics(monitors: Iterable[Monitor]) -> Iterable[str]:
     for monitor in monitors:
         yield from (source.subject for source in monitor.sources if source.kind == "topic")
+        yield from (source.name for source in monitor.sources if source.kind == "pose" and source.name)
         yield from (each.topic for reactions in monitor.events.values() for each in reactions if each.topic)
 
 

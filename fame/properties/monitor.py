@@ -308,11 +308,13 @@ class Monitor:
     parts     one for each choice of robots; `initial` is the state before anything happened
     events    (robot, element, what) -> what this event does
     sources   the values that it reads
+    about     (robot, element) of the elements with which its annotation is associated
     """
 
     spec: Property
     parts: tuple[Part, ...]
     events: Mapping[tuple[str, str, str], tuple[Reaction, ...]]
+    about: tuple[tuple[str, str], ...] = ()
 
     @property
     def initial(self) -> State:
@@ -432,7 +434,8 @@ def compile(property: Property, vocabulary: Vocabulary) -> Monitor:
             )
             _react(made, vocabulary, names, len(parts), events)
             parts.append(part)
-    return Monitor(made, tuple(parts), {key: tuple(found) for key, found in events.items()})
+    about = tuple((robot, id) for robot in vocabulary.robots for id in made.about if id in vocabulary.robots[robot].own)
+    return Monitor(made, tuple(parts), {key: tuple(found) for key, found in events.items()}, about)
 
 
 def _from_start(made: Property) -> Property:

@@ -88,6 +88,19 @@ class Occurrence:
 
 
 @dataclass(frozen=True, slots=True)
+class PoseTopic:
+    """The topic with the positions of a robot, or of each robot of a pool: one that begins with ``~/`` is its own."""
+
+    robot: str
+    topic: str
+    place: Location
+
+    def error(self, text: str, offset: int = 0) -> ConfigError:
+        """An error at its line."""
+        return ConfigError(text, file=self.place.file, line=self.place.line, element=f"poses.{self.robot}")
+
+
+@dataclass(frozen=True, slots=True)
 class Property:
     """A sentence that was read.
 
@@ -96,6 +109,8 @@ class Property:
     opens        the scope begins after this; None: at the start
     closes       the scope ends at this; None: at the end
     bound        ns within which the event has to occur; `count`: how often it may; `same`: the field that both have
+    poses        where the positions of robots come from, if not from the simulated world
+    about        ids of the elements that a text annotation is associated with
     """
 
     name: str
@@ -110,6 +125,8 @@ class Property:
     bound: int | None = None
     count: int = 0
     same: tuple[str | int, ...] = ()
+    poses: tuple[PoseTopic, ...] = ()
+    about: tuple[str, ...] = ()
 
     def error(self, text: str, offset: int = 0) -> ConfigError:
         """An error at a character of the sentence."""

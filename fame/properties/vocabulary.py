@@ -11,7 +11,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
 from fame.bpmn.pools import Pool
 from fame.errors import display_name
-from fame.properties.sentence import Occurrence, Property, Word
+from fame.properties.sentence import Occurrence, PoseTopic, Property, Word
 from fame.text import suggestion
 
 Path = tuple[str | int, ...]
@@ -64,7 +64,7 @@ class Vocabulary:
             robots[robot] = RobotTerms(terms.process, own, called, throws, catches)
         return Vocabulary(robots, self.pools)
 
-    def robots_of(self, name: Word, at: Property) -> tuple[str, ...]:
+    def robots_of(self, name: Word, at: Property | PoseTopic) -> tuple[str, ...]:
         """The robots that a name means: one, those of a pool, or none: one of a pool that is not there.
 
         Raises ConfigError for an unknown name.
@@ -126,7 +126,7 @@ class Vocabulary:
             hint = suggestion(str(path[0]), [*sorted(known), "battery"])
             raise at.error(f"{robot} has no variable {path[0]!r}; {hint}", offset)
 
-    def check_topic_field(self, topic: str, path: Path, at: Property, offset: int) -> None:
+    def check_topic_field(self, topic: str, path: Path, at: Property | PoseTopic, offset: int) -> None:
         """Raise ConfigError for a topic without a known type, and for a field that its messages do not have."""
         wrong = self.check_field(topic, path)
         if wrong:

@@ -79,7 +79,8 @@ class RunJudge(Observer):
             if source.kind == "variable":
                 self._reads.setdefault(source.subject, []).append(source)
         self._batteries = {source.subject for source in self.judge.sources if source.kind == "battery"}
-        self._bodies = [one.subject for one in self.judge.sources if one.kind == "pose" and self._has_body(one.subject)]
+        here = (one.subject for one in self.judge.sources if one.kind == "pose" and not one.name)
+        self._bodies = [robot for robot in here if self._has_body(robot)]
         if self.judge.topics or self._batteries:
             middleware.tap(self._tap)
         if world is not None and self._bodies:
@@ -181,7 +182,7 @@ class RunJudge(Observer):
             missing = [
                 f"{each.subject} has no {'position' if each.kind == 'pose' else 'battery'} here"
                 for each in sorted(monitor.sources)
-                if (each.kind == "pose" and each.subject not in self._bodies)
+                if (each.kind == "pose" and not each.name and each.subject not in self._bodies)
                 or (each.kind == "battery" and each.subject not in batteries)
             ]
             if missing or not monitor.parts:

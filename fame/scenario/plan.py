@@ -22,7 +22,7 @@ from fame.text import similar_file
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue
     from fame.middleware.network import NetworkConfig
-    from fame.properties.sentence import Property
+    from fame.properties.sentence import PoseTopic, Property
     from sim2d.config import WorldConfig
 
 
@@ -128,6 +128,8 @@ KEYS = {
     "variables": "mission parameters: `{speed: 0.5, REX: {speed: 0.7}}` sets the variable `speed` of every robot, and "
     "that of REX, instead of the model's data objects",
     "properties": "properties of the team by name, each a sentence: every run judges them",
+    "poses": "where `distance` gets positions from: `{REX: /REX/pose, Tractor: ~/odom}` names the topic of a robot, or "
+    "of each robot of a pool (without it: from the simulated world)",
 }
 """Of a scenario file, with their meanings."""
 SIGNAL_KEYS = {
@@ -167,6 +169,7 @@ class ScenarioFile:
     network: NetworkConfig | None = None
     variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     properties: tuple[Property, ...] = ()
+    poses: tuple[PoseTopic, ...] = ()
     source: Source = field(default_factory=Source)
 
 
@@ -186,7 +189,7 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
     Raises ConfigError with file, line and key.
     """
     from fame.config.loader import read_document
-    from fame.properties.files import properties_of
+    from fame.properties.files import poses_of, properties_of
     from fame.scenario.settings import read_network, read_variables
     from fame.scenario.variation import changed
     from sim2d.config import KEYS as WORLD_KEYS, read_world, world_config
@@ -220,6 +223,7 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
         network=read_network(keys["network"]) if "network" in keys else None,
         variables=read_variables(keys["variables"]) if "variables" in keys else {},
         properties=properties_of(keys["properties"]) if "properties" in keys else (),
+        poses=poses_of(keys.get("poses")),
         source=document.source,
     )
 

@@ -148,7 +148,7 @@ def _properties(
 
     found: dict[str, Property] = {}
     for each in (*content.properties, *beside(content.model), *drawn_properties(definitions, library, cast)):
-        found.setdefault(each.name, each)
+        found.setdefault(each.name, replace(each, poses=content.poses or each.poses))
     return tuple(found.values())
 
 

@@ -17,6 +17,7 @@ from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.log.writing import RECORDING, new_file
 from fame.middleware.interface import Middleware
+from fame.properties import Judge, Vocabulary, compile
 from fame.text import wrong_ending
 
 if TYPE_CHECKING:
@@ -33,6 +34,10 @@ class TeamLogs:
 
     def recorder(self, middleware: Middleware, scheduler: Scheduler) -> TeamRecorder:
         """The node that records the team."""
+        from fame.scenario.judging import team_vocabulary
+
+        made = self._scenario.properties
+        team = team_vocabulary(self._scenario) if made else Vocabulary({})
         return TeamRecorder(
             middleware,
             scheduler,
@@ -41,6 +46,7 @@ class TeamLogs:
             robots=frozenset(self._scenario.cast),
             metadata=self._about.metadata,
             models=False,
+            also=Judge([compile(each, team) for each in made]).topics,
         )
 
     def _open(self) -> RecordingFile:
