@@ -1,18 +1,23 @@
 """What properties cost: a step of a monitor, a run of the farm with twenty of them, and states of explorations.
 
     python benchmarks/properties.py [--runs 3]
+    python benchmarks/properties.py --reaction dds [--runs 3]
 
-Times are CPU seconds of this process, the least of several runs, so that other load counts little.
+Times are CPU seconds of this process, the least of several runs, so that other load counts little. With --reaction: how
+long after its bound a robot reacts to another one that is stopped, by the clocks of their recording.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 
 from fame.properties import Judge, Monitor, compile, parse, vocabulary_of
 from fame.properties.monitor import OPENS, OTHER
@@ -95,11 +100,28 @@ def states(name: str) -> float:
     return many / few
 
 
+def reactions(middleware: str, runs: int) -> list[str]:
+    """How late a robot reacts, in each of several runs (s)."""
+    sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+    from test_watch_property import DOMAIN, reaction
+
+    os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
+    found = []
+    for _ in range(runs):
+        with TemporaryDirectory() as folder:
+            found.append(f"{reaction(middleware, Path(folder))[1]:.3f}")
+    return found
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=3)
-    runs = parser.parse_args().runs
+    parser.add_argument("--reaction", choices=("dds", "zenoh"))
+    runs, middleware = (given := parser.parse_args()).runs, given.reaction
+    if middleware:
+        print(f"{middleware}: reacted {', '.join(reactions(middleware, runs))} s after the bound")
+        return
     scenario = Scenario.load(ROOT / "examples" / "agriculture.yaml")
     vocabulary = team_vocabulary(scenario)
     for sentence in (SENTENCES[0], SENTENCES[4]):

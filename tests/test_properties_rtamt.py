@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from random import Random
 
 import pytest
@@ -16,7 +17,9 @@ END = 40
 
 def robustness(formula: str, **signals: list[float]) -> float:
     """The robustness of a formula at time 0, for samples at each second."""
-    rtamt = pytest.importorskip("rtamt")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "typing.io is deprecated", DeprecationWarning)  # of its parser, antlr 4.7
+        rtamt = pytest.importorskip("rtamt")
     specification = rtamt.StlDiscreteTimeSpecification()
     for name in signals:
         specification.declare_var(name, "float")

@@ -133,11 +133,11 @@ def distance(one: Pose | None, other: Pose | None) -> float | None:
 def pose_of(message: Any) -> Pose | None:
     """The position in a PoseStamped, PoseWithCovarianceStamped or Odometry; None if it has none."""
     inner = field_of(message, ("pose", "pose")) or field_of(message, ("pose",))
-    place = [field_of(inner, ("position", axis)) for axis in "xyz"]
+    x, y, z = (field_of(inner, ("position", axis)) for axis in "xyz")
     frame = field_of(message, ("header", "frame_id"))
-    if frame is None or not all(isinstance(each, int | float) and math.isfinite(each) for each in place):
+    if frame is None or not all(isinstance(each, int | float) and math.isfinite(each) for each in (x, y, z)):
         return None
-    return Pose(*place, frame)
+    return Pose(x, y, z, frame)
 
 
 # ---- compile ---------------------------------------------------------------------------------------------------------
