@@ -30,7 +30,7 @@ from fame.check.explore import Exploration, Finding
 from fame.check.explore.findings import FAILING
 from fame.check.explore.trace import Step
 from fame.engine.canonical import stimuli
-from fame.properties import Judge, Property, Vocabulary, compile, parse, vocabulary_of
+from fame.properties import Judge, Judgement, Property, Vocabulary, compile, parse, vocabulary_of
 from fame.properties.sentence import NOWHERE
 from fame.robot.events import Event
 from fame.robot.node import RobotNode
@@ -51,6 +51,9 @@ EVENTS = 20_000
 PATTERNS = ("never {}", "never {} before {}", "{} only after {}", "{} each time only after {}", "{}",
             "{} at most 2 times", "after {}, {}", "between {} and {}, {}", "after {}, {} only after {}")  # fmt: skip
 """Of properties made at random."""
+CONDITIONS = ("always {v}.n < 2", "never {v}.n == {w}.n", "after {}, always {v}.n < 2", "never {v}.n == 1 until {}",
+              "between {} and {}, always {v}.n <= {w}.n")  # fmt: skip
+"""Of those about variables."""
 
 
 class EndlessError(BaseException):
@@ -72,13 +75,14 @@ class Drawn:
     entered: set[tuple[str, str]] = field(default_factory=set)
     errors: set[str] = field(default_factory=set)
     instant: bool = False
+    judgements: tuple[Judgement, ...] = ()
 
 
-def scenario_of(text: str) -> Scenario:
+def scenario_of(text: str, given: Sequence[Property] = ()) -> Scenario:
     """The same team as is explored."""
     definitions, library, cast = cast_of(fame.read(text.encode()), {}, ())
     return Scenario(file=definitions.file, definitions=definitions, library=library, cast=cast, world=None, seed=0,
-                    duration=300.0)  # fmt: skip
+                    duration=300.0, properties=tuple(given))  # fmt: skip
 
 
 def waiting(nodes: list[RobotNode]) -> frozenset[str]:
@@ -99,8 +103,11 @@ class LeftRun(Run):
         super().stop()
 
 
-def run(text: str, judge: Judge | None = None) -> Drawn | None:
-    """Run a team until nothing can move, before a judge of its properties; None if it goes on."""
+def run(text: str, judge: Judge | None = None, given: Sequence[Property] = ()) -> Drawn | None:
+    """Run a team until nothing can move, before a judge of its properties; None if it goes on.
+
+    Those `given` are judged by the run itself.
+    """
     drawn, events, called = Drawn(), 0, dict[tuple[str, str], int]()
 
     def observe(event: Event) -> None:
@@ -117,12 +124,12 @@ def run(text: str, judge: Judge | None = None) -> Drawn | None:
         if event.what == "enter":
             drawn.entered.add((f"P_{event.robot.partition('_')[0]}", event.element))
 
-    made = LeftRun(scenario_of(text), False, observe, None)
+    made = LeftRun(scenario_of(text, given), False, observe, None)
     try:
         result = made.result()
     except EndlessError:
         return None
-    drawn.waiting = made.left
+    drawn.waiting, drawn.judgements = made.left, result.judgements
     drawn.errors = {error.element for robot in result.robots for error in robot.errors}
     return None if result.simulated >= 300 else drawn
 
@@ -191,15 +198,19 @@ def sentences(seed: int, names: Vocabulary) -> Iterator[str]:
 
     for pattern in PATTERNS:
         yield pattern.format(event(), event(), event())
+    pools = sorted({*names.pools, *(one for one in names.robots if "_" not in one)})
+    for pattern in CONDITIONS:
+        yield pattern.format(event(), event(), v=random.choice(pools), w=random.choice(pools))
 
 
 def played(text: str, made: Property, names: Vocabulary, run: Sequence[Step], folder: Path) -> str:
     """Why the run of a refutation does not violate the property, "" if it does."""
     judge = Judge([compile(made, names)])
-    with closing(play(MissionByHand(scenario_of(text), folder, lenient=True), run)) as mission:
+    with closing(play(MissionByHand(scenario_of(text, (made,)), folder, lenient=True), run)) as mission:
         for event in mission.trace.steps:
             judge.event(event.time, event.robot, event.element, event.what, event.detail)
-        (found,) = judge.finish(10**15, complete=True)
+        judging = mission.run.judging if made.condition else None
+        (found,) = judging.judgements() if judging is not None else judge.finish(10**15, complete=True)
         return "" if found.verdict == "violated" else f"{made.name} is refuted, its run: {found} {mission.skipped}"
 
 
@@ -221,9 +232,11 @@ def judged_differently(seed: int, draws: int = DRAWS) -> tuple[int, list[str]]:
                   if one.verdict != other.verdict]  # fmt: skip
     for draw in range(draws if reduced.exhaustive else 0):
         judge = Judge([compile(one, names) for one in given])
-        drawn = run(text_of(robots, **options, drawn=Random(f"{seed} {draw}")), judge)
+        valued = [one for one in given if one.condition]
+        drawn = run(text_of(robots, **options, drawn=Random(f"{seed} {draw}")), judge, valued)
         if drawn is not None and not drawn.instant:
-            judgements = judge.finish(10**15, complete=True)
+            told = {one.name: one for one in drawn.judgements}
+            judgements = [told.get(one.name, one) for one in judge.finish(10**15, complete=True)]
             found += [f"draw {draw}: {one} is {one.verdict}, and a run: {other}"
                       for one, other in zip(reduced.properties, judgements, strict=True)
                       if other.verdict == "violated" and one.verdict in ("proved", "not triggered")]  # fmt: skip

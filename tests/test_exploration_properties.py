@@ -26,6 +26,11 @@ LOOP: dict[str, Steps] = {"A": [("loop", ["work", "throw a"])], "B": ["catch a",
 FOREVER: dict[str, Steps] = {"A": [("while", ["work"])], "B": ["work", "throw b"]}
 RAISES: dict[str, Steps] = {"A": ["run raise ValueError('x')"], "B": ["run assert 1 > 2"]}
 OPAQUE: dict[str, Steps] = {"A": ["run import os; assert os.getpid() < 2"], "B": ["work"]}
+COUNTS: dict[str, Steps] = {
+    "A": ["run n = 0", "work", "run n += 1", "run n = n + 1", "work", "throw a"],
+    "B": ["run n = 0; k = 5", "work", "catch a", "run n = 2"],
+}
+DRAWS: dict[str, Steps] = {"A": ["run import os; n = os.getpid()", "work", "run n = 3", "throw a", "work"]}
 MANY: dict[str, Steps] = {"C": ["throw go", "catch done"], "F": ["catch go", "work", "throw done"]}
 
 
@@ -58,6 +63,17 @@ def judged(robots: dict[str, Steps], sentence: str, several: tuple[str, ...] = (
         (OPAQUE, "B completes", "not known"),
         (TWO, "A completes within 5 s", "not known"),
         (TWO, "always A.battery > 0.1", "not known"),
+        (COUNTS, "always A.n < 3", "proved"),
+        (COUNTS, "always A.n < 2", "refuted"),
+        (COUNTS, "never A.n == 1", "proved"),  # only within an instant
+        (COUNTS, "never A.n == 0 until A throws /a", "refuted"),
+        (COUNTS, "after A throws /a, always A.n == 2", "proved"),
+        (COUNTS, "always B.n <= A.n", "proved"),  # it takes over what A has
+        (COUNTS, "never B.n == A.n", "refuted"),
+        (COUNTS, "always B.k == 5", "proved"),  # which decides nothing
+        (COUNTS, "always B.never > 1", "not known"),
+        (DRAWS, "always A.n >= 0", "not known"),
+        (DRAWS, "after A throws /a, always A.n > 5", "refuted"),
     ],
 )
 def test_verdicts(robots: dict[str, Steps], sentence: str, verdict: str) -> None:

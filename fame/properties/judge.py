@@ -35,7 +35,7 @@ _PLAIN = frozenset((Pose, float, int, str))
 """Types of values that are compared before anything else is done."""
 _FOREVER = 1 << 62
 """The doubt (ns) of a clock that was not measured."""
-_WHICH = "several started before one ended, and nobody knows which of them did"
+SEVERAL = "several started before one ended, and nobody knows which of them did"
 _Place = tuple[int, int]
 """The number of a monitor, and that of one of its parts."""
 
@@ -329,7 +329,7 @@ class Judge:
         if new is not state:
             if new[4] == 2 > state[4]:
                 apart = f"a bound is within the doubt of the clocks{_seconds(doubt)}"
-                self._reasons.setdefault(number, _WHICH if one.each else apart)
+                self._reasons.setdefault(number, SEVERAL if one.each else apart)
             self._put(place, new, time, robot, element)
             if one.bound is not None and new[0] == OPEN and (self._due is None or new[1] + one.bound < self._due):
                 self._due = new[1] + one.bound

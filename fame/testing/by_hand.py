@@ -18,6 +18,7 @@ from fame.clock import SECOND
 from fame.engine.canonical import stimuli
 from fame.errors import FameError
 from fame.monitor.services import SERVICES
+from fame.properties.conditions import subjects
 from fame.randomness import robot_random
 from fame.robot import RobotNode, make_mission
 from fame.robot.events import Observer
@@ -40,7 +41,9 @@ class _RunByHand(Run):
         plan = self.scenario
         pools = list({pool.name: pool for pool in plan.cast.values()}.values())
         shared = shared_topics(plan.definitions, pools, plan.library)
-        self.abstract = abstraction(plan.definitions, pools, plan.library, dict(shared))
+        values = (value for one in plan.properties for value in subjects(one) if value.kind == "variable")
+        read = frozenset(str(value.path[0]) for value in values)
+        self.abstract = abstraction(plan.definitions, pools, plan.library, dict(shared), read=read)
         self.mail = self.middleware.network = HeldNetwork(self.scheduler, self.abstract.shared)
         nodes = {
             robot: RobotNode(
@@ -74,9 +77,10 @@ class MissionByHand(MissionUnderTest):
         self.skipped: list[str] = []
 
     def make_run(self, observer: Observer) -> Run:
-        """Make the run: without world, parameters, faults, completions, and properties: its times mean nothing."""
-        nothing: dict[str, Any] = dict.fromkeys(("faults", "completions", "signals", "properties"), ())
-        plan = replace(self.scenario, world=None, network=None, variables={}, **nothing)
+        """Make the run: without world, parameters, faults, completions, and bounds: its times mean nothing."""
+        nothing: dict[str, Any] = dict.fromkeys(("faults", "completions", "signals"), ())
+        properties = tuple(one for one in self.scenario.properties if one.bound is None)
+        plan = replace(self.scenario, world=None, network=None, variables={}, properties=properties, **nothing)
         run = _RunByHand(plan, False, observer, None)
         for (robot, element), ways in self._decisions.items():
             run.hosts[robot].decided[element].extend(ways)

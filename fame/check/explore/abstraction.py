@@ -70,6 +70,7 @@ class Abstraction:
     unhandled  (element, code) of services, actions and behaviours with such inside: they may fail, nothing catches it
     called   processes that calls lead to
     given    task -> the variables that a person sets who completes it: of its form, and of the data that it writes
+    read     variables that properties read
     """
 
     library: Library
@@ -88,6 +89,7 @@ class Abstraction:
     unhandled: set[tuple[str, str]] = field(default_factory=set)
     called: frozenset[str] = frozenset()
     given: dict[str, frozenset[str]] = field(default_factory=dict)
+    read: frozenset[str] = frozenset()
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _reduced: dict[tuple[str, str], model.Process] = field(default_factory=dict)
 
@@ -270,21 +272,23 @@ def abstraction(
     types: Mapping[str, TopicUse],
     *,
     given: bool = False,
+    read: frozenset[str] = frozenset(),
 ) -> Abstraction:
     """The abstraction of a team. Raises ModelError for calls of unknown processes.
 
-    `given`: some robots go on from snapshots, so that variables may have values which nothing in the model gives them.
+    given  some robots go on from snapshots, so that variables may have values which nothing in the model gives them
+    read   variables that properties read: they count as what decides something
     """
     thrown, caught = set[str](), set[str]()
     for pool in pools:
         for home, process in library.closure(definitions, pool.process):
             for topic, throws in _ends(home, process):
                 (thrown if throws else caught).add(topic)
-    found = Abstraction(library, types)
+    found = Abstraction(library, types, read=read)
     found.shared = frozenset(topic for topic in thrown & caught if topic[0] == "/")
     found.outside = frozenset(topic for topic in caught if topic[0] == "~" or topic not in thrown)
     processes = {id(one): one for pool in pools for _, one in library.closure(definitions, pool.process)}
-    found.counted = _counted(processes.values())
+    found.counted = _counted(processes.values()) - read
     found.unknown = frozenset() if given else _unknown(processes.values(), found.outside - thrown)
     found.called = frozenset(one.called for process in processes.values() for one in process.body.calls())
     found.catches = frozenset(code for process in processes.values() for code in _caught_in(process))
@@ -469,7 +473,7 @@ def _decisive(flows: Mapping[str, _Flow]) -> tuple[dict[str, frozenset[str]], se
 
 def _flow_of(found: Abstraction, bodies: Sequence[model.Body], *, divided: bool = False) -> _Flow:
     """How values flow; `divided`: in each statement of a script that is not taken as a whole."""
-    flow = _Flow(links=[*found.aliases.links(bodies)] if divided else [])
+    flow = _Flow({*found.read}, [*found.aliases.links(bodies)] if divided else [])
     for body in bodies:
         for use in expressions_in(body):
             match use.use:

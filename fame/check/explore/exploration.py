@@ -22,7 +22,7 @@ from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
 from fame.check.explore.host import OutOfTimeError, field_names, never
 from fame.check.explore.local import Local
 from fame.check.explore.product import Delivery, Options, Product, silent
-from fame.check.explore.properties import PROOFS, Judged, Monitors, Watch
+from fame.check.explore.properties import PROOFS, Judged, Monitors, Watch, is_judged
 from fame.check.explore.reduction import Reduction
 from fame.check.explore.running_states import as_explored, real_program
 from fame.check.explore.sampling import STEPS, Sampler, durations
@@ -195,15 +195,19 @@ class Team:
         observed = any(data["observed"] for data in snapshots.values())
         self.pools = list({pool.name: pool for pool in cast.values()}.values())
         types = dict(shared_topics(definitions, self.pools, library))
-        self.model: Abstraction = abstraction(definitions, self.pools, library, types, given=bool(snapshots))
+        compiled = [compile(one, vocabulary_of(definitions, library, cast)) for one in request.properties]
+        judged = [one for one in compiled if is_judged(one)]
+        reads = {pool.name: set[str]() for pool in self.pools}
+        for source in (source for one in judged for source in one.sources):
+            reads[cast[source.subject].name].add(source.name)
+        read = frozenset[str]().union(*reads.values())
+        self.model: Abstraction = abstraction(definitions, self.pools, library, types, given=bool(snapshots), read=read)
         self.values = Values()
         self.received = set[tuple[str, str]]()  # (process, topic) in any search so far
         self.robots: tuple[str, ...] = tuple(cast)
         self.places: dict[str, Place] = dict(_places(definitions, self.pools, library))
         self.alike: dict[str, bool] = {pool.name: not self._knows_itself(pool) for pool in self.pools}
         fields = field_names(types)
-        compiled = [compile(one, vocabulary_of(definitions, library, cast)) for one in request.properties]
-        judged = [one for one in compiled if not (one.timed or one.spec.condition or one.reads_messages)]
         watches = list(_watches(definitions, library, cast))
         events = frozenset((element, what) for one in judged for _, element, what in one.events)
         events = events.union(*(one.events for one in watches))
@@ -215,7 +219,8 @@ class Team:
             if local is None:
                 local = Local(robot, definitions, pool.process, self.model, self.values,
                               kept=self.model.kept[pool.name], fields=fields, robots=self.robots,
-                              ordered=request.ordered, observed=observed, events=events)  # fmt: skip
+                              ordered=request.ordered, observed=observed, events=events,
+                              reads=sorted(reads[pool.name]))  # fmt: skip
                 made[pool.name] = local
             self.locals.append(local)
         several = {robot for robot, pool in cast.items() if pool.multi_instance}

@@ -40,7 +40,7 @@ Flag = tuple[str, str]
 Send = tuple[str, int, str]
 """A message: topic, number of its value, name of the only receiver or ""."""
 
-Event = tuple[str, str, str | None]
+Event = tuple[str, str, Any]
 """Something that a property names: (element, what, detail), with the words of `fame.engine`."""
 
 MOST_DECISIONS = 8

@@ -42,7 +42,7 @@ class Liveness:
         self._reads: dict[str, set[str]] = defaultdict(set)
         self._changes: dict[str, set[str]] = defaultdict(set)  # what is read only to change it
         self._sets: dict[str, set[str]] = {}
-        self._always: set[str] = set()
+        self._always: set[str] = {*abstract.read}
         self._dead: dict[frozenset[str], Dead] = {}
         self._live_at: dict[str, Dead] = {}
         self.applies: bool = True

@@ -7,8 +7,8 @@ needs no engine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Set
-from typing import NamedTuple
+from collections.abc import Callable, Sequence, Set
+from typing import Any, NamedTuple
 
 from fame.bpmn.model import Body, Definitions, Process
 from fame.check.explore.abstraction import Abstraction
@@ -38,6 +38,8 @@ MOST_ENDLESS = 4
 
 Observed = tuple[Event, ...]
 """Events of one robot in one step, in their order."""
+VALUE = "value"
+"""What happens where a variable that a property reads has another value: its detail is the number of that."""
 
 
 class Successor(NamedTuple):
@@ -70,8 +72,8 @@ class Local:
     def __init__(self, robot: str, definitions: Definitions, process: Process, model: Abstraction, values: Values, *,
                  kept: frozenset[str], fields: frozenset[str], robots: tuple[str, ...],
                  ordered: bool, observed: bool = False,
-                 events: Set[tuple[str, str]] = frozenset()) -> None:  # fmt: skip
-        self.robot, self.process, self.values = robot, process, values
+                 events: Set[tuple[str, str]] = frozenset(), reads: Sequence[str] = ()) -> None:  # fmt: skip
+        self.robot, self.process, self.values, self._reads = robot, process, values, reads
         self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
         self.host.given = model.given
         host: Host = self.host
@@ -218,6 +220,14 @@ class Local:
     def _watched_variables(self) -> Watched:
         return Watched(self.host.new_variables(), self.host.memory)
 
+    def _read(self, engine: Engine) -> dict[str, int]:
+        """The numbers of the values that properties read: of the instance that has begun last."""
+        instance = next(reversed(engine.instances.values()), None) if self._reads else None
+        if instance is None:
+            return {}
+        variables: dict[str, Any] = instance.root_variables
+        return {name: self.states.variable(name, variables[name]) for name in self._reads if name in variables}
+
     def _explored(
         self,
         make: Callable[[], Engine],
@@ -230,6 +240,7 @@ class Local:
         while pending:
             host.decisions = pending.pop()
             engine = make()
+            before = self._read(engine)
             act(engine)
             if host.stop():  # and the step may not have gone to its end
                 raise OutOfTimeError
@@ -251,6 +262,8 @@ class Local:
             if outcome.begun:
                 self.states.note_begun(outcome.begun)
             number = self.states.number(engine)
+            after = self._read(engine).items()
+            outcome.events += [(name, VALUE, value) for name, value in after if value != before.get(name)]
             sent, flags = tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags))
             way = Successor(
                 CUT if number is None else number,

@@ -226,6 +226,7 @@ class Product:
         for one, done in ((robot, move), *reactions):
             if done.successor.events:
                 number = monitors.step(number, one, done.successor.events)
+        number = monitors.read(number)
         return state + ((number - before) << self.monitor_shift), robot, move, reactions
 
     def _throws(self, state: int, robot: int, topic: str) -> bool:

@@ -1,8 +1,9 @@
 """Properties in an exploration: the states of their monitors are a part of each state of the team.
 
 What a monitor reacts to is observed on the way (`ExplorationHost.observe`): a step in which such an event occurs is no
-silent step, and no independent one. Time stands still, so nothing is said about bounds; nor about values of variables,
-messages, distances and batteries, nor about elements inside behaviours that the exploration does not look into.
+silent step, and no independent one; so is that a variable which they read has another value. Conditions are judged
+after each step, as if it were an instant. Time stands still, so nothing is said about bounds; nor about distances,
+batteries and messages, nor about elements inside behaviours that the exploration does not look into.
 
 A robot that calls ``watch_property`` has a monitor, too (`Watch`). It decides when ``/violated/NAME`` may come, which
 otherwise comes from outside at any time: after a violation; with a bound also while something is pending; and at any
@@ -19,11 +20,14 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from fame.check.explore.graph import Explored
-from fame.check.explore.local import Local, Observed
+from fame.check.explore.local import VALUE, Local, Observed
 from fame.check.explore.trace import Runs, Step
 from fame.check.explore.transitions import THROWN
+from fame.check.explore.values import holds_unknown
 from fame.properties import Monitor, Verdict
-from fame.properties.monitor import Happening, State
+from fame.properties.conditions import LastValues, Source, subjects
+from fame.properties.judge import SEVERAL
+from fame.properties.monitor import OPEN, UNKNOWN, Happening, Part, PartState, State
 
 Proof = Literal["proved", "not triggered", "refuted", "not known"]
 PROOFS: tuple[Proof, ...] = ("refuted", "not known", "not triggered", "proved")
@@ -103,6 +107,8 @@ class Watch:
 class Monitors:
     """The monitors of a team that an exploration can judge. Their joint states have numbers, from 0.
 
+    The last part of a joint state are the numbers of the values of `sources`, None for those without one.
+
     reasons   why the exploration cannot judge each of `all`; empty if it can
     thrown    the topics of `watches`
     observed  (element, what) of the events that they need, of any robot
@@ -119,25 +125,32 @@ class Monitors:
         )
         self.names: tuple[str, ...] = tuple(robots)
         self.watches: tuple[Watch, ...] = tuple(
-            replace(one, judged=not _hidden(one.monitor, robots)) for one in watches
+            replace(one, judged=not (_hidden(one.monitor, robots) or one.monitor.sources)) for one in watches
         )
         self.thrown: frozenset[str] = frozenset(one.topic for one in self.watches)
         self.observed: frozenset[tuple[str, str]] = frozenset(
             (element, what) for one in self.monitors for _, element, what in one.events
         )
         self._several = several
+        self.sources: tuple[Source, ...] = tuple(sorted({source for one in self.monitors for source in one.sources}))
+        self._places = {(one.subject, one.name): place for place, one in enumerate(self.sources)}
+        self._values = next(iter(robots.values())).values
         self._opaque = [f"{name}'s {id}" for name, local in robots.items() for id in sorted(local.host.opaque)]
         named = (robot for one in self.monitors for robot in self._apart(one))
         self.apart: frozenset[str] = frozenset(robots if self.watches else named)
         self.states: list[tuple[Any, ...]] = []
         self._numbers: dict[tuple[Any, ...], int] = {}
         self._steps: dict[tuple[int, int, Observed], int] = {}
+        self._read: dict[int, int] = {}
         self._renamed: dict[tuple[int, tuple[tuple[int, int], ...]], int] = {}
-        self._number((*(one.initial for one in self.monitors), *(one.initial for one in self.watches)))
+        unset = (None,) * len(self.sources)
+        initial = (*(one.initial for one in self.monitors), *(one.initial for one in self.watches), unset)
+        self._number(self._after_reading(initial))
 
     def _apart(self, monitor: Monitor) -> list[str]:
         """The robots of pools with several that a property names."""
-        return sorted({event.robot.text for event in monitor.spec.occurrences} & self._several)
+        values = (value.subject.text for value in subjects(monitor.spec))
+        return sorted({*(event.robot.text for event in monitor.spec.occurrences), *values} & self._several)
 
     def _number(self, states: tuple[Any, ...]) -> int:
         number = self._numbers.setdefault(states, len(self.states))
@@ -152,18 +165,43 @@ class Monitors:
         if found is None:
             states = self.states[number]
             for element, what, detail in events:
+                if what == VALUE:
+                    values, place = states[-1], self._places.get((self.names[robot], element))
+                    if place is not None:
+                        states = (*states[:-1], (*values[:place], detail, *values[place + 1 :]))
+                    continue
                 event = (self.names[robot], element, what, detail)
                 pairs, watches = zip(self.monitors, states), zip(self.watches, states[len(self.monitors) :])  # noqa: B905
                 states = (
                     *(_plain(one.step(state, 0, event)) for one, state in pairs),
                     *(one.step(state, event) for one, state in watches),
+                    states[-1],
                 )
             found = self._steps[key] = self._number(states)
         return found
 
+    def read(self, number: int) -> int:
+        """The joint state after the conditions were read."""
+        if not self.sources:
+            return number
+        found = self._read.get(number)
+        if found is None:
+            found = self._read[number] = self._number(self._after_reading(self.states[number]))
+        return found
+
+    def _after_reading(self, joint: tuple[Any, ...]) -> tuple[Any, ...]:
+        *states, numbers = joint
+        pairs = zip(self.sources, numbers, strict=True)
+        values = {source: self._values.value(one) for source, one in pairs if one is not None}
+        unknown = {source for source, value in values.items() if holds_unknown(value)}
+        for place, one in enumerate(self.monitors):
+            parts = zip(one.parts, states[place], strict=True)
+            states[place] = _plain(tuple(_read(part, state, values, unknown) for part, state in parts))
+        return (*states, numbers)
+
     def throws(self, number: int, robot: int, topic: str) -> bool:
         """Whether a message on a topic may come to a robot from outside, if that is for a watch to say."""
-        watches = zip(self.watches, self.states[number][len(self.monitors) :], strict=True)
+        watches = zip(self.watches, self.states[number][len(self.monitors) : -1], strict=True)
         return topic not in self.thrown or any(
             one.topic == topic and one.throws(state, self.names[robot]) for one, state in watches
         )
@@ -174,8 +212,12 @@ class Monitors:
         found = self._renamed.get(key)
         if found is None:
             names = {self.names[old]: self.names[new] for old, new in places.items()}
-            states = zip(self.monitors, self.states[number], strict=True)  # watches keep all robots apart
-            found = self._renamed[key] = self._number(tuple(_exchanged(one, state, names) for one, state in states))
+            *states, values = self.states[number]  # without watches, which keep all robots apart
+            last = dict(zip(self.sources, values, strict=True))
+            back = {new: old for old, new in names.items()}
+            moved = (last[one._replace(subject=back.get(one.subject, one.subject))] for one in self.sources)
+            exchanged = (_exchanged(one, state, names) for one, state in zip(self.monitors, states, strict=True))
+            found = self._renamed[key] = self._number((*exchanged, tuple(moved)))
         return found
 
     def judge(self, runs: Runs, *, exhaustive: bool) -> Iterator[Judged]:
@@ -194,11 +236,15 @@ class Monitors:
             said = [f"it names {', '.join(apart)}, so that no robots of the pool were taken for equal"] if apart else []
             if at is not None:
                 run = tuple(runs.to(at).steps)
+                shortest = not product.options.reduced and not explored.failures
+                why += ", no other in fewer steps" if shortest else ", others perhaps in fewer steps"
                 yield Judged(name, sentence, "refuted", "; ".join([why, *said]), run, product.options.delivery)
                 continue
             verdict: Proof = "proved"
             if not exhaustive:
                 verdict, said = "not known", ["not all states were explored", *said]
+            elif doubt := _doubtful(one, [self.states[number][place] for number in numbers], explored):
+                verdict, said = "not known", [doubt, *said]
             elif all(one.verdict(self.states[number][place]).word == "not triggered" for number in {*numbers}):
                 verdict = "not triggered"
             if self._opaque and exhaustive:
@@ -224,6 +270,25 @@ def _refuted(monitor: Monitor, states: Sequence[State], explored: Explored) -> t
     return at, "a run goes on for ever without it"
 
 
+def _read(part: Part, state: PartState, values: LastValues, unknown: Set[Source]) -> PartState:
+    """The state of a part after its condition was read, where it is open."""
+    if part.condition is None or state[0] != OPEN:
+        return state
+    return (
+        part.lose(state) if part.condition.sources & unknown else part.sample(state, 0, part.condition.read(values, 0))
+    )
+
+
+def _doubtful(monitor: Monitor, states: Sequence[State], explored: Explored) -> str:
+    """Why it is not known whether a run violates a property that no run surely does; empty if it is known."""
+    parts = [part for state in {*states} for part in state]
+    if any(phase == UNKNOWN or triggered == 2 for phase, _, _, _, triggered in parts):
+        return "the exploration does not know a value that it reads" if monitor.spec.condition else SEVERAL
+    ends = {states[at] for at in (*explored.final, *explored.stuck)}
+    without = monitor.spec.condition and any(part[4] == 3 for state in ends for part in state)
+    return "a run ends in which what it reads never has a value" if without else ""
+
+
 def _plain(state: State) -> State:
     """The state of a monitor without its slack, which decides nothing."""
     return tuple((phase, since, memory, None, triggered) for phase, since, memory, _, triggered in state)
@@ -238,6 +303,11 @@ def _exchanged(monitor: Monitor, state: State, names: Mapping[str, str]) -> Stat
     return tuple(found)
 
 
+def is_judged(monitor: Monitor) -> bool:
+    """Whether an exploration may judge a property, if it sees all that it names."""
+    return not (monitor.timed or monitor.reads_messages or any(one.kind != "variable" for one in monitor.sources))
+
+
 def _unjudged(monitor: Monitor, robots: Mapping[str, Local]) -> str:
     """Why an exploration cannot judge a property; empty if it can."""
     return "it has a bound, and an exploration has no clock" if monitor.timed else _hidden(monitor, robots)
@@ -245,8 +315,8 @@ def _unjudged(monitor: Monitor, robots: Mapping[str, Local]) -> str:
 
 def _hidden(monitor: Monitor, robots: Mapping[str, Local]) -> str:
     """What a property needs that an exploration does not see; empty for nothing."""
-    if monitor.spec.condition:
-        return "an exploration does not judge values"
+    if any(one.kind != "variable" for one in monitor.sources):
+        return "an exploration judges no values but those of variables"
     if monitor.reads_messages:
         return "an exploration does not judge fields of messages"
     for robot, element, what in monitor.events:

@@ -50,7 +50,7 @@ class States:
         self.grown: set[tuple[str, str]] = set()
         self.widened: set[str] = set()
         self.values = values = host.values
-        self.forms: Forms = Forms(program, values.number, values.value, host.kept, self._variable, values.is_constant)
+        self.forms: Forms = Forms(program, values.number, values.value, host.kept, self.variable, values.is_constant)
         self._outside, self._liveness = outside, liveness
         self._numbers: dict[State, int] = {}
         self._views: dict[tuple[int, Timers], View] = {}
@@ -112,7 +112,7 @@ class States:
         self.views.append(view)
         return number
 
-    def _variable(self, name: str, value: Any) -> int:
+    def variable(self, name: str, value: Any) -> int:
         """The number of a variable's value; one that has too many of them is unknown from then on."""
         number = self.values.number(value)
         seen = self._seen.get(name)
