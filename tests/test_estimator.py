@@ -40,3 +40,12 @@ def test_runs_are_judged_as_runs(name: str):
     assert (found[20:60] == -1).any()
     with pytest.raises(ValueError, match="expected at least 10 rows of a run, a whole window, got 5"):
         made.predict(late[:5])
+
+
+def test_a_data_frame_of_pandas_is_judged_as_its_rows():
+    pd = pytest.importorskip("pandas")
+    rows, runs = np.random.default_rng(2).standard_normal((300, 2)), np.repeat(np.arange(30), 10)
+    frame = pd.DataFrame(rows, columns=["left", "right"]).assign(run=runs)
+    framed = Detector(false_alarms=0.1).fit(frame[["left", "right"]], runs=frame["run"])
+    plain = Detector(false_alarms=0.1).fit(rows, runs=runs)
+    assert list(framed.predict(frame[["left", "right"]], runs=frame["run"])) == list(plain.predict(rows, runs=runs))

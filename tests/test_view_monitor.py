@@ -96,6 +96,17 @@ def test_the_active_elements_of_a_recording_of_fame_are_known(
     assert (code, found["runs"][0]["verdict"]) == (3, "not judged")
 
 
+def test_recordings_of_fame_train_with_their_active_elements(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = ("--data", folder / "1.mcap", folder / "2.mcap", "--config", folder / "config.yaml", "--namespace", "Arm")
+    code, found = told(
+        capsys, "monitor", "train", *data, "--elements", "--detector", "phase", "-o", tmp_path / "m.skops"
+    )
+    assert (code, JOINT in found["columns"]) == (0, True)
+    assert "Event_Re_There" in TrainedModel.load(tmp_path / "m.skops").elements
+
+
 def test_what_an_incomplete_recording_does_not_show_is_not_benign(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

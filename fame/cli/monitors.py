@@ -111,14 +111,14 @@ def judged_on_page(path: Path, recording: Path, arguments: Namespace) -> dict[st
 def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> list[LabelledRun]:
     """Read runs of CSV files and, by a configuration, of bags. Raises ConfigError."""
     from fame.errors import ConfigError
-    from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, read_labelled_runs
+    from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, is_bag, read_labelled_runs
 
     settings = model.conditions.get("settings", {})
     names = (("time_column", STAMP), ("run_column", RUN), ("element_column", ELEMENT))
     special = Special(*(settings.get(name, default) for name, default in names))
     runs: list[LabelledRun] = []
     for path in paths:
-        if path.suffix in (".csv", ".parquet"):
+        if not is_bag(path):
             runs += read_labelled_runs([path], model.columns, special)
         elif arguments.config is None:
             text = "is not a CSV file: a bag needs --config CONFIG.yaml, whose Inputs name topics and fields"
@@ -129,17 +129,12 @@ def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> l
 
 
 def _of_bag(path: Path, arguments: Namespace, model: TrainedModel) -> list[LabelledRun]:
-    from tempfile import TemporaryDirectory
-
     from fame.monitor.data_files import read_labelled_runs
-    from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.recording import record_bag
+    from fame.monitor.pipeline.recording import tables_of
 
-    with TemporaryDirectory(prefix="fame-judge-") as folder:
-        csv = Path(folder) / "bag.csv"
-        options = {"namespace": arguments.namespace, "elements": bool(model.elements), "report": note}
-        record_bag(path, load(arguments.config), [csv], **options)
-        return [run._replace(file=str(path)) for run in read_labelled_runs([csv], model.columns)]
+    options = {"namespace": arguments.namespace, "elements": bool(model.elements), "report": note}
+    with tables_of([path], arguments.config, **options) as tables:
+        return [run._replace(file=str(path)) for run in read_labelled_runs(tables, model.columns)]
 
 
 def _print(judgement: JudgedRuns) -> None:

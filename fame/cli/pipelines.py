@@ -236,6 +236,7 @@ def add_train(commands: Commands) -> None:
             "fame monitor train monitor.yaml --plots out",
             "fame monitor train monitor.yaml --compare",
             "fame monitor train --data runs.csv --run-column cycle -o model.skops",
+            "fame monitor train --data monday.mcap tuesday_bag --config joints.yaml -o model.skops",
         ),
         help="train a detector on recorded runs, with thresholds that promise a rate of false alarms",
     )  # fmt: skip
@@ -244,7 +245,16 @@ def add_train(commands: Commands) -> None:
     )
     parser.add_argument(
         "--data", type=Path, nargs="+", default=[], metavar="FILE",
-        help="runs as CSV or Parquet files, instead of a configuration; without --detector: phase if they repeat",
+        help="runs as CSV or Parquet files, with --config also bags, MCAP files and recordings of FAME, each a run; "
+        "without --detector: phase if they repeat",
+    )  # fmt: skip
+    parser.add_argument(
+        "--config", type=Path, metavar="CONFIG.yaml", help="configuration whose Inputs are read from the bags of --data"
+    )
+    parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of relative topics of bags")
+    parser.add_argument(
+        "--elements", action="store_true",
+        help="read the mission's active element from bags, too (topic bpmn_events), for phase",
     )  # fmt: skip
     parser.add_argument("--run-column", metavar="NAME", help="column whose changes begin a run (default: run)")
     parser.add_argument(
@@ -270,23 +280,37 @@ def add_train(commands: Commands) -> None:
 
 
 def run_train(arguments: Namespace) -> int:
-    """Train, store the model with its card, and print the result."""
+    """Train on tables, and on bags by the Inputs of a configuration."""
     from dataclasses import replace
 
     from fame.imports import require
-    from fame.monitor.data_files import hash_files
-    from fame.monitor.model_card import origin_of, write_card
-    from fame.monitor.pipeline.train import train
-    from fame.monitor.pipeline.trained_model import TrainedModel
-    from fame.monitor.pipeline.training_checks import warnings_of
+    from fame.monitor.pipeline.recording import tables_of
 
     if arguments.onnx is not None:
         require("onnx")
     training, file = _training(arguments)
+    options = {"namespace": arguments.namespace, "elements": arguments.elements, "report": note}
+    with tables_of(training.files, arguments.config or arguments.configuration, **options) as tables:
+        return _train(arguments, replace(training, files=tables), file, training.files)
+
+
+def _train(arguments: Namespace, training: Training, file: str, files: Sequence[str]) -> int:
+    """Train, store the model with its card, and print the result; `files` are what the user named."""
+    from dataclasses import replace
+
+    from fame.monitor.data_files import hash_files, read_runs
+    from fame.monitor.model_card import origin_of, write_card
+    from fame.monitor.pipeline.train import suited_detector, train
+    from fame.monitor.pipeline.trained_model import TrainedModel
+    from fame.monitor.pipeline.training_checks import warnings_of
+
+    if arguments.data and arguments.detector is None:
+        runs = read_runs(training.files, (), training.special, undisturbed=True)
+        training = replace(training, detector=suited_detector(runs))
     path = arguments.output or Path(training.model)
     compared: list[Compared] = []
     if arguments.check:
-        model = TrainedModel.load(path, columns=training.columns, data=hash_files(training.files))
+        model = TrainedModel.load(path, columns=training.columns, data=hash_files(files))
     else:
         with progress_line(sys.stderr) as line:
             progress: Callable[[str], object] = line.write if line is not None else print
@@ -297,7 +321,8 @@ def run_train(arguments: Namespace) -> int:
             print(_comparison(compared))
         if not arguments.keep:
             _refuse_doubtful(model, file, training, path)
-        model = replace(model, conditions={**model.conditions, **origin_of(path)})
+        named = {"files": [Path(each).name for each in files], **origin_of(path)}
+        model = replace(model, data=hash_files(files), conditions={**model.conditions, **named})
         model.save(path)
         write_card(model, path)
     if arguments.onnx is not None:
@@ -307,7 +332,7 @@ def run_train(arguments: Namespace) -> int:
         _plot_training(arguments.plots, model, training)
     if arguments.json:
         comparison = {"compared": [item.to_plain() for item in compared]} if compared else {}
-        print_json(_trained(path, model, training, warnings) | comparison)
+        print_json(_trained(path, model, replace(training, files=tuple(files)), warnings) | comparison)
         return 0
     for text in warnings:
         note(f"warning: {text}")
@@ -326,20 +351,15 @@ def _training(arguments: Namespace) -> tuple[Training, str]:
     from dataclasses import replace
 
     from fame.errors import ConfigError
-    from fame.monitor.data_files import read_runs
     from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.train import Training, suited_detector, training_of
+    from fame.monitor.pipeline.train import Training, training_of
 
     if (arguments.configuration is None) == (not arguments.data):
         raise ConfigError("expected a configuration with the section Training, or --data FILE")
     names = ("run_column", "time_column", "element_column", "detector", "false_alarms")
     given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
     if arguments.data:
-        training = Training(files=tuple(map(str, arguments.data)), **given)
-        if arguments.detector is None:
-            chosen = suited_detector(read_runs(training.files, (), training.special, undisturbed=True))
-            training = replace(training, detector=chosen)
-        return training, str(arguments.data[0])
+        return Training(files=tuple(map(str, arguments.data)), **given), str(arguments.data[0])
     configuration = load(arguments.configuration)
     if configuration.training is None:
         text = "has no section Training; expected Training: {Files: [runs.csv], Model: model.skops}"

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from heapq import merge
+from itertools import chain
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -103,10 +104,9 @@ def read_labelled_runs(
     runs: list[LabelledRun] = []
     found: tuple[str, ...] = ()  # the columns of the first file, if none were asked for
     for path in map(Path, paths):
-        if path.is_dir() or path.suffix in (".mcap", ".bag", ".db3"):
-            text = (
-                f"is a bag, expected CSV or Parquet: fame monitor record CONFIG.yaml --bag {path} -o runs.csv makes one"
-            )
+        if is_bag(path):
+            text = "is a bag, expected --config CONFIG.yaml, whose Inputs name topics and fields, or a CSV file"
+            text += f": fame monitor record CONFIG.yaml --bag {path} -o runs.csv makes one"
             raise ConfigError(text, file=str(path))
         parquet = path.suffix == ".parquet"
         names, cells, first, elements = _read_parquet(path, special) if parquet else read_recorded(path, special)
@@ -191,11 +191,12 @@ def _labels(column: Floats, path: Path) -> Whole:
 
 
 def hash_files(paths: Sequence[str | Path]) -> str:
-    """Return the SHA-256 of the content of files, in order. Raises ConfigError."""
+    """Return the SHA-256 of the content of files, and of those in folders, in order. Raises ConfigError."""
     digest = hashlib.sha256()
-    for path in paths:
+    every = (sorted(path.iterdir()) if path.is_dir() else [path] for path in map(Path, paths))
+    for path in chain.from_iterable(every):
         try:
-            with Path(path).open("rb") as stream:
+            with path.open("rb") as stream:
                 digest.update(hashlib.file_digest(stream, "sha256").digest())
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
@@ -392,6 +393,11 @@ def read_bag(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[floa
                 yield time * 1e-9, connection.topic, reader.deserialize(data, connection.msgtype)
     except (AnyReaderError, OSError) as error:
         raise ConfigError(f"is not a readable bag: {error}", file=file) from None
+
+
+def is_bag(path: Path) -> bool:
+    """Whether `read_bag` reads a file or folder, not `read_runs`."""
+    return path.is_dir() or path.suffix in (".mcap", ".bag", ".db3") or _is_recording(path)
 
 
 def _is_recording(path: Path) -> bool:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from math import inf
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol, TypeVar
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
@@ -14,7 +16,7 @@ from fame.errors import ConfigError
 from fame.middleware.interface import Middleware, Node, resolve
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.typesystem import STRING
-from fame.monitor.pipeline.configuration import Configuration, Port
+from fame.monitor.pipeline.configuration import Configuration, Port, load
 from fame.monitor.pipeline.elements import ElementFollower
 from fame.monitor.pipeline.sinks import BagWriter, CsvFile, Influx, Row
 from fame.monitor.pipeline.subscriptions import Subscriptions, ThrottledReport, check_types
@@ -218,6 +220,30 @@ def record_bag(
     topics = {port.topic: port.type for port in configuration.inputs} | ({run_topic: EMPTY} if run_topic else {})
     topics |= {EVENTS_TOPIC: STRING} if options.get("elements") else {}
     return play(bag, make, {resolve(topic, options.get("namespace", "")): type for topic, type in topics.items()})
+
+
+@contextmanager
+def tables_of(paths: Sequence[str | Path], configuration: Path | None, **options: Any) -> Iterator[tuple[str, ...]]:
+    """Give files with a CSV file for each bag, by the Inputs of a configuration; without one, bags are not converted.
+
+    The CSV files last until the block ends; an error about one names its bag. Raises ConfigError.
+    """
+    from fame.monitor.data_files import is_bag
+
+    tables, bags = list(map(str, paths)), dict[str, str]()
+    with TemporaryDirectory(prefix="fame-bags-") as folder:
+        for number, path in enumerate(map(Path, tables)):
+            if configuration is not None and is_bag(path):
+                table = Path(folder) / str(number) / f"{path.name}.csv"
+                table.parent.mkdir()
+                record_bag(path, load(configuration), [table], **options)
+                tables[number], bags[str(table)] = str(table), str(path)
+        try:
+            yield tuple(tables)
+        except ConfigError as error:
+            if error.file not in bags:
+                raise
+            raise ConfigError(error.text, file=bags[error.file], element=error.element) from None
 
 
 Playing = TypeVar("Playing", bound=RecordingNode)
