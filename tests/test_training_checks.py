@@ -67,6 +67,14 @@ def test_a_run_that_stands_still_from_the_middle_on_is_refused():
     assert list(outliers(fit(runs, CONFIG))) == [7]
 
 
+@pytest.mark.parametrize("detector", ["mahalanobis", "pca"])
+@pytest.mark.parametrize(("size", "rows", "refused"), [(3.0, 1, []), (6.0, 1, [4]), (3.0, 25, [4])])
+def test_a_lone_sample_may_be_further_out_than_a_bump(detector: str, size: float, rows: int, refused: list[int]):
+    runs = [run(seed) for seed in range(RUNS)]
+    runs[4].values[150 : 150 + rows, 0] += size
+    assert list(outliers(fit(runs, replace(CONFIG, detector=detector)))) == refused
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_a_level_that_drifts_from_run_to_run_is_told_and_stands_on_the_card(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], order: int

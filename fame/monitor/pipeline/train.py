@@ -33,7 +33,7 @@ from fame.monitor.pipeline.filters import LowPass, Windower
 from fame.monitor.pipeline.phases import Phases, reduced
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import TrainedModel
-from fame.monitor.pipeline.training_checks import UNLIKE, drifts, unlike_movements
+from fame.monitor.pipeline.training_checks import UNLIKE, drifts, lone_peaks, unlike_movements
 from fame.monitor.storage import versions
 from fame.text import suggestion
 
@@ -114,9 +114,11 @@ def fit(
     filtered = prepared(runs, config)
     model = learned(filtered, config, rate)
     scores = np.full((len(runs), len(model.columns)), np.nan)
+    lone = np.zeros(scores.shape, dtype=bool)
     for index, fold in left_out(filtered, config, rate, report):
         loss = losses(fold, filtered[index], config.stride).values
         scores[index] = loss.max(axis=0, initial=-np.inf)
+        lone[index] = lone_peaks(loss, config.window / config.stride)
     whole = np.flatnonzero(np.isfinite(scores).all(axis=1)).tolist()
     if len(whole) < 2:
         text = f"{len(whole)} of {len(runs)} runs have a whole window of {config.window} samples; at least 2 are needed"
@@ -129,7 +131,7 @@ def fit(
         "runs": len(runs), "scored": len(whole), "numbers": whole, "seconds": [min(lasted), max(lasted)],
         "samples": sum(map(len, runs)), "settings": _plain(asdict(config)),
         "constant": [name for name, moves in zip(model.columns, _moves(runs), strict=True) if not moves],
-        "movement": unlike_movements([runs[index] for index in whole]),
+        "movement": unlike_movements([runs[index] for index in whole]), "lone": lone[whole].tolist(),
         "drifts": drifts([runs[index] for index in whole]), "late_scores": _late_scores(filtered, whole, config, rate),
     }  # fmt: skip
     return replace(

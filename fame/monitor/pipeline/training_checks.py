@@ -20,6 +20,8 @@ from fame.monitor.pipeline.trained_model import TrainedModel
 
 OUTLIER = 30.0
 """A run whose left-out loss is this many times those of the others, or of the training, is not one of them."""
+LONE = 100.0
+"""The same for a loss as a lone sample has it, which heavy-tailed noise brings: it ends with the sample's windows."""
 CLOSE = 10.0
 """The same for `phase`, whose losses differ less, where it is also beyond `SPREAD`."""
 SPREAD = 8.0
@@ -107,10 +109,11 @@ def _far_losses(model: TrainedModel) -> list[tuple[int, str]]:
     the training."""
     assert model.calibration is not None
     scores, found = _least(model.calibration.scores), list[tuple[int, str]]()
+    lone = model.conditions.get("lone", np.zeros(scores.shape, dtype=bool))
     for index, row in enumerate(scores):
         others = np.delete(scores, index, axis=0)
         usual = np.minimum(np.median(others, axis=0), _least(np.array(model.metrics["training_max"])))
-        limit = np.full(len(usual), OUTLIER)
+        limit = np.where(lone[index], LONE, OUTLIER)
         if isinstance(model.detector, Phases):
             limit = np.clip(np.exp(SPREAD * _deviation(np.log(others))), CLOSE, OUTLIER)
         worst = int((row / usual / limit).argmax())
@@ -118,6 +121,13 @@ def _far_losses(model: TrainedModel) -> list[tuple[int, str]]:
             times = row[worst] / usual[worst]
             found.append((index, f"its left-out loss of {model.columns[worst]} is {times:.0f} times the usual"))
     return found
+
+
+def lone_peaks(loss: Floats, windows: float) -> Any:
+    """Return for each channel whether the peak of the loss (n, channels) lasts no longer than a sample is in `windows`,
+    and less than half of the run."""
+    high = (loss > loss.max(axis=0, initial=0.0) / 10).sum(axis=0)
+    return (high <= windows + 1) & (2 * high <= len(loss))
 
 
 def _deviation(values: Floats) -> Floats:
