@@ -30,6 +30,7 @@ COUNTS: dict[str, Steps] = {
     "A": ["run n = 0", "work", "run n += 1", "run n = n + 1", "work", "throw a"],
     "B": ["run n = 0; k = 5", "work", "catch a", "run n = 2"],
 }
+LAST: dict[str, Steps] = {"A": ["run n = 0", "work", "run n = 5"], "B": ["work"]}
 DRAWS: dict[str, Steps] = {"A": ["run import os; n = os.getpid()", "work", "run n = 3", "throw a", "work"]}
 MANY: dict[str, Steps] = {"C": ["throw go", "catch done"], "F": ["catch go", "work", "throw done"]}
 
@@ -72,6 +73,7 @@ def judged(robots: dict[str, Steps], sentence: str, several: tuple[str, ...] = (
         (COUNTS, "never B.n == A.n", "refuted"),
         (COUNTS, "always B.k == 5", "proved"),  # which decides nothing
         (COUNTS, "always B.never > 1", "not known"),
+        (LAST, "always A.n < 5", "refuted"),  # with which its instance ends
         (DRAWS, "always A.n >= 0", "not known"),
         (DRAWS, "after A throws /a, always A.n > 5", "refuted"),
     ],

@@ -284,6 +284,19 @@ def test_a_deadline_is_drawn(tmp_path: Path, deadline: str, verdict: str) -> Non
     assert not [finding for finding in check(path) if "deadline" in str(finding)]
 
 
+def test_what_is_set_as_the_mission_ends_is_judged(tmp_path: Path) -> None:
+    path = tmp_path / "m.bpmn"
+    path.write_text(text_of({"A": ["run n = 0", "timer PT2S", "run n = 5"], "B": ["timer PT1S"]}))
+    path.with_name("m.properties.yaml").write_text("properties:\n  low: always A.n < 5\n")
+    (found,) = Scenario.load(path).run().judgements
+    assert (found.verdict, found.time) == ("violated", 2)
+    log = tmp_path / "run.mcap"
+    assert main(["run", str(path), "--quiet", "--log", str(log)]) == 1
+    team = team_vocabulary(Scenario.load(path))
+    (again,) = judge_log(log, Scenario.load(path).properties, team=team)
+    assert (again.verdict, again.time) == ("violated", 2)
+
+
 @pytest.mark.parametrize(("times", "verdict"), [("[1, 5]", "violated"), ("[1, 3]", "holds")])
 def test_a_deadline_counts_for_each_instance_of_an_activity(tmp_path: Path, times: str, verdict: str) -> None:
     wait = '<timerEventDefinition id="d"><timeDuration>PT${pause}S</timeDuration></timerEventDefinition>'

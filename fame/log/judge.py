@@ -245,14 +245,14 @@ class TeamJudge:
         for change in data["changes"]:
             if change["path"]:
                 continue
-            if change.get("gone"):
-                instances.pop(change["instance"], None)
-                continue
             variables = instances.setdefault(change["instance"], {})
             variables.update(change.get("set", {}))
             for name in change.get("unset", ()):
                 variables.pop(name, None)
-        self._read(time, str(data["robot"]))
+        self._read(time, str(data["robot"]))  # also what an instance has set as it ended
+        for change in data["changes"]:
+            if change.get("gone") and not change["path"]:
+                instances.pop(change["instance"], None)
 
     def _read(self, time: int, robot: str) -> None:
         """Sample the variables of the instance that started last."""

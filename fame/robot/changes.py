@@ -97,8 +97,8 @@ class ChangeTracker:
                 changes.append({**variables.where, **change})
         if len(known) > len(owners):
             there = {scope.key for scope in owners}
-            gone = [key for key in known if key not in there]
-            changes += [{**known.pop(key).where, "gone": True} for key in gone]
+            ended = [known.pop(key) for key in [*known] if key not in there]
+            changes += [{**variables.where, **variables.change(), "gone": True} for variables in ended]
         return changes
 
     def _compare_tokens(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from fame.bpmn.model import Definitions
 from fame.check.variables import variable_names
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.engine.state import Trail
+from fame.engine.state import Instance, Trail
 from fame.errors import MessageError
 from fame.log.channels import PROPERTIES
 from fame.log.team_state import Put
@@ -67,6 +67,7 @@ class RunJudge(Observer):
         self._nodes: dict[str, RobotNode] = {}
         self._reads: dict[str, list[Source]] = {}
         self._changed: set[str] = set()
+        self._instances: dict[str, Instance] = {}  # the last one of each robot: it may have ended since
         self._recordings: list[Put] = []
         self._seen: dict[str, tuple[float, float, float]] = {}
 
@@ -130,7 +131,10 @@ class RunJudge(Observer):
         changed, self._changed = self._changed, set()
         now = self._middleware.scheduler.now
         for robot in changed:
-            instance = next(reversed(self._nodes[robot].engine.instances.values()), None)
+            running = next(reversed(self._nodes[robot].engine.instances.values()), None)
+            instance = running or self._instances.pop(robot, None)
+            if running is not None:
+                self._instances[robot] = running
             for source in self._reads[robot] if instance is not None else ():
                 variables: dict[str, Any] = instance.root_variables  # type: ignore[union-attr]
                 if source.name in variables:

@@ -22,7 +22,7 @@ from fame.check.explore.stimuli import Stimulus, apply
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import Values
 from fame.check.explore.views import View
-from fame.engine import Engine, compile_program
+from fame.engine import Engine, Instance, compile_program
 from fame.engine.canonical import Forms
 from fame.engine.encoding import Data
 from fame.engine.host import Host
@@ -220,10 +220,9 @@ class Local:
     def _watched_variables(self) -> Watched:
         return Watched(self.host.new_variables(), self.host.memory)
 
-    def _read(self, engine: Engine) -> dict[str, int]:
-        """The numbers of the values that properties read: of the instance that has begun last."""
-        instance = next(reversed(engine.instances.values()), None) if self._reads else None
-        if instance is None:
+    def _read(self, instance: Instance | None) -> dict[str, int]:
+        """The numbers of the values that properties read: of the instance that has begun last, perhaps ended now."""
+        if instance is None or not self._reads:
             return {}
         variables: dict[str, Any] = instance.root_variables
         return {name: self.states.variable(name, variables[name]) for name in self._reads if name in variables}
@@ -240,7 +239,8 @@ class Local:
         while pending:
             host.decisions = pending.pop()
             engine = make()
-            before = self._read(engine)
+            last = next(reversed(engine.instances.values()), None) if self._reads else None
+            before = self._read(last)
             act(engine)
             if host.stop():  # and the step may not have gone to its end
                 raise OutOfTimeError
@@ -262,7 +262,7 @@ class Local:
             if outcome.begun:
                 self.states.note_begun(outcome.begun)
             number = self.states.number(engine)
-            after = self._read(engine).items()
+            after = self._read(next(reversed(engine.instances.values()), last)).items()
             outcome.events += [(name, VALUE, value) for name, value in after if value != before.get(name)]
             sent, flags = tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags))
             way = Successor(
