@@ -23,8 +23,9 @@ from fame.monitor.arrays import Floats
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.filters import LowPass
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.train import Training, fit, losses, warnings_of
+from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.monitor.pipeline.training_checks import warnings_of
 from robots.arm.dynamics import UR5E
 from robots.arm.reassembly import SCENARIOS, Disturbance, recorded
 
