@@ -123,6 +123,21 @@ def test_traces_are_tests_that_fail_today_and_pass_once_it_is_mended(broken: Pat
     assert "B: expected a message on /go on its way to it" in other.stdout.split("steps left out")[1]
 
 
+def test_the_trace_of_a_refuted_property_fails_until_it_holds(tmp_path: Path) -> None:
+    model, folder = tmp_path / "m.bpmn", tmp_path / "traces"
+    model.write_text(text_of({"A": ["run n = 1", "work", "run n = n * 4", "work"]}))
+    (tmp_path / "m.properties.yaml").write_text("properties:\n  low: always A.n < 3\n")
+    assert main(["check", "--explore", str(model), "--trace", str(folder)]) == 1
+    assert {file.name for file in folder.iterdir()} >= {"test_m_property_low.py", "m_property_low.mcap"}
+    command = [sys.executable, "-m", "fame", "test", str(folder)]
+    failed = subprocess.run(command, capture_output=True, check=False, text=True, cwd=tmp_path)
+    assert failed.returncode == 1, failed.stderr
+    assert "property low is violated: at 0 s A.n is 4" in failed.stdout
+    model.write_text(model.read_text().replace("n * 4", "n * 2"))
+    done = subprocess.run(command, capture_output=True, check=False, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout
+
+
 def test_traces_are_recordings_of_the_real_engines_and_pictures(tmp_path: Path) -> None:
     folder = tmp_path / "traces"
     model = "models/ground_vehicles.bpmn"

@@ -96,7 +96,7 @@ def play(mission: MissionByHand, steps: Iterable[Step]) -> MissionByHand:
 _TEST = '''"""{title}
 
 Found by `fame check --explore {model}` (delivery {delivery}).
-This fails as long as the mission can get there. It passes once the mission completes: on this way, or on another one
+This fails as long as the mission can get there. It passes once {mended}: on this way, or on another one
 if a step of it has become impossible. Such steps are left out, and `fame test` names them.
 """
 
@@ -108,8 +108,12 @@ def {name}(mission):
 '''
 
 
-def test_of(finding: Finding, elements: Elements, model: Path, folder: Path, robots: Mapping[str, int]) -> str:
-    """A test for pytest, in a folder, that drives the run of a finding and expects that the robots complete."""
+def test_of(
+    finding: Finding, elements: Elements, model: Path, folder: Path, robots: Mapping[str, int], refuted: str
+) -> str:
+    """A test for pytest, in a folder, that drives the run of a finding and expects that the robots complete, or that
+    the property `refuted` holds."""
+    expected = [f'    m.expect("{robot}").completed(within={WITHIN:g})' for robot in finding.robots]
     shown = [(str(call), call.comment) for call in calls(finding.run, elements)]
     width = max((len(line) for line, _ in shown), default=0)
     steps = [f"    {line:{width}}  # {comment}".rstrip(" #") if len(line) + len(comment) < 110
@@ -118,11 +122,12 @@ def test_of(finding: Finding, elements: Elements, model: Path, folder: Path, rob
         title="\n".join(wrap(_sentence(finding.text), 110)),
         model=model,
         delivery=finding.delivery,
-        name=_function(finding),
+        mended="the property holds" if refuted else "the mission completes",
+        name=f"test_{refuted}_holds" if refuted else _function(finding),
         path=f'"{Path(os.path.relpath(model, folder)).as_posix()}"',
         robots=f", robots={dict(robots)!r}".replace("'", '"') if robots else "",
         steps="\n".join(steps),
-        expected="\n".join(f'    m.expect("{robot}").completed(within={WITHIN:g})' for robot in finding.robots),
+        expected=f'    m.expect_property("{refuted}").holds()' if refuted else "\n".join(expected),
     )
 
 
@@ -147,7 +152,7 @@ def _word(robot: str) -> str:
 
 
 def write_runs(result: Exploration, scenario: Any, folder: Path, robots: Mapping[str, int], source: Path) -> list[Path]:
-    """Write each run of an error or fault: as a test, as a recording for `fame view`, and as a picture.
+    """Write each run of an error, fault or refuted property: as a test, as a recording for `fame view`, as a picture.
 
     Gives the files. Raises ConfigError if the folder cannot be written to.
     """
@@ -160,18 +165,23 @@ def write_runs(result: Exploration, scenario: Any, folder: Path, robots: Mapping
                 counts[finding.kind] += 1
                 name = f"{source.stem}_{finding.kind}_{counts[finding.kind]}"
                 written += _write(finding, scenario, folder, name, robots, source)
+        for one in result.properties:
+            if one.verdict == "refuted":
+                finding = Finding("run", str(one), run=one.run, delivery=one.delivery)
+                name = f"{source.stem}_property_{one.name}"
+                written += _write(finding, scenario, folder, name, robots, source, one.name)
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", file=str(folder)) from None
     return written
 
 
 def _write(
-    finding: Finding, scenario: Any, folder: Path, name: str, robots: Mapping[str, int], source: Path
+    finding: Finding, scenario: Any, folder: Path, name: str, robots: Mapping[str, int], source: Path, refuted: str = ""
 ) -> Iterator[Path]:
     mission = MissionByHand(scenario, folder, lenient=True)
     try:
         test, recording = folder / f"test_{name}.py", folder / f"{name}.mcap"
-        test.write_text(test_of(finding, mission.elements, source, folder, robots), encoding="utf-8")
+        test.write_text(test_of(finding, mission.elements, source, folder, robots, refuted), encoding="utf-8")
         yield test
         recording.write_bytes(play(mission, finding.run).recorded())
         yield recording
