@@ -232,6 +232,8 @@ def _exists(part: Part, state: PartState, time: int, roles: int, key: Any) -> Pa
     phase, since, memory, slack, triggered = state
     if not roles & MAIN:
         return state
+    if part.each:
+        return _each_ends(part, state, time, roles)
     if part.keyed:
         asked = next((begun for known, begun in memory if known == key), None)
         if asked is None:
@@ -247,7 +249,7 @@ def _exists(part: Part, state: PartState, time: int, roles: int, key: Any) -> Pa
     return ((ANSWERED if part.closes else WAITING) if part.opens else CLOSED), since, None, slack, triggered
 
 
-def _each_ends(part: Part, state: PartState, time: int, roles: int, key: Any) -> PartState:
+def _each_ends(part: Part, state: PartState, time: int, roles: int) -> PartState:
     """One of what started has ended, and nobody knows which.
 
     If it is the oldest each time, all are as early as they can be: what is late then is late. They are surely in time
@@ -255,8 +257,6 @@ def _each_ends(part: Part, state: PartState, time: int, roles: int, key: Any) ->
     and be cancelled later: another end, of something that has ended.
     """
     _, _, (failed, first, *starts), slack, triggered = state
-    if not roles & MAIN:
-        return state
     if roles & CANCELS and failed:
         triggered = 2
     failed = failed or bool(roles & FAILS)
@@ -275,7 +275,7 @@ _INSIDE: Mapping[str, Callable[[Part, PartState, int, int, Any], PartState]] = {
     "at most": _at_most,
     "only after": _only_after,
     "each time only after": _each_time_only_after,
-    "exists": lambda part, *step: (_each_ends if part.each else _exists)(part, *step),
+    "exists": _exists,
 }
 
 
@@ -494,12 +494,13 @@ def _react(
             instance = event.verb not in ("throws", "catches", "reports") and not event.target.text
             for element in vocabulary.elements(robot, event, made):
                 for what, detail in _marks(event, instance):
-                    how = _ENDS.get(what, 0) if event.verb == "ends" else 0
+                    how = _HOW.get(what, 0) if event.verb == "ends" else 0
                     reaction = Reaction(part, role | how, detail, event.where, same, topic)
                     events.setdefault((robot, element, what), []).append(reaction)
 
 
-_ENDS = {"fail": FAILS, "cancel": CANCELS}
+_HOW = {"fail": FAILS, "cancel": CANCELS}
+"""Mark of an element -> the role that says how it ended."""
 
 
 def _marks(event: Occurrence, instance: bool) -> Sequence[tuple[str, str | None]]:

@@ -67,7 +67,7 @@ class RunJudge(Observer):
         self._nodes: dict[str, RobotNode] = {}
         self._reads: dict[str, list[Source]] = {}
         self._changed: set[str] = set()
-        self._instances: dict[str, Instance] = {}  # the last one of each robot: it may have ended since
+        self._instances: dict[str, list[Instance]] = {}  # the last one of each robot: it may have ended since
         self._recordings: list[Put] = []
         self._seen: dict[str, tuple[float, float, float]] = {}
 
@@ -131,10 +131,10 @@ class RunJudge(Observer):
         changed, self._changed = self._changed, set()
         now = self._middleware.scheduler.now
         for robot in changed:
-            running = next(reversed(self._nodes[robot].engine.instances.values()), None)
-            instance = running or self._instances.pop(robot, None)
-            if running is not None:
-                self._instances[robot] = running
+            running = [*self._nodes[robot].engine.instances.values()][-1:]
+            known = [*running, *self._instances.get(robot, ())]
+            instance = max(known, key=lambda one: one.key, default=None)
+            self._instances[robot] = running
             for source in self._reads[robot] if instance is not None else ():
                 variables: dict[str, Any] = instance.root_variables  # type: ignore[union-attr]
                 if source.name in variables:

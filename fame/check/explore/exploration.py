@@ -356,18 +356,16 @@ class Team:
         self, delivery: Delivery, limit: int, stop: Callable[[], bool], *, faults: bool
     ) -> tuple[Report, tuple[str, ...]]:
         """What the states of the team say, and what was left out."""
-        request, monitors = self.request, None if faults else self.monitors
-        # a step that is left out may stand between two values of a variable
-        reduced = request.reduced and not (monitors is not None and monitors.sources)
+        request = self.request
         options = Options(
-            delivery=delivery, reduced=reduced, faults=faults, limit=limit,
+            delivery=delivery, reduced=request.reduced, faults=faults, limit=limit,
             groups=self.groups() if request.reduced else (), stop=stop, given=self.given,
             required=() if self.given else self.required(), progress=request.progress,
-            monitors=monitors,
+            monitors=None if faults else self.monitors,
             acknowledged=frozenset(name for name, use in self.model.types.items() if use.ttl),
         )  # fmt: skip
         product = Product(self.robots, self.locals, options)
-        if reduced:
+        if request.reduced:
             reduction = Reduction(product)
             product.alone, product.first_arrivals = reduction.alone, reduction.first_arrivals
             if not faults:  # which may happen between

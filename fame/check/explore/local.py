@@ -220,10 +220,11 @@ class Local:
     def _watched_variables(self) -> Watched:
         return Watched(self.host.new_variables(), self.host.memory)
 
-    def _read(self, instance: Instance | None) -> dict[str, int]:
+    def _read(self, instances: Sequence[Instance]) -> dict[str, int]:
         """The numbers of the values that properties read: of the instance that has begun last, perhaps ended now."""
-        if instance is None or not self._reads:
+        if not self._reads or not instances:
             return {}
+        instance = max(instances, key=lambda one: one.key)
         variables: dict[str, Any] = instance.root_variables
         return {name: self.states.variable(name, variables[name]) for name in self._reads if name in variables}
 
@@ -239,7 +240,7 @@ class Local:
         while pending:
             host.decisions = pending.pop()
             engine = make()
-            last = next(reversed(engine.instances.values()), None) if self._reads else None
+            last = [*engine.instances.values()][-1:]
             before = self._read(last)
             act(engine)
             if host.stop():  # and the step may not have gone to its end
@@ -262,7 +263,7 @@ class Local:
             if outcome.begun:
                 self.states.note_begun(outcome.begun)
             number = self.states.number(engine)
-            after = self._read(next(reversed(engine.instances.values()), last)).items()
+            after = self._read([*last, *engine.instances.values()]).items()
             outcome.events += [(name, VALUE, value) for name, value in after if value != before.get(name)]
             sent, flags = tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags))
             way = Successor(
