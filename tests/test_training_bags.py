@@ -90,3 +90,13 @@ def test_an_error_names_the_bag(tmp_path: Path, config: Path, capsys: pytest.Cap
     config.write_text("Training: {Files: []}\n")
     assert main(command) == 2
     assert "joints.yaml: Inputs: has no Inputs to record" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [["--config", "joints.yaml"], ["--elements"], ["--namespace", "/Arm"]])
+def test_what_is_about_bags_is_refused_without_one(
+    tmp_path: Path, option: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "runs.csv"
+    table.write_text("stamp,a\n0,1\n1,2\n")
+    assert main([*map(str, words(tmp_path, table)), *option]) == 2
+    assert f"{option[0]} is about bags, and {table} has none" in capsys.readouterr().err

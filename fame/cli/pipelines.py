@@ -283,12 +283,17 @@ def run_train(arguments: Namespace) -> int:
     """Train on tables, and on bags by the Inputs of a configuration."""
     from dataclasses import replace
 
+    from fame.errors import ConfigError
     from fame.imports import require
+    from fame.monitor.data_files import is_bag
     from fame.monitor.pipeline.recording import tables_of
 
     if arguments.onnx is not None:
         require("onnx")
     training, file = _training(arguments)
+    names = [name for name in ("config", "namespace", "elements") if getattr(arguments, name)]
+    if names and not any(is_bag(Path(each)) for each in training.files):
+        raise ConfigError(f"--{names[0]} is about bags, and {', '.join(training.files)} has none")
     options = {"namespace": arguments.namespace, "elements": arguments.elements, "report": note}
     with tables_of(training.files, arguments.config or arguments.configuration, **options) as tables:
         return _train(arguments, replace(training, files=tables), file, training.files)
