@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
+from dataclasses import replace
 from datetime import datetime
 from io import BytesIO
 from pathlib import Path
@@ -16,7 +18,10 @@ from fame.cli import main
 from fame.clock import SECOND
 from fame.log import logging_to
 from fame.log.elements import element_info
+from fame.log.reading import rows_of
+from fame.log.recording import Recording
 from fame.log.xes import xes
+from fame.properties.files import read_properties
 from fame.robot import changes
 from fame.robot.events import Event, combine_observers
 from fame.scenario import Scenario
@@ -57,6 +62,48 @@ def test_every_line_is_that_of_the_runs_own_log(run: Path, suffix: str) -> None:
 def test_the_traces_are_those_of_the_runs_own_log(run: Path) -> None:
     written, own = converted(run, ".xes").read_text(), (run / "run.xes").read_text()
     assert sorted(written.split("<trace>")) == sorted(own.split("<trace>"))
+
+
+def verdicts(log: Path) -> dict[str, tuple[str, float | None]]:
+    """Property -> verdict and slack, as each form of log has them."""
+    if log.name.endswith(".ocel.json"):
+        objects = [one for one in json.loads(log.read_text())["objects"] if one["type"] == "property"]
+        values = {one["id"]: {each["name"]: each["value"] for each in one["attributes"]} for one in objects}
+        return {id.removeprefix("property:"): (one["verdict"], one.get("slack")) for id, one in values.items()}
+    if log.suffix == ".xes":
+        found = [one for one in ElementTree.parse(log).getroot() if one.get("key", "").startswith("property:")]
+        slacks = [[float(each.attrib["value"]) for each in one if each.get("key") == "slack"] for one in found]
+        names = [(one.attrib["key"].removeprefix("property:"), one.attrib["value"]) for one in found]
+        return {name: (word, next(iter(slack), None)) for (name, word), slack in zip(names, slacks, strict=True)}
+    with rows_of(log) as rows:
+        details = [row["detail"] for row in rows if row["what"] == "verdict"]
+    judged = [json.loads(each) if log.suffix == ".csv" else each for each in details]
+    return {one["property"]: (one["verdict"], one["slack"]) for one in judged}
+
+
+def test_every_log_has_the_verdicts_about_properties(tmp_path: Path) -> None:
+    properties = [
+        "apart: always distance(any two Tractor) > 0.5",
+        'late: after Drone throws /weed_found, some Tractor starts "Go To" within 1 s',
+        "seldom: after Tractor fails, Drone completes within 5 s",
+    ]
+    (tmp_path / "p.properties.yaml").write_text("properties:\n" + "".join(f"  {each}\n" for each in properties))
+    scenario = Scenario.load(EXAMPLES / "agriculture.yaml", duration=40)
+    scenario = replace(scenario, properties=read_properties(tmp_path / "p.properties.yaml"))
+    files = scenario.closures()
+    with ExitStack() as stack:
+        logs = [
+            stack.enter_context(logging_to(tmp_path / f"run.{form}", files)) for form in ("mcap", "jsonl", "csv", "xes")
+        ]
+        result = scenario.run(observer=combine_observers(logs))
+    expected = {one.name: (one.verdict, one.slack) for one in result.judgements}
+    assert {verdict for verdict, _ in expected.values()} >= {"violated", "not triggered"}
+    with Recording(tmp_path / "run.mcap") as recording:
+        assert [one.to_json() for one in result.judgements] == recording.verdicts
+    for form in ("jsonl", "csv", "xes", "ocel.json"):
+        assert verdicts(converted(tmp_path, f".{form}")) == expected, form
+    for form in ("jsonl", "csv", "xes"):
+        assert verdicts(tmp_path / f"run.{form}") == expected, form
 
 
 ORDERS = """<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:camunda="http://camunda.org/schema/1.0/bpmn">
@@ -149,7 +196,7 @@ def check(each: dict[str, Any], types: dict[str, dict[str, str]], ids: set[str],
     assert each["type"] in types
     for attribute in each["attributes"]:
         assert attribute["name"] in types[each["type"]]
-        assert isinstance(attribute["value"], str)
+        assert isinstance(attribute["value"], {"string": str, "float": float}[types[each["type"]][attribute["name"]]])
     for related in each["relationships"]:
         assert related.keys() == {"objectId", "qualifier"}
         assert related["objectId"] in ids

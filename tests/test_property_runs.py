@@ -1,6 +1,7 @@
 """Properties of runs: judged while a mission runs, checked before, and judged again from its logs."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -73,11 +74,15 @@ def test_a_run_that_is_cut_leaves_properties_pending(team: Path, capsys: pytest.
     team.with_name("team.properties.yaml").write_text(
         "properties: {done: B completes within 9 s, low: always A.x < 9}\n"
     )
-    assert main(["run", str(team), "--duration", "2.5", "--json"]) == 1  # the mission itself is not over
+    assert main(["run", str(team), "--duration", "2.5", "--json"]) == 3
     found = json.loads(capsys.readouterr().out)["properties"]
     assert [(each["property"], each["verdict"], each["time"]) for each in found] == [
         ("done", "pending", 9.0), ("low", "holds", None)
     ]  # fmt: skip
+    result = Scenario.load(team, duration=2.5).run()
+    held, pending = replace(result, judgements=result.judgements[1:]), replace(result, status="interrupted")
+    assert (result.exit_code, pending.exit_code) == (3, 3)
+    assert (held.exit_code, replace(held, status="interrupted").exit_code) == (1, 130)  # the mission is not over
 
 
 def test_a_value_is_judged_as_it_was_before_a_script_changed_it_in_place(team: Path) -> None:

@@ -131,6 +131,8 @@ def _write_events(
             if done >= reported + 0.01:
                 reported = done
                 on_progress(done)
+        for verdict in recording.verdicts:
+            log(Event(recording.end, "", 0, 0, "", "verdict", verdict))
 
 
 def _write_bag(recording: Recording, target: Path) -> None:

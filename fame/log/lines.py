@@ -120,9 +120,15 @@ def table(stream: BinaryIO, elements: Mapping[str, ElementInfo]) -> Iterator[Obs
     def when(time: int, robot: str) -> str:
         return row((seconds(time), robot), ",")
 
-    yield _Lines(stream, elements, when, "%d,%d,", lambda mark, name: row(_cells(mark, name), "\n"))
+    yield _Lines(stream, elements, when, "%d,%d,", lambda mark, name: row(_row_cells(mark, name), "\n"))
 
 
 def _cells(mark: Mark, name: ElementInfo) -> tuple[Any, ...]:
     """The columns from the element on."""
     return mark[0], name.name, name.tag, *mark[1:]
+
+
+def _row_cells(mark: Mark, name: ElementInfo) -> tuple[Any, ...]:
+    """The same for a table: a verdict is JSON text."""
+    *cells, detail = _cells(mark, name)
+    return *cells, _to_json(detail) if isinstance(detail, dict) else detail

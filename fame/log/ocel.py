@@ -1,7 +1,8 @@
 """Converts recordings to object-centric event logs: OCEL 2.0 as JSON (https://www.ocel-standard.org).
 
-Objects are robots, process instances, signals (each message of a signal) and goals (each goal that a token sent to an
-action). Events are the executions of activities and events, by their labels; what is sent and caught; and goals:
+Objects are robots, process instances, signals (each message of a signal), goals (each goal that a token sent to an
+action) and properties with their verdicts. Events are the executions of activities and events, by their labels; what is
+sent and caught; and goals:
 
 =====================  =================================================================================
 type of event          related objects
@@ -52,6 +53,7 @@ _OBJECT_TYPES: Mapping[str, Mapping[str, str]] = {
     "instance": {"process": "string", "status": "string"},
     "signal": {"topic": "string", "type": "string"},
     "goal": {"action": "string"},
+    "property": {"sentence": "string", "verdict": "string", "slack": "float", "text": "string"},
 }
 _ELEMENT = {"element": "string", "kind": "string", "lifecycle": "string", "error": "string"}
 _EVENT_TYPES: Mapping[str, Mapping[str, str]] = {
@@ -89,6 +91,8 @@ def write_ocel(
                 _add_signal(log, message, signals[message.topic], caught)
         log.variables.end(instant)
     log.variables.check()
+    for verdict in recording.verdicts:
+        _add_verdict(log, verdict, recording.end)
     text = json.dumps(log.to_json(), ensure_ascii=False, separators=(",", ":"))
     stream.write(text.encode("utf-8", "backslashreplace"))
 
@@ -184,7 +188,7 @@ class _Log:
             }
         )
 
-    def object(self, id: str, kind: str, time: int, attributes: Mapping[str, str], **related: str) -> str:
+    def object(self, id: str, kind: str, time: int, attributes: Mapping[str, Any], **related: str) -> str:
         """Add an object unless it is known, and new values of its attributes. Returns its id."""
         known = self.objects.get(id)
         if known is None:
@@ -256,6 +260,13 @@ def _add_events(
                 }
                 name = (info.name if info is not None else "") or element
                 log.event(name if name not in _EVENT_TYPES else element, message.time, attributes, related)
+
+
+def _add_verdict(log: _Log, judgement: Mapping[str, Any], time: int) -> None:
+    values = {key: judgement[key] for key in _OBJECT_TYPES["property"] if judgement[key] not in (None, "")}
+    id = log.object(f"property:{judgement['property']}", "property", time, values)
+    robots = [log.robot(robot, time) for robot in judgement["robots"]]
+    log.objects[id]["relationships"] = [{"objectId": robot, "qualifier": "robot"} for robot in robots]
 
 
 def _add_signal(log: _Log, message: RecordedMessage, type: str, caught: _Catching) -> None:

@@ -6,6 +6,7 @@ comes before the first change of each second: everything as it was until then.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -100,6 +101,7 @@ class Recorder(Observer):
         self._latest: ChangeTracker | None = None
         self._scheduler: Scheduler | None = None
         self._flush_due = _FLUSH
+        self._verdicts: list[Any] = []
 
     @property
     def begun(self) -> bool:
@@ -128,9 +130,12 @@ class Recorder(Observer):
         """Record whether nothing could come any more (`complete`), or the run is cut."""
         assert self._scheduler is not None
         self._flush()
-        self.begin().describe({"ended": "complete" if complete else "cut", "end": str(self._scheduler.now)})
+        verdicts = {"properties": json.dumps(self._verdicts)} if self._verdicts else {}
+        self.begin().describe({**verdicts, "ended": "complete" if complete else "cut", "end": str(self._scheduler.now)})
 
     def __call__(self, event: Event) -> None:
+        if event.what == "verdict":
+            self._verdicts.append(event.detail)
         tracker = self._trackers.get(event.robot)
         if tracker is not None:
             tracker.event(event)

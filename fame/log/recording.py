@@ -189,6 +189,12 @@ class Recording(Closing):
             }
 
     @property
+    def verdicts(self) -> list[dict[str, Any]]:
+        """The judgement about each property at the end (`Judgement.to_json`). Raises ConfigError as `runs`."""
+        with self._as_written("metadata `properties`"):
+            return [{**each} for each in json.loads(self.metadata.get("properties", "[]"))]
+
+    @property
     def duration(self) -> float:
         """Its duration, s."""
         return (self.end - self.start) / SECOND

@@ -5,7 +5,8 @@ call activity) has a ``start`` and a ``complete``, or an ``ate_abort`` if it was
 ``concept:instance``. The resource is the robot. Times are dates in microseconds, counted from the epoch of the run or
 from `EPOCH`.
 
-A trace is written when its instance ends. The remaining ones are written at the end.
+A trace is written when its instance ends. The remaining ones are written at the end, and the verdicts about properties
+as attributes of the log: ``property:NAME``, with sentence, slack and why in it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from xml.sax.saxutils import quoteattr
 
 from fame.clock import EPOCH, date_at
@@ -95,12 +96,15 @@ class _Traces(Observer):
         self._stream, self._elements, self._epoch = stream, elements, EPOCH
         self._open: dict[tuple[str, int], _Trace] = {}
         self._known: dict[tuple[str, Mark], tuple[str, str] | None] = {}
+        self._verdicts: list[str] = []
 
     def __call__(self, event: Event) -> None:
         if event.what == "epoch":
             self._epoch = parse_datetime(event.detail)
         if event.what == PART:
             self._stream.write(_attribute(2, PART, str(event.detail)).encode())
+        if event.what == "verdict":
+            self._verdicts.append(_verdict(event.detail))
         self._add(event.robot, event.instance, event.scope, event[4:], _date(self._epoch, event.time))
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
@@ -138,6 +142,16 @@ class _Traces(Observer):
         """Write the traces of instances that have not ended."""
         for key, trace in self._open.items():
             self._write(key, trace, "running")
+        self._stream.write("".join(self._verdicts).encode("utf-8", "backslashreplace"))
+
+
+def _verdict(judgement: Mapping[str, Any]) -> str:
+    """The XML of an attribute ``property:NAME`` of the log."""
+    inner = "".join(_attribute(4, key, judgement[key]) for key in ("sentence", "text") if judgement[key])
+    if judgement["slack"] is not None:
+        inner += _attribute(4, "slack", str(judgement["slack"]), "float")
+    start = _attribute(2, f"property:{judgement['property']}", judgement["verdict"]).replace("/>", ">")
+    return f"{start}{inner}  </string>\n"
 
 
 def _trace(robot: str, instance: int, trace: _Trace, status: str) -> str:

@@ -28,7 +28,10 @@ OnEvent = Callable[["Event"], object]
 
 
 class Event(NamedTuple):
-    """One thing that happened. `time` in ns; `what` as in `fame.engine`, or ``log``, ``report``, ``answer``."""
+    """One thing that happened. `time` in ns; `what` as in `fame.engine`, or ``log``, ``report``, ``answer``.
+
+    At the end of a judged run there is a ``verdict`` of no robot for each property; `detail` is its judgement as dict.
+    """
 
     time: int
     robot: str

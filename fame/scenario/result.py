@@ -112,7 +112,12 @@ class Result:
 
     @property
     def exit_code(self) -> int:
-        """The exit code of `fame run`: 130 interrupted, 1 not completed or violated, 3 pending or not known, else 0."""
+        """The exit code of `fame run`: 130 interrupted, 1 not completed or violated, 3 pending or not known, else 0.
+
+        Of a run that was cut while a property is violated or pending it is that of the property.
+        """
+        if self.status != "failed" and {"violated", "pending"} & {each.verdict for each in self.judgements}:
+            return exit_code(self.judgements)
         own = {"completed": 0, "interrupted": 130}.get(self.status, 1)
         return own or exit_code(self.judgements)
 

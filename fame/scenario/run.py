@@ -219,6 +219,8 @@ class Run:
         complete = not self.interrupted and (self.over or self._stuck)
         judgements = self.judging.finish(self.scheduler.now, complete=complete) if self.judging is not None else ()
         if self.observer is not None:
+            for each in judgements:
+                self.observer(Event(self.scheduler.now, "", 0, 0, "", "verdict", each.to_json()))
             self.observer.run_ends(complete)
         names = {node.node.full_name: node.name for node in self.nodes}
         for end, text in mistyped_topics(self.middleware.graph()):
