@@ -70,13 +70,20 @@ def printable(text: str) -> str:
     return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode("ascii") for sign in text)
 
 
+_LISTED = 20
+"""Known words of which a hint lists all."""
+
+
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """A hint at the closest known word for `word`, else at all of them."""
+    """A hint at the closest known word for `word`, else at all of them, or at the first 20 of more."""
     from difflib import get_close_matches
 
     words = list(known)
     close = get_close_matches(word, words, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(words) or 'none'}"
+    if close:
+        return f"did you mean {close[0]!r}?"
+    more = f" and {len(words) - _LISTED} more" if len(words) > _LISTED else ""
+    return f"known are: {', '.join(words[:_LISTED]) or 'none'}{more}"
 
 
 def wrong_ending(name: str, known: Iterable[str]) -> str:

@@ -33,9 +33,9 @@ from dds_child import FAREWELLS, TEXT
 from middleware_contract import DOMAIN, TIMEOUT, WallWorld, dds_world
 
 from fame.clock import SECOND, Kind
-from fame.errors import ConfigError, MessageError
+from fame.errors import ConfigError, MessageError, UnavailableError
 from fame.middleware import codec, messages
-from fame.middleware.dds import DdsMiddleware, DdsScheduler, wire
+from fame.middleware.dds import DdsMiddleware, DdsScheduler, cyclone, wire
 from fame.middleware.dds.domain import configuration, sockets
 from fame.middleware.interface import LATCHED, SENSOR_DATA, UNKNOWN_NODE, QoS
 from fame.middleware.messages import create
@@ -237,7 +237,7 @@ def test_participants_that_discover_at_the_same_time_do_not_mix_up_what_they_see
     def read(expected: QoS) -> None:
         policies = _CQos.qos_to_cqos(wire.to_dds(expected, "typehash=x;", writes=True))
         for _ in range(3000):
-            found, _ = wire.from_dds(policies)
+            found, _ = cyclone.policies_at(policies)
             if found != expected:
                 wrong.append(found)
         _CQos.cqos_destroy(policies)
@@ -252,6 +252,11 @@ def test_participants_that_discover_at_the_same_time_do_not_mix_up_what_they_see
     finally:
         sys.setswitchinterval(switch)
     assert wrong == []
+
+
+def test_a_version_of_cyclonedds_without_what_is_used_is_refused_by_name() -> None:
+    with pytest.raises(UnavailableError, match=r"cyclonedds \S+ has no Entity._gone: pip install cyclonedds==11.0.1"):
+        cyclone.check_version(((Entity, ("__del__", "_gone")),))
 
 
 # ---- what goes wrong -------------------------------------------------------------------------------------------------

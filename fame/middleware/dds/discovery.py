@@ -26,8 +26,9 @@ from cyclonedds.sub import DataReader
 from fame.errors import MessageError
 from fame.middleware.codec import LITTLE, ORDERS
 from fame.middleware.dds import wire
-from fame.middleware.dds.waitset import DataWaiter, delete
-from fame.middleware.dds.wire import Entities, from_dds
+from fame.middleware.dds.cyclone import delete, read_policies
+from fame.middleware.dds.waitset import DataWaiter
+from fame.middleware.dds.wire import Entities
 from fame.middleware.interface import QoS, resolve
 from fame.middleware.typesystem import PARTICIPANT, ros_type
 
@@ -99,7 +100,7 @@ class Discovery:
             False: builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsSubscription),
         }
         for built_in in (self._participants, *self._endpoint_readers.values()):
-            built_in._cqos_conv = from_dds
+            read_policies(built_in)
             waiter.add(built_in, changed)
         waiter.add(self._reader, changed)
 

@@ -21,9 +21,10 @@ from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import codec, messages
 from fame.middleware.dds import wire
+from fame.middleware.dds.cyclone import user_data
 from fame.middleware.dds.discovery import DiscoveredEndpoint
 from fame.middleware.dds.participant import Participant
-from fame.middleware.dds.wire import matched, user_data
+from fame.middleware.dds.wire import matched
 from fame.middleware.errors import FOREIGN, dropped_warning
 from fame.middleware.interface import AnyMessage, EndpointWarning, QoS
 from fame.middleware.qos import one_deeper

@@ -24,9 +24,10 @@ from fame.clock import Scheduler
 from fame.errors import ConfigError
 from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.dds import wire
+from fame.middleware.dds.cyclone import delete
 from fame.middleware.dds.discovery import DiscoveredEndpoint, Discovery, NodeEntry
 from fame.middleware.dds.domain import confined, open_domain
-from fame.middleware.dds.waitset import DataWaiter, delete
+from fame.middleware.dds.waitset import DataWaiter
 from fame.middleware.dds.wire import Entities
 from fame.middleware.errors import FOREIGN, mismatch_warning
 from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, QoS

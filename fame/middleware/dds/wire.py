@@ -12,7 +12,6 @@ participant that closes while others of this process stay in the domain hands it
 
 from __future__ import annotations
 
-import ctypes
 import time
 from functools import cache
 from typing import Any
@@ -20,16 +19,15 @@ from typing import Any
 from cyclonedds.core import DDSException
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import make_idl_struct, types
-from cyclonedds.internal import dds_c_t
 from cyclonedds.pub import DataWriter
-from cyclonedds.qos import Policy, Qos, _CQos
+from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
-from cyclonedds.util import duration
 
 from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import codec, typesystem
+from fame.middleware.dds.cyclone import FOREVER
 from fame.middleware.definitions import EMPTY_FIELD, Field
 from fame.middleware.errors import check_name
 from fame.middleware.interface import QoS
@@ -136,9 +134,6 @@ def _primitive(field: Field) -> Any:
 
 # ---- writers and readers ---------------------------------------------------------------------------------------------
 
-_VOLATILE, _RELIABLE, _MANUAL_BY_TOPIC = 0, 1, 2
-"""Cyclone's numbers of these kinds."""
-_FOREVER = duration(infinite=True)
 _PATIENCE = SECOND // 10
 """Time that a write waits for subscriptions that do not keep up (ns)."""
 NUMBERED = "numbered=1;"
@@ -251,41 +246,6 @@ def to_dds(qos: QoS, user_data: str, writes: bool) -> Qos:
     return Qos(*policies)
 
 
-def from_dds(pointer: int) -> tuple[QoS, dict[str, str]]:
-    """The policies by which an endpoint matches others, and the entries of its user data.
-
-    `pointer` is Cyclone's. cyclonedds' own conversion is four times as slow, never frees the user data, and has one
-    place for all threads where a value lies until it is read: two participants of a process would mix up what they
-    discover.
-    """
-    get: Any = _CQos
-    policies = ctypes.c_void_p(pointer)
-    reliability, durability, liveliness = dds_c_t.reliability(), dds_c_t.durability(), dds_c_t.liveliness()
-    blocking, deadline, lease = (dds_c_t.duration(_FOREVER) for _ in range(3))
-    get._get_reliability(policies, ctypes.byref(reliability), ctypes.byref(blocking))
-    get._get_durability(policies, ctypes.byref(durability))
-    get._get_liveliness(policies, ctypes.byref(liveliness), ctypes.byref(lease))
-    get._get_deadline(policies, ctypes.byref(deadline))
-    qos = QoS(
-        reliability="reliable" if reliability.value == _RELIABLE else "best_effort",
-        durability="volatile" if durability.value == _VOLATILE else "transient_local",
-        deadline=_seconds(deadline.value),
-        liveliness="manual_by_topic" if liveliness.value == _MANUAL_BY_TOPIC else "automatic",
-        lease_duration=_seconds(lease.value),
-    )
-    data, size = ctypes.c_void_p(), ctypes.c_size_t()
-    if not get._get_userdata(policies, ctypes.byref(data), ctypes.byref(size)) or not data:
-        return qos, {}
-    entries = user_data(ctypes.string_at(data, size.value))
-    get.free(data)
-    return qos, entries
-
-
-def user_data(data: bytes) -> dict[str, str]:
-    """The entries of the user data of a participant or endpoint: ``key=value;`` each."""
-    return dict(entry.split("=", 1) for entry in data.decode("utf-8", "replace").split(";") if "=" in entry)
-
-
 def _history(qos: QoS) -> Any:
     return Policy.History.KeepAll if qos.history == "keep_all" else Policy.History.KeepLast(qos.depth)
 
@@ -297,8 +257,4 @@ def _liveliness(qos: QoS) -> Any:
 
 
 def _time(seconds: float | None) -> int:
-    return _FOREVER if seconds is None else round(seconds * SECOND)
-
-
-def _seconds(time: int) -> float | None:
-    return None if time >= _FOREVER else time / SECOND
+    return FOREVER if seconds is None else round(seconds * SECOND)
