@@ -278,6 +278,66 @@ def test_a_test_that_violates_a_property_fails(team: Path, pytester: pytest.Pyte
     result.stdout.fnmatch_lines(["*property late is violated: A throws /go at 2 s, and not: B throws /done by 2.5 s*"])
 
 
+UNANSWERED = "properties: {answer: 'after A throws /go, B throws /done', full: always A.battery > 0.1}"
+
+
+def test_a_test_fails_if_what_has_not_come_cannot_come_any_more(team: Path, pytester: pytest.Pytester) -> None:
+    tasks = {"A": ["throw go", "timer PT1S", "throw out"], "B": ["catch go", "catch no", "throw done"]}
+    team.write_text(text_of(tasks))
+    team.with_name("team.properties.yaml").write_text(UNANSWERED)
+    pytester.makepyfile(
+        f"""
+        from hypothesis import given, strategies
+        from fame.testing.strategies import load
+
+        def test_stuck(mission):
+            mission.load({str(team)!r}).advance(5)
+
+        def test_over(mission):
+            m = mission.load({str(team)!r})
+            m.fault("B", "engine").advance(5)
+
+        @given(strategies.just(1))
+        def test_case(one):
+            with load({str(team)!r}) as m:
+                m.advance(5)
+
+        def test_it_is_expected(mission):
+            m = mission.load({str(team)!r})
+            m.advance(5).expect_property("answer").is_violated()
+
+        def test_a_part(mission):
+            mission.load({str(team)!r}).advance(0.5)
+
+        def test_by_hand(mission):
+            mission.by_hand({str(team)!r}).advance(0)
+        """
+    )
+    result = pytester.runpytest("-p", "no:randomly", "-p", "no:cacheprovider")
+    result.assert_outcomes(passed=3, failed=3)
+    text = "property answer is violated: A throws /go at 0 s, and not: B throws /done by"
+    result.stdout.fnmatch_lines(
+        [
+            f"*{text} 5 s", f"*{text} 5 s", f"*{text} 5 s",
+            "*properties not decided*",
+            "*::test_it_is_expected: property full is not known: its values were not sampled",
+            "*::test_a_part: property answer is pending: A throws /go at 0 s, and not: B throws /done",
+            "*::test_a_part: property full is not known: its values were not sampled",
+            "*::test_by_hand: property answer is pending: A throws /go at 0 s, and not: B throws /done",
+            "*::test_by_hand: property full is not known: its values were not sampled",
+        ]
+    )  # fmt: skip
+
+
+def test_a_property_that_held_and_is_violated_later_fails_the_test(team: Path, tmp_path: Path) -> None:
+    mission = MissionLoader(lambda: tmp_path / "saved").load(team)
+    mission.advance(1).expect_property("late").holds(vacuous=True)
+    mission.advance(5).expect_property("big").is_violated()
+    with pytest.raises(ExpectationError, match="property late is violated: A throws /go at 2 s"):
+        mission.check_properties()
+    mission.close()
+
+
 @pytest.mark.parametrize(("deadline", "verdict"), [("PT2S", "holds"), ("PT1.5S", "violated")])
 def test_a_deadline_is_drawn(tmp_path: Path, deadline: str, verdict: str) -> None:
     wait = '<timerEventDefinition id="d"><timeDuration>PT2S</timeDuration></timerEventDefinition>'

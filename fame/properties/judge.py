@@ -377,9 +377,9 @@ class Judge:
         self._watched, self._readers, self._due = {}, {}, None
         return self.judgements()
 
-    def judgements(self) -> list[Judgement]:
-        """The judgements so far, in the order of the properties."""
-        return [self._judgement(number, self._verdict(number)) for number in range(len(self.monitors))]
+    def judgements(self, ended: int | None = None) -> list[Judgement]:
+        """The judgements so far, in the order of the properties; those if nothing came after `ended` (ns), if given."""
+        return [self._judgement(number, self._verdict(number, ended)) for number in range(len(self.monitors))]
 
     def declared(self) -> Iterator[dict[str, Any]]:
         """Each property before anything happened, JSON-serialisable: `names` has (robot, element) of its events."""
@@ -388,8 +388,10 @@ class Judge:
             names = [[*each] for each in (*named, *monitor.about)]
             yield {**self._judgement(number, self._verdict(number)).to_json(), "names": names}
 
-    def _verdict(self, number: int) -> Verdict:
+    def _verdict(self, number: int, ended: int | None = None) -> Verdict:
         parts, states = self.monitors[number].parts, self._states[number]
+        if ended is not None:
+            states = [one.finish(state, ended) for one, state in zip(parts, states, strict=True)]
         return overall([one.verdict(state, part) for part, (one, state) in enumerate(zip(parts, states, strict=True))])
 
     def _judgement(self, number: int, verdict: Verdict) -> Judgement:

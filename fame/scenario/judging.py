@@ -163,12 +163,13 @@ class RunJudge(Observer):
                 self._seen[robot] = x, y, altitude
                 self.judge.sample(now, Source("pose", robot), pose(x, y, altitude))
 
-    def judgements(self) -> list[Judgement]:
-        """The judgements now, as if this instant were over."""
+    def judgements(self, *, complete: bool = False) -> list[Judgement]:
+        """The judgements now, as if this instant were over; `complete`: and nothing came after it."""
         self._read()
         self.look()
-        self.judge.advance(self._middleware.scheduler.now + 1)
-        return self.judge.judgements()
+        now = self._middleware.scheduler.now
+        self.judge.advance(now + 1)
+        return self.judge.judgements(now if complete else None)
 
     # ---- the end -----------------------------------------------------------------------------------------------------
 

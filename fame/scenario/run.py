@@ -192,6 +192,11 @@ class Run:
             and not any(node.engine.instances or node.pending_starts for node in self.nodes)
         )
 
+    @property
+    def stuck(self) -> bool:
+        """Whether nothing moves any more, unless somebody outside does something."""
+        return self.world is None and self.scheduler.next_time() is None
+
     def result(self) -> Result:
         """Run until the mission is over, stop everything safely, and return the result."""
         begun = time.monotonic()
@@ -295,7 +300,7 @@ class Run:
         end, reported = round(self.scenario.duration * SECOND), begun
         going = True
         while going:
-            if self.world is None and self.scheduler.next_time() is None and self._pace is None:
+            if self.stuck and self._pace is None:
                 self._stuck = True
                 break
             self._advance(min(end, self._next_check()))

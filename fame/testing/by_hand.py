@@ -93,6 +93,11 @@ class MissionByHand(MissionUnderTest):
         assert isinstance(run, _RunByHand)
         return run
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether the mission is over; until then a test could do something that is possible."""
+        return self.run.over
+
     # ---- steps -------------------------------------------------------------------------------------------------------
 
     def finish(self, *where: str, raises: str | None = None) -> MissionByHand:

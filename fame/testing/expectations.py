@@ -168,8 +168,9 @@ class PropertyExpectation:
         self._mission, self.judgement = mission, judgement
 
     def holds(self, *, vacuous: bool = False) -> PropertyExpectation:
-        """It holds; `vacuous`: or there was nothing to judge."""
+        """It holds; `vacuous`: or there was nothing to judge. If it is violated later, the test fails."""
         __tracebackhide__ = True
+        self._mission.expected_properties.discard(self.judgement.name)
         return self._is("hold", ("holds", *["not triggered"] * vacuous))
 
     def is_violated(self) -> PropertyExpectation:

@@ -44,6 +44,7 @@ from fame.text import suggestion
 
 if TYPE_CHECKING:
     from fame.check.explore import Exploration
+    from fame.properties import Judgement
     from fame.testing.by_hand import MissionByHand
 
 WITHIN = 600.0
@@ -374,14 +375,30 @@ class MissionUnderTest:
         if judging is None or name not in known:
             raise ConfigError(f"the mission judges no property {name!r}; {suggestion(name, known)}")
         self.expected_properties.add(name)
-        return PropertyExpectation(self, judging.judgements()[known.index(name)])
+        return PropertyExpectation(self, self._judgements()[known.index(name)])
 
     def check_properties(self) -> None:
-        """Raise ExpectationError for a property that is violated, unless the test has said what it expects of it."""
-        judging = self._run.judging if self._run is not None else None
-        for judgement in judging.judgements() if judging is not None else ():
+        """Raise ExpectationError for a property that is violated, unless the test has said what it expects of it.
+
+        If nothing can come any more, what is pending is violated, as at the end of a run.
+        """
+        for judgement in self._judgements():
             if judgement.verdict == "violated" and judgement.name not in self.expected_properties:
                 raise failure(self, str(judgement))
+
+    def undecided(self) -> list[Judgement]:
+        """The judgements that are pending or not known, without those of which the test has said what it expects."""
+        words = ("pending", "not known")
+        return [one for one in self._judgements() if one.verdict in words and one.name not in self.expected_properties]
+
+    def _judgements(self) -> list[Judgement]:
+        judging = self._run.judging if self._run is not None else None
+        return judging.judgements(complete=self.is_complete) if judging is not None else []
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing can come any more, unless the test does something."""
+        return self.run.over or self.run.stuck
 
     def published(self, topic: str) -> list[Published]:
         """What processes have published on a topic, with times, in order. Raises ConfigError for an unknown topic."""

@@ -18,6 +18,8 @@ _COVERAGE = pytest.StashKey["Coverage"]()
 _FROM_WORKER = "fame_model_coverage"
 _LEFT_OUT = "steps left out"
 """Property of a test (in JUnit XML, too) whose mission went another way than the test says."""
+_UNDECIDED = "properties not decided"
+"""Property of a test that ended before all properties of its mission were decided."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -112,11 +114,12 @@ def _folder(factory: pytest.TempPathFactory, name: str) -> Callable[[], Path]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Any:
-    """Fail a test whose mission has violated a property that the test does not mention."""
+    """Fail a test whose mission has violated a property that the test does not mention; note what is not decided."""
     result = yield
     loader = item.stash.get(_LOADER, None)
     for loaded in loader.loaded if loader is not None else ():
         loaded.check_properties()
+        item.user_properties += [(_UNDECIDED, str(one)) for one in loaded.undecided()]
     return result
 
 
@@ -178,12 +181,13 @@ def _write_reports(config: pytest.Config, coverage: Coverage) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Name the tests that went another way than they say, and print the coverage."""
+    """Name the tests that went another way than they say or decided not all properties, and print the coverage."""
     reports = [one for one in terminalreporter.stats.get("", ()) if isinstance(one, pytest.TestReport)]
-    found = [(one.nodeid, text) for one in reports for name, text in one.user_properties if name == _LEFT_OUT]
-    if found:
-        terminalreporter.section("steps left out")
-        for test, text in found:
+    for title in (_LEFT_OUT, _UNDECIDED):
+        found = [(one.nodeid, text) for one in reports for name, text in one.user_properties if name == title]
+        if found:
+            terminalreporter.section(title)
+        for test, text in dict.fromkeys(found):
             terminalreporter.line(f"{test}: {text}")
     coverage = config.stash.get(_COVERAGE, None)
     if coverage is None:

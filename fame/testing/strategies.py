@@ -34,14 +34,16 @@ def load(path: str | Path, **options: Any) -> Iterator[MissionUnderTest]:
 
     A case that fails prints the command that does it again: ``fame run`` with the options, or ``fame test`` if the test
     uses stubs or fakes, sends or sets something; hypothesis keeps the case in its folder ``.hypothesis`` and tries it
-    first. The run of the last failed case is saved in a folder for temporary files.
+    first. The run of the last failed case is saved in a folder for temporary files. A case that violates a property
+    fails, unless the test has said that it expects that.
     """
     test = os.environ.get("PYTEST_CURRENT_TEST", "").rpartition(" (")[0]
     name = "".join(sign if sign.isalnum() else "_" for sign in test.rpartition("::")[2])[:60]
     loader = MissionLoader(lambda: Path(tempfile.gettempdir()) / f"fame-case-{os.getpid()}-{name}")
     with collected_at_end():
         try:
-            yield loader.load(path, **options)
+            yield (mission := loader.load(path, **options))
+            mission.check_properties()
         except BaseException:
             played = test and any(mission.is_played for mission in loader.loaded)
             note(f"repeat it with: {shlex.join(['fame', 'test', test]) if played else command(path, **options)}")
