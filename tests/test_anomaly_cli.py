@@ -3,13 +3,14 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from arm_data import BENIGN, needs_data, recording
-from monitor_runs import write_bag
+from monitor_runs import told, write_bag
 
-from fame.cli import parser
+from fame.cli import main, parser
 from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.recording import of_runs, read_csv, write_csv
 from robots.arm.sabotage import alter, knots
@@ -52,8 +53,8 @@ def test_from_bag_to_alarm(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert "chosen by the data that it learned from" in capsys.readouterr().out
     bag = bag_of(tmp_path / "wrong", np.vstack([runs(26), alter(runs(27), knots("g", 1.0)).values]))
     assert adm("operate", "--bag", bag, "--model", tmp_path / "m.skops", "--json") == 1
-    told = json.loads(capsys.readouterr().out)
-    assert [item["above"] for item in told["runs"]] == [False, True]
+    found = json.loads(capsys.readouterr().out)
+    assert [item["above"] for item in found["runs"]] == [False, True]
 
 
 def test_merging_tells_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -90,6 +91,52 @@ def test_a_model_that_could_judge_nothing_is_no_success(tmp_path: Path):
     bag = bag_of(tmp_path / "bag", runs(20)[:30])
     with pytest.raises(MissionError, match="no run was evaluated"):
         adm("operate", "--bag", bag, "--model", tmp_path / "m.skops")
+
+
+def path_model(path: Path, threshold: float = 0.5) -> Path:
+    """A model that knows one straight move of two joints, of 40 points."""
+    from sklearn.svm import OneClassSVM
+
+    from fame.monitor.anomaly.model import DataProcess, Model, PointClassifier
+
+    values = np.linspace((0.0, 0.0), (1.0, 0.5), 40)
+    detector = PointClassifier(OneClassSVM(nu=0.1), DataProcess().fit(values)).fit(of_runs([values], 1, JOINTS))
+    Model("svm", JOINTS, detector, threshold, 40, values).save(path)
+    return path
+
+
+JOINTS = ("lift", "turn")
+
+
+@pytest.mark.parametrize(("points", "code", "status"), [(40, 0, "completed"), (20, 3, "partial")])
+def test_a_run_that_was_cut_off_is_not_known_to_be_benign(
+    points: int, code: int, status: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = path_model(tmp_path / "m.skops")
+    values = np.linspace((0.0, 0.0), (1.0, 0.5), 40)[:points]
+    bag = write_bag(tmp_path / "bag", JOINTS, 1 + 0.025 * np.arange(points), values)
+    words = ("operate", "--bag", bag, "--model", model, "--rule", "count", "--points", 40, "--json")
+    assert adm(*words) == code
+    found = json.loads(capsys.readouterr().out)
+    assert (found["status"], [run["above"] for run in found["runs"]]) == (status, [False])
+
+
+def test_a_model_judges_columns_by_name_and_refuses_those_of_another_arm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, values = path_model(tmp_path / "m.skops"), np.linspace((0.0, 0.0), (1.0, 0.5), 40)
+    write_csv(tmp_path / "same.csv", of_runs([values], 1, JOINTS))
+    write_csv(tmp_path / "turned.csv", of_runs([values[:, ::-1]], 1, JOINTS[::-1]))
+    write_csv(tmp_path / "other.csv", of_runs([values], 1, ("wheel", "gripper")))
+    same, turned = ([run["verdict"] for run in judgement(model, tmp_path / name, capsys)["runs"]]
+                    for name in ("same.csv", "turned.csv"))  # fmt: skip
+    assert same == turned == ["benign"]
+    assert main(["monitor", "judge", str(model), str(tmp_path / "other.csv")]) == 2
+    assert "has 2 joints (wheel, gripper); the model has 2: lift, turn" in capsys.readouterr().err
+
+
+def judgement(model: Path, data: Path, capsys: pytest.CaptureFixture[str]) -> Any:
+    return told(capsys, "monitor", "judge", model, data)[1]
 
 
 @pytest.mark.parametrize("threshold", ["-1", "7", "nan"])

@@ -7,7 +7,7 @@ import pytest
 from arm_data import BENIGN, BOTH, needs_data, recording
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.recording import Recording, merge, of_runs, read_csv, write_csv
+from fame.monitor.anomaly.recording import Recording, in_joint_order, merge, of_runs, read_csv, write_csv
 
 
 def made(label: int = 1) -> Recording:
@@ -73,6 +73,17 @@ def test_merging_keeps_labels_and_numbers_the_runs_on(tmp_path: Path):
     write_csv(tmp_path / "b.csv", made(-1))
     both = merge([tmp_path / "a.csv", tmp_path / "b.csv"])
     assert (both.run_labels(), both.runs.tolist()) == ([1, 1, -1, -1], [0, 0, 1, 2, 2, 3])
+
+
+def test_joints_come_in_the_order_of_a_model_and_others_are_refused():
+    given = of_runs([np.array([[1.0, 2.0], [3.0, 4.0]])], 1, ("turn", "lift"), "a.csv")
+    assert in_joint_order(given, ("lift", "turn")).values.tolist() == [[2.0, 1.0], [4.0, 3.0]]
+    assert in_joint_order(given, ("joint_1", "joint_2")) is given  # a headerless file names none
+    numbered = of_runs([np.array([[1.0, 2.0]])], 1, ("joint_2", "joint_1"))
+    assert in_joint_order(numbered, ("joint_1", "joint_2")).values.tolist() == [[2.0, 1.0]]
+    for others in (("lift", "gripper"), ("lift", "turn", "tilt"), ("lift",)):
+        with pytest.raises(ConfigError, match=r"a\.csv: has 2 joints \(turn, lift\); the model has"):
+            in_joint_order(given, others)
 
 
 def test_files_of_different_joints_are_not_merged(tmp_path: Path):

@@ -21,7 +21,7 @@ from fame.cli.anomaly_data import (
 from fame.cli.arguments import Commands, add_json, command, group
 from fame.cli.network import add_network
 from fame.cli.output import note, print_json, progress_line, table
-from fame.errors import MissionError
+from fame.errors import NOT_KNOWN, MissionError
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler
@@ -219,7 +219,8 @@ def _add_operate(parts: Commands) -> None:
 
 
 def run_operate(arguments: Namespace) -> int:
-    """Judge until all runs are evaluated, the bag ends, or Ctrl-C. Returns 1 if a run was anomalous."""
+    """Judge until all runs are evaluated, the bag ends, or Ctrl-C. Returns 1 if a run was anomalous, otherwise 3 if one
+    was cut off, or none was evaluated."""
     settle(arguments, "model")
     from fame.monitor.anomaly.model import Model
     from fame.monitor.anomaly.nodes import OperateNode
@@ -242,11 +243,12 @@ def run_operate(arguments: Namespace) -> int:
 
 def _print_runs(runs: Sequence[RunReport], json: bool) -> int:
     above = sum(item.above for item in runs)
+    code = 1 if above else 0 if runs and all(item.whole for item in runs) else NOT_KNOWN
     if json:
         names = ("run", "points", "anomalous", "score", "above", "whole")
         summary = [{name: getattr(item, name) for name in names} for item in runs]
-        print_json({"status": "failed" if above else "completed", "runs": summary})
+        print_json({"status": {0: "completed", 1: "failed"}.get(code, "partial"), "runs": summary})
     else:
         cut = sum(not item.whole for item in runs)
         print(f"{len(runs)} runs, {above} of them anomalous" + (f", {cut} cut off" if cut else ""))
-    return 1 if above else 0
+    return code

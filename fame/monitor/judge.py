@@ -400,17 +400,15 @@ def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str 
 
     Raises ConfigError for other joints, and for labels that contradict each other.
     """
-    from fame.monitor.anomaly.recording import read_csv
+    from fame.monitor.anomaly.recording import in_joint_order, read_csv
 
     judged: list[JudgedRun] = []
     notes: list[str] = []
     known: list[tuple[Floats, Whole, str]] = []
     for path in paths:
         recording = read_csv(path) if path.suffix == ".csv" else _joint_states(model, path, topic)
+        recording = in_joint_order(recording, model.joints)
         notes += recording.notes
-        if len(recording.joints) != len(model.joints):
-            text = f"has {len(recording.joints)} joints; the model has {len(model.joints)}: {', '.join(model.joints)}"
-            raise ConfigError(text, file=str(path))
         known += [(run.values, run.labels, str(path)) for run in recording if recording.labelled]
         _refuse_contradictions(known)
         judged += [

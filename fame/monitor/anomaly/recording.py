@@ -304,6 +304,21 @@ def require_same_joints(recordings: Sequence[Recording]) -> None:
             )
 
 
+def in_joint_order(recording: Recording, joints: Sequence[str]) -> Recording:
+    """Return the recording with the joints of a model, in their order; names made up for a headerless file fit any.
+
+    Raises ConfigError for other joints.
+    """
+    names = recording.joints
+    if len(set(names)) == len(names) and set(names) == set(joints):
+        order = [names.index(joint) for joint in joints]
+        return replace(recording, joints=tuple(joints), values=recording.values[:, order])
+    if _same(names, joints):
+        return recording
+    text = f"has {len(names)} joints ({', '.join(names)}); the model has {len(joints)}: {', '.join(joints)}"
+    raise ConfigError(text, file=recording.source)
+
+
 def _same(some: Sequence[str], others: Sequence[str]) -> bool:
     """Whether there are as many, and all of the same name, unless one of them was made up."""
     made_up = re.compile(r"joint_\d+").fullmatch
