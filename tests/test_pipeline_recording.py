@@ -150,6 +150,37 @@ def test_what_cannot_be_used_is_left_out_and_said(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+def test_joints_in_another_order_go_to_their_columns(tmp_path: Path) -> None:
+    bench = Bench()
+    node = bench.record(configuration(tmp_path), tmp_path / "a.csv")
+    for number, names in enumerate(("elbow wrist", "wrist elbow", "wrist elbow", "elbow wrist"), start=1):
+        content = {"header": {"stamp": number / 10}, "name": names.split(), "position": [0.0, 0.0]}
+        efforts = [{"elbow": 1.0, "wrist": 2.0}[name] for name in names.split()]
+        bench.arm.publish(messages.create(JOINT_STATE, {**content, "effort": efforts}))
+    bench.run()
+    node.close()
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert lines[0] == "stamp,run,Efforts.elbow,Efforts.wrist,Elbow"
+    assert [line.split(",")[2:] for line in lines[1:]] == [["1", "2", "0"]] * 4
+    assert bench.said == []
+
+
+def test_another_device_on_a_topic_does_not_get_into_the_columns_of_the_first(tmp_path: Path) -> None:
+    bench = Bench()
+    node = bench.record(configuration(tmp_path, Efforts=EFFORTS), tmp_path / "a.csv")
+    for number, names in enumerate((["elbow", "wrist"], ["left", "right"], [], ["elbow", "wrist"]), start=1):
+        content = {"header": {"stamp": number / 10}, "name": names, "effort": [float(number), 0.0]}
+        bench.arm.publish(messages.create(JOINT_STATE, content))
+    bench.run()
+    node.close()
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert [line.split(",")[2] for line in lines[1:]] == ["1", "4"]
+    assert [text.partition("left out: ")[2] for text in bench.said] == [
+        "Efforts has the channels left, right, before it had the channels elbow, wrist",
+        "Efforts has no names, before it had the channels elbow, wrist",
+    ]
+
+
 @pytest.mark.parametrize("output", ["runs.txt", "runs.db3"])
 def test_another_ending_is_refused(tmp_path: Path, output: str) -> None:
     with pytest.raises(ConfigError, match=r"expected \.csv, \.mcap, no ending \(a bag\) or http://"):

@@ -4,6 +4,9 @@ Each topic is subscribed once. A message gives one sample to every input of its 
 be read or is not finite, or the stamp is not later than the last one, the whole message is left out, and the reason is
 reported. So the inputs of one topic always have the same stamps. The stamp is that of the header, otherwise the time of
 arrival (s, of the scheduler).
+
+Channels keep the names and the order of the first message: another order is undone, and a message with other names is
+left out.
 """
 
 from __future__ import annotations
@@ -121,10 +124,16 @@ class _Stream:
         self.stamps: list[float] = []
         self.values: list[list[Any]] = [[] for _ in ports]
         self.names: list[tuple[str, ...]] = [() for _ in ports]  # of the channels
-        self.message_names: list[Any] = [None for _ in ports]  # as the last message gave them
-        self.shapes: list[tuple[int, ...] | None] = [None for _ in ports]
+        self.forget()
         self.last, self.begin, self.quickest = -np.inf, -np.inf, np.inf
         self.count = self.counted = 0
+
+    def forget(self) -> None:
+        """Forget what the messages were like so far: none of them was taken."""
+        self.given: list[tuple[str, ...] | None] = [None for _ in self.ports]  # names that the first message gave
+        self.message_names: list[Any] = [None for _ in self.ports]  # as the last message gave them
+        self.orders: list[list[int] | None] = [None for _ in self.ports]  # of the last message's channels, if another
+        self.shapes: list[tuple[int, ...] | None] = [None for _ in self.ports]
 
 
 class Subscriptions:
@@ -191,6 +200,8 @@ class Subscriptions:
             if self._on_sample is not None:
                 self._on_sample(stream.ports, stamp, values, stream.names)
         except UnusableMessage as reason:
+            if not stream.count:
+                stream.forget()
             self._report(f"unusable {topic} {reason}", f"{topic}: a message is left out: {reason}")
             return
         stream.last = stamp
@@ -228,11 +239,22 @@ class Subscriptions:
             if shape != stream.shapes[number]:
                 self._shape(stream, number, shape)
             if names is not stream.message_names[number]:
-                port = stream.ports[number].name
-                stream.message_names[number] = names
-                stream.names[number] = tuple(f"{port}.{name}" for name in names) or ((port,) if shape == () else ())
-            values.append(value)
+                self._take_names(stream, number, names, shape)
+            order = stream.orders[number]
+            values.append(value if order is None else value[order])
         return values
+
+    def _take_names(self, stream: _Stream, number: int, names: tuple[str, ...], shape: tuple[int, ...]) -> None:
+        """Take the names of the first value of an input, or the order of other ones. Raises UnusableMessage."""
+        before, port = stream.given[number], stream.ports[number].name
+        if before is None:
+            stream.given[number] = names
+            stream.names[number] = tuple(f"{port}.{name}" for name in names) or ((port,) if shape == () else ())
+        elif names != before and (set(names) != set(before) or len(set(names)) < len(names)):
+            now, then = (f"the channels {', '.join(each)}" if each else "no names" for each in (names, before))
+            raise UnusableMessage(f"{port} has {now}, before it had {then}")
+        stream.orders[number] = None if before in (None, names) else [names.index(name) for name in before or ()]
+        stream.message_names[number] = names
 
     def _shape(self, stream: _Stream, number: int, shape: tuple[int, ...]) -> None:
         """Take the shape of the first value of an input, or a new one. Raises UnusableMessage."""
@@ -241,6 +263,7 @@ class Subscriptions:
             if stream.stamps or self._on_sample is not None:
                 raise UnusableMessage(f"{name} has {shape} values, before it had {before}")
             self._report(f"shape {name}", f"{name}: {shape} values from now on")
+            stream.given[number] = stream.message_names[number] = None
         stream.shapes[number] = shape
 
     def _check_rate(self, stream: _Stream) -> None:
