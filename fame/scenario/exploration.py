@@ -90,7 +90,7 @@ def explore(
     definitions, found, cast = cast_of(model, robots, library)
     scenario = Scenario.load(model, robots=robots, library=library) if _is_scenario(model) else None
     if scenario is not None:
-        request = replace(request, sources=_sources(scenario))
+        request = replace(request, sources=_sources(scenario), variables=scenario.variables)
     said = scenario.properties if scenario is not None else _said(definitions, found, cast)
     request = replace(request, properties=tuple(said if properties is None else properties))
     begun = time.monotonic()

@@ -14,6 +14,7 @@ from typing import Any
 
 from fame.bpmn.pools import shared_topics
 from fame.check.explore.abstraction import Abstraction, abstraction
+from fame.check.explore.kinds import kinds_of
 from fame.clock import SECOND
 from fame.engine.canonical import stimuli
 from fame.errors import FameError
@@ -39,11 +40,15 @@ class _RunByHand(Run):
 
     def _build_nodes(self, strict: bool) -> list[RobotNode]:
         plan = self.scenario
-        pools = list({pool.name: pool for pool in plan.cast.values()}.values())
+        kinds = kinds_of(plan.cast, plan.variables)
+        pools = list({pool.name: pool for pool in kinds.values()}.values())
         shared = shared_topics(plan.definitions, pools, plan.library)
         values = (value for one in plan.properties for value in subjects(one) if value.kind == "variable")
         read = frozenset(str(value.path[0]) for value in values)
-        self.abstract = abstraction(plan.definitions, pools, plan.library, dict(shared), read=read)
+        parameters = frozenset(name for values in plan.variables.values() for name in values)
+        self.abstract = abstraction(
+            plan.definitions, pools, plan.library, dict(shared), read=read, parameters=parameters
+        )
         self.mail = self.middleware.network = HeldNetwork(self.scheduler, self.abstract.shared)
         nodes = {
             robot: RobotNode(
@@ -59,7 +64,7 @@ class _RunByHand(Run):
         }  # fmt: skip
         for node in nodes.values():
             node.host.timers.hold()
-        self.hosts = stand_ins(nodes, plan.cast, self.abstract)
+        self.hosts = stand_ins(nodes, kinds, self.abstract)
         return list(nodes.values())
 
 
@@ -77,10 +82,10 @@ class MissionByHand(MissionUnderTest):
         self.skipped: list[str] = []
 
     def make_run(self, observer: Observer) -> Run:
-        """Make the run: without world, parameters, faults, completions, and bounds: its times mean nothing."""
+        """Make the run: without world, faults, completions, and bounds: its times mean nothing."""
         nothing: dict[str, Any] = dict.fromkeys(("faults", "completions", "signals"), ())
         properties = tuple(one for one in self.scenario.properties if one.bound is None)
-        plan = replace(self.scenario, world=None, network=None, variables={}, properties=properties, **nothing)
+        plan = replace(self.scenario, world=None, network=None, properties=properties, **nothing)
         run = _RunByHand(plan, False, observer, None)
         for (robot, element), ways in self._decisions.items():
             run.hosts[robot].decided[element].extend(ways)

@@ -91,16 +91,16 @@ class Abstraction:
     given: dict[str, frozenset[str]] = field(default_factory=dict)
     read: frozenset[str] = frozenset()
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
-    _reduced: dict[tuple[str, str], model.Process] = field(default_factory=dict)
+    _reduced: dict[tuple[str, int], tuple[model.Process, model.Process]] = field(default_factory=dict)
 
     def process(self, home: model.Definitions, process: model.Process) -> model.Process:
-        """A process without the inside of behaviours."""
-        key = (home.file, process.id)
+        """A process without the inside of behaviours. Robots of a pool may have different processes of one id."""
+        key = (home.file, id(process))
         if key not in self._reduced:
             self._homes[home.file] = home
             around = "" in self.catches and process.id in self.called  # at the call, perhaps
-            self._reduced[key] = replace(process, body=self._body(process.body, home, around))
-        return self._reduced[key]
+            self._reduced[key] = process, replace(process, body=self._body(process.body, home, around))
+        return self._reduced[key][1]
 
     def forget(self) -> None:
         """Make the processes anew: what is known of the team has changed."""
@@ -113,13 +113,13 @@ class Abstraction:
 
     def bodies(self, home: model.Definitions, process: model.Process) -> list[model.Body]:
         """All bodies of an abstract process and of what it calls."""
-        found, seen = list[model.Body](), set[tuple[str, str]]()
+        found, seen = list[model.Body](), set[tuple[str, int]]()
         pending = [(home, process)]
         while pending:
             home, process = pending.pop()
-            if (home.file, process.id) in seen:
+            if (home.file, id(process)) in seen:
                 continue
-            seen.add((home.file, process.id))
+            seen.add((home.file, id(process)))
             body = self.process(home, process).body
             found += body.bodies()
             pending += [self.library.find(home, call) for call in body.calls()]
@@ -273,11 +273,13 @@ def abstraction(
     *,
     given: bool = False,
     read: frozenset[str] = frozenset(),
+    parameters: frozenset[str] = frozenset(),
 ) -> Abstraction:
     """The abstraction of a team. Raises ModelError for calls of unknown processes.
 
-    given  some robots go on from snapshots, so that variables may have values which nothing in the model gives them
-    read   variables that properties read: they count as what decides something
+    given       some robots go on from snapshots, so that variables may have values which nothing in the model gives
+    read        variables that properties read: they count as what decides something
+    parameters  variables with which a process starts
     """
     thrown, caught = set[str](), set[str]()
     for pool in pools:
@@ -289,7 +291,7 @@ def abstraction(
     found.outside = frozenset(topic for topic in caught if topic[0] == "~" or topic not in thrown)
     processes = {id(one): one for pool in pools for _, one in library.closure(definitions, pool.process)}
     found.counted = _counted(processes.values()) - read
-    found.unknown = frozenset() if given else _unknown(processes.values(), found.outside - thrown)
+    found.unknown = frozenset() if given else _unknown(processes.values(), found.outside - thrown, parameters)
     found.called = frozenset(one.called for process in processes.values() for one in process.body.calls())
     found.catches = frozenset(code for process in processes.values() for code in _caught_in(process))
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
@@ -540,9 +542,12 @@ def used_besides_texts(node: model.FlowNode, body: model.Body) -> Iterator[str]:
             yield from (name for item in topic.takes for name in names_of(item.source)[0])
 
 
-def _unknown(processes: Iterable[model.Process], outside: Set[str]) -> frozenset[str]:
+def _unknown(
+    processes: Iterable[model.Process], outside: Set[str], parameters: Set[str] = frozenset()
+) -> frozenset[str]:
     """The variables that only hold what comes from outside of the team, or what is computed from it."""
     values = defaultdict[str, list[ast.expr | None]](list)  # None: a value that may be known
+    values |= {name: [None] for name in parameters}
     sources = set[str]()
     for process in processes:
         for body in process.body.bodies():

@@ -7,9 +7,9 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import CallActivity, Definitions, Element, Process
@@ -20,6 +20,7 @@ from fame.check.explore.findings import FAILING, KINDS, LEVELS, Finding, Kind, R
 from fame.check.explore.graph import Explored
 from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
 from fame.check.explore.host import OutOfTimeError, field_names, never
+from fame.check.explore.kinds import kinds_of
 from fame.check.explore.local import Local
 from fame.check.explore.product import Delivery, Options, Product, silent
 from fame.check.explore.properties import PROOFS, Judged, Monitors, Watch, is_judged
@@ -64,6 +65,7 @@ class Request:
     seconds   time for all deliveries together, None for no bound
     sources   topics on which somebody outside of the team publishes
     properties  sentences that are judged
+    variables  what the processes of robots start with, by robot
     samples   explore some parts besides if a limit ends a search
     first     explore these parts first, and end at the first error
     progress  called now and then with the number of states of a delivery, and of those still to be explored
@@ -77,6 +79,7 @@ class Request:
     seconds: float | None = None
     sources: frozenset[str] = frozenset()
     properties: tuple[Property, ...] = ()
+    variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     samples: bool = True
     first: bool = False
     progress: Callable[[int, int], object] = silent
@@ -173,13 +176,17 @@ class Exploration:
 
 
 class Team:
-    """The robots of a collaboration, ready to be explored; local transitions are shared by all searches."""
+    """The robots of a collaboration, ready to be explored; local transitions are shared by all searches.
+
+    kinds  robot -> its pool, by another name if others of the pool do not start alike (`kinds_of`)
+    """
 
     received: set[tuple[str, str]]
     definitions: Definitions
     library: Library
     cast: dict[str, Pool]
     pools: list[Pool]
+    kinds: dict[str, Pool]
     request: Request
     values: Values
 
@@ -197,16 +204,21 @@ class Team:
         types = dict(shared_topics(definitions, self.pools, library))
         compiled = [compile(one, vocabulary_of(definitions, library, cast)) for one in request.properties]
         judged = [one for one in compiled if is_judged(one)]
-        reads = {pool.name: set[str]() for pool in self.pools}
+        self.kinds = kinds_of(cast, request.variables)
+        kinds = list({pool.name: pool for pool in self.kinds.values()}.values())
+        reads = {pool.name: set[str]() for pool in kinds}
         for source in (source for one in judged for source in one.sources):
-            reads[cast[source.subject].name].add(source.name)
+            reads[self.kinds[source.subject].name].add(source.name)
         read = frozenset[str]().union(*reads.values())
-        self.model: Abstraction = abstraction(definitions, self.pools, library, types, given=bool(snapshots), read=read)
+        parameters = frozenset(name for values in request.variables.values() for name in values)
+        self.model: Abstraction = abstraction(
+            definitions, kinds, library, types, given=bool(snapshots), read=read, parameters=parameters
+        )
         self.values = Values()
         self.received = set[tuple[str, str]]()  # (process, topic) in any search so far
         self.robots: tuple[str, ...] = tuple(cast)
         self.places: dict[str, Place] = dict(_places(definitions, self.pools, library))
-        self.alike: dict[str, bool] = {pool.name: not self._knows_itself(pool) for pool in self.pools}
+        self.alike: dict[str, bool] = {pool.name: not self._knows_itself(pool) for pool in kinds}
         fields = field_names(types)
         watches = list(_watches(definitions, library, cast))
         events = frozenset((element, what) for one in judged for _, element, what in one.events)
@@ -214,13 +226,13 @@ class Team:
         observed |= bool(events)
         made: dict[str, Local] = {}
         self.locals: list[Local] = []
-        for robot, pool in cast.items():
+        for robot, pool in self.kinds.items():
             local = made.get(pool.name) if self.alike[pool.name] else None
             if local is None:
                 local = Local(robot, definitions, pool.process, self.model, self.values,
                               kept=self.model.kept[pool.name], fields=fields, robots=self.robots,
                               ordered=request.ordered, observed=observed, events=events,
-                              reads=sorted(reads[pool.name]))  # fmt: skip
+                              reads=sorted(reads[pool.name]), parameters=request.variables.get(robot, {}))  # fmt: skip
                 made[pool.name] = local
             self.locals.append(local)
         several = {robot for robot, pool in cast.items() if pool.multi_instance}
@@ -253,10 +265,10 @@ class Team:
     def groups(self) -> tuple[tuple[int, ...], ...]:
         """The places of robots that nothing tells apart."""
         found = []
-        for pool in self.pools:
-            places = tuple(place for place, robot in enumerate(self.robots) if self.cast[robot].name == pool.name)
+        for name in dict.fromkeys(pool.name for pool in self.kinds.values()):
+            places = tuple(place for place, robot in enumerate(self.robots) if self.kinds[robot].name == name)
             apart = self.monitors is not None and any(self.robots[place] in self.monitors.apart for place in places)
-            if len(places) > 1 and self.alike[pool.name] and not apart:
+            if len(places) > 1 and self.alike[name] and not apart:
                 found.append(places)
         return tuple(found)
 

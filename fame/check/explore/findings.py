@@ -386,10 +386,10 @@ class Report:
         """Services and actions that were begun, whose failure nothing catches; what follows is a single fault."""
         for pool in dict.fromkeys(self.pools):
             robots = [robot for robot, one in enumerate(self.pools) if one == pool]
-            local, who = self.product.locals[robots[0]], _names([self.product.robots[robot] for robot in robots])
-            for element, code in sorted(local.unhandled):
-                if element in local.states.visited:
-                    place = self.runs.place(element)
+            for element, code in sorted(self.product.locals[robots[0]].unhandled):
+                there = [one for one in robots if element in self.product.locals[one].states.visited]
+                if there:
+                    place, who = self.runs.place(element), _names([self.product.robots[one] for one in there])
                     text = f"{who}: {place.display_name} may fail: error {code} would not be caught"
                     yield Finding("error", text, (place,), (self.processes[robots[0]],))
 

@@ -7,7 +7,8 @@ needs no engine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from fame.bpmn.model import Body, Definitions, Process
@@ -20,7 +21,7 @@ from fame.check.explore.running_states import go_on, resumed
 from fame.check.explore.states import CUT, States
 from fame.check.explore.stimuli import Stimulus, apply
 from fame.check.explore.timers import Timer
-from fame.check.explore.values import Values
+from fame.check.explore.values import UNKNOWN, Values, is_fixed
 from fame.check.explore.views import View
 from fame.engine import Engine, Instance, compile_program
 from fame.engine.canonical import Forms
@@ -72,7 +73,8 @@ class Local:
     def __init__(self, robot: str, definitions: Definitions, process: Process, model: Abstraction, values: Values, *,
                  kept: frozenset[str], fields: frozenset[str], robots: tuple[str, ...],
                  ordered: bool, observed: bool = False,
-                 events: Set[tuple[str, str]] = frozenset(), reads: Sequence[str] = ()) -> None:  # fmt: skip
+                 events: Set[tuple[str, str]] = frozenset(), reads: Sequence[str] = (),
+                 parameters: Mapping[str, Any] = MappingProxyType({})) -> None:  # fmt: skip
         self.robot, self.process, self.values, self._reads = robot, process, values, reads
         self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
         self.host.given = model.given
@@ -103,6 +105,10 @@ class Local:
         """Whether ways were left out, because one step makes too many decisions."""
         self.steps = 0
         self._memo: dict[tuple[int, Stimulus], tuple[Successor, ...]] = {}
+        once = not self.program.starts  # else instances share a list, which the first one may change
+        self._parameters: dict[str, int] = {
+            name: values.number(value) if once or is_fixed(value) else UNKNOWN for name, value in parameters.items()
+        }
         self._footprints = Footprints(self.forms.contents.codes)
         self._watched: Watched | None = None
 
@@ -191,15 +197,20 @@ class Local:
 
     def _resumed(self, data: Data) -> Engine:
         self.host.reset()
-        engine = self.host.engine = resumed(self.program, data, self.host)
+        engine = self._with_parameters(resumed(self.program, data, self.host))
         engine.limit = engine.portion = MOST_MOVES
         return engine
 
     def _new(self) -> Engine:
         self.host.reset()
         host: Host = self.host
-        self.host.engine = Engine(self.program, host, self.host.new_variables, moves=MOST_MOVES)
-        return self.host.engine
+        return self._with_parameters(Engine(self.program, host, self.host.new_variables, moves=MOST_MOVES))
+
+    def _with_parameters(self, engine: Engine) -> Engine:
+        """The engine of the host, whose instances start with values that no other one has changed."""
+        self.host.engine = engine
+        engine.parameters = {name: self.values.value(number) for name, number in self._parameters.items()}
+        return engine
 
     def revived(self, state: int) -> Engine:
         form, timers = self.states.all[state]
@@ -209,7 +220,7 @@ class Local:
         new_variables = self._watched_variables if watched else self.host.new_variables
         engine = self.forms.revived(form, host, new_variables, moves=MOST_MOVES)
         self.host.timers = {key: Timer(group, offset, period) for key, group, offset, period in timers}
-        self.host.engine = engine
+        self._with_parameters(engine)
         self._watched = None
         if watched:
             for instance in engine.instances.values():
