@@ -81,7 +81,7 @@ def main() -> None:
         by_time = name.startswith("time")
         model = fit([replace(each, elements=()) for each in train] if by_time else train, config)
         assert bool(model.elements) != by_time
-        found = {kind: judge_trained(model, runs, name, labelled=False).runs for kind, runs in judged.items()}
+        found = {kind: judge_trained(model, runs, name).runs for kind, runs in judged.items()}
         alarms = [told((sum(each.verdict == "anomalous" for each in runs), len(runs))) for runs in found.values()]
         print(f"| {name} | {' | '.join(alarms)} |", flush=True)
 

@@ -102,7 +102,7 @@ def test_without_labels_alarms_are_counted_per_hour(
 def test_a_run_without_a_whole_window_is_told(model: TrainedModel) -> None:
     short = own_data.run(1)
     run = LabelledRun(Samples(short.values[:10], short.stamps[:10], short.names), np.ones(10, dtype=np.int64), "a.csv")
-    (judged,) = judge_trained(model, [run], "m", labelled=False).runs
+    (judged,) = judge_trained(model, [run], "m").runs
     assert judged.notes == ("no whole window of 40 samples at 100 Hz: not judged",)
     assert (judged.verdict, judged.share) == ("not judged", 0.0)
 
@@ -273,6 +273,29 @@ def test_without_labels_or_verdicts_which_model_is_better_is_not_known(
     write(tmp_path / "short.csv", [replace(short, values=short.values[:20], stamps=short.stamps[:20])], anomalous=())
     code, found = told(capsys, "monitor", "model", "compare", names[0], names[0], tmp_path / "short.csv")
     assert (code, found["text"]) == (3, "same verdicts on every run")
+
+
+def test_a_run_without_labels_is_not_benign_beside_a_file_that_has_them(
+    folder: Path, model: TrainedModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path / "labelled.csv", [own_data.run(1000)], anomalous=())
+    write(tmp_path / "plain.csv", [own_data.run(5001, "stuck"), own_data.run(1001)], anomalous=None)
+    data = tmp_path / "labelled.csv", tmp_path / "plain.csv"
+    code, found = told(capsys, "monitor", "judge", folder / "monitor.skops", *data)
+    figures = found["figures"]
+    assert (code, [run["label"] for run in found["runs"]]) == (1, [1, None, None])
+    assert (figures["benign runs"], figures["false alarms"], figures["without label"]) == (1, 0, 2)
+    replace(model, thresholds=tuple(1e6 * each for each in model.thresholds)).save(tmp_path / "deaf.skops")
+    names = folder / "monitor.skops", tmp_path / "deaf.skops"
+    code, found = told(capsys, "monitor", "model", "compare", *names, *data)
+    assert (code, found["better"], found["worse"]) == (3, 0, 0)
+
+
+def test_a_run_whose_label_cells_are_empty_has_no_label(tmp_path: Path) -> None:
+    rows = ["0,0,1.0,1", "1,0,2.0,1", "0,1,3.0,", "1,1,4.0,", "0,2,5.0,", "1,2,6.0,-1"]
+    (tmp_path / "runs.csv").write_text("stamp,run,a,label\n" + "\n".join(rows) + "\n")
+    runs = read_labelled_runs([tmp_path / "runs.csv"])
+    assert [(run.labelled, run.labels.tolist()) for run in runs] == [(True, [1, 1]), (False, [1, 1]), (True, [1, -1])]
 
 
 # ---- drift -----------------------------------------------------------------------------------------------------------

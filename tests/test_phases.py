@@ -130,7 +130,7 @@ def test_without_elements_windows_are_judged_by_all_and_an_element_of_no_trainin
     made, known = mission_model(), mission(70, 3.0)
     bare = losses(made, Samples(known.values, known.stamps, known.names), 5)
     assert len(bare) == len(losses(made, known, 5))
-    (judged,) = judge_trained(made, [labelled(mission(70, 3.0, "wait", "sort"))], "m", labelled=False).runs
+    (judged,) = judge_trained(made, [labelled(mission(70, 3.0, "wait", "sort"))], "m").runs
     assert judged.verdict == "not judged"
     assert judged.share == pytest.approx(0.5, abs=0.02)
     assert judged.notes == ("no training run had the element sort: not judged",)

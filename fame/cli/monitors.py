@@ -92,8 +92,7 @@ def judged(model: TrainedModel | Model, path: Path, data: Sequence[Path], argume
     from fame.monitor.pipeline.trained_model import TrainedModel
 
     if isinstance(model, TrainedModel):
-        runs = _read(data, arguments, model)
-        found = judge_trained(model, runs, str(path), labelled=any(run.labelled for run in runs))
+        found = judge_trained(model, _read(data, arguments, model), str(path))
     else:
         found = judge_recordings(model, data, str(path), arguments.topic)
     return found.cut_in(file for file in data if incomplete(file))

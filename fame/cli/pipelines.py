@@ -415,7 +415,7 @@ def _write_refused(model: TrainedModel, training: Training, strange: Mapping[int
     runs = [run for run in read if len(run.samples)]
     others = [run.samples for number, run in enumerate(runs) if number not in strange]
     judging = replace(model, band=band_of(others, model.elements))
-    shown = judge_trained(judging, [runs[number] for number in strange], str(page), labelled=False).runs
+    shown = judge_trained(judging, [runs[number] for number in strange], str(page)).runs
     write_refused(shown, list(strange.values()), page)
 
 

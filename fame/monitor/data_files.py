@@ -51,7 +51,8 @@ class CsvTable(NamedTuple):
 
 
 class LabelledRun(NamedTuple):
-    """A run with a label per sample, -1 anomalous or 1 benign; all 1 if its file has no labels (`labelled`).
+    """A run with a label per sample, -1 anomalous or 1 benign; all 1 if it has no labels (`labelled`): its file has no
+    such column, or its cells there are empty.
 
     `gaps` rows with an empty cell were left out of it; with them it lasted `seconds` (-1: as long as its samples).
     """
@@ -128,7 +129,7 @@ def read_labelled_runs(
         _refuse_other_units(stamps, path)
         whole = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
         numbers = cells[:, names.index(special.run)] if special.run in names else np.zeros(len(cells))
-        labels = _labels(cells[:, names.index(LABEL)], path) if LABEL in names else np.ones(len(cells), dtype=np.int64)
+        labels = _labels(cells[:, names.index(LABEL)] if LABEL in names else np.full(len(cells), np.nan), path)
         if not whole.any():
             raise ConfigError(f"has no row with all of {', '.join(columns)}", file=str(path))
         for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1):
@@ -138,8 +139,8 @@ def read_labelled_runs(
             changes = _changes(stamps[kept], [elements[row] for row in kept]) if elements else ()
             samples = Samples(values[kept], stamps[kept], tuple(columns), changes)
             runs.append(LabelledRun(
-                samples, labels[kept], str(path), len(rows) - len(kept),
-                float(np.ptp(known)) if len(known) else 0.0, LABEL in names,
+                samples, np.where(labels[kept] == -1, -1, 1), str(path), len(rows) - len(kept),
+                float(np.ptp(known)) if len(known) else 0.0, bool(labels[rows].any()),
             ))  # fmt: skip
     return runs
 
@@ -182,12 +183,12 @@ def _refuse_backward(stamps: Floats, rows: Whole, path: Path, first: int) -> Non
 
 
 def _labels(column: Floats, path: Path) -> Whole:
-    """Read labels; an empty cell is that of an unlabelled sample, which counts as benign."""
+    """Read labels; that of an empty cell is 0."""
     wrong = np.flatnonzero(np.isfinite(column) & ~np.isin(column, (1, -1)))
     if len(wrong):
         text = f"expected the label 1 (benign) or -1 (anomalous), got {column[wrong[0]]:g}"
         raise ConfigError(text, file=str(path), line=int(wrong[0]) + 2)
-    return np.asarray(np.where(column == -1, -1, 1), dtype=np.int64)
+    return np.asarray(np.where(np.isfinite(column), column, 0), dtype=np.int64)
 
 
 def hash_files(paths: Sequence[str | Path]) -> str:

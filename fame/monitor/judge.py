@@ -144,9 +144,10 @@ class JudgedRuns:
     def figures(self) -> dict[str, Any]:
         """Counts, rates with 95 % intervals, latencies, and areas under the curves where there are labels.
 
-        False alarms are those of runs that have been judged.
+        False alarms are those of benign runs that have been judged; alarms per hour of all, without any label.
         """
-        benign = [run for run in self.runs if run.label != -1 and run.verdict != "not judged"]
+        labelled = any(run.label is not None for run in self.runs)
+        benign = [run for run in self.runs if run.label == (1 if labelled else None) and run.verdict != "not judged"]
         hours = sum(run.seconds * run.share for run in benign) / 3600
         seconds = sum(run.seconds for run in self.runs)
         false_alarms = sum(run.anomalous for run in benign)
@@ -156,8 +157,10 @@ class JudgedRuns:
             "not judged": sum(run.verdict == "not judged" for run in self.runs), "hours": round(seconds / 3600, 4),
             "share judged": round(sum(run.seconds * run.share for run in self.runs) / seconds, 4) if seconds else None,
         }  # fmt: skip
-        if all(run.label is None for run in self.runs):
+        if not labelled:
             return {**values, "alarms per hour": events / hours if hours else None}
+        if unknown := sum(run.label is None for run in self.runs):
+            values["without label"] = unknown
         values |= {
             "benign runs": len(benign), "false alarms": false_alarms,
             "false alarms per run": _rate(false_alarms, len(benign)),
@@ -172,7 +175,7 @@ class JudgedRuns:
         }
         if found:
             values["latency s"] = {"median": float(np.median(found)), "largest": max(found)}
-        scored = self.scored
+        scored = [run for run in self.scored if run.label is not None]
         if len({run.label == -1 for run in scored}) == 2:
             values |= areas(np.array([run.score for run in scored]), np.array([run.label == -1 for run in scored]))
         return values
@@ -282,18 +285,15 @@ def _refuse_contradictions(runs: Sequence[tuple[Floats, Whole, str]]) -> None:
 # ---- models of fame monitor train ------------------------------------------------------------------------------------
 
 
-def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str, *, labelled: bool) -> JudgedRuns:
-    """Judge runs by a model of ``fame monitor train``. `labelled`: the data say which runs are anomalous.
-
-    Raises ConfigError for labels that contradict each other.
-    """
+def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str) -> JudgedRuns:
+    """Judge runs by a model of ``fame monitor train``. Raises ConfigError for labels that contradict each other."""
     from fame.monitor.drift import DriftMonitor
 
-    _refuse_contradictions([(run.samples.values, run.labels, run.file) for run in runs])
+    _refuse_contradictions([(run.samples.values, run.labels, run.file) for run in runs if run.labelled])
     monitor = DriftMonitor.of(model.columns, model.calibration) if model.calibration is not None else None
     judged, sums = [], []
     for number, run in enumerate(runs):
-        judged.append(_judge_run(model, run, number, labelled))
+        judged.append(_judge_run(model, run, number))
         if monitor is not None and judged[-1].ratios.size and judged[-1].label != -1:
             monitor.add(judged[-1].ratios.max(axis=0) * np.array(model.thresholds))
             sums.append(monitor.sums)
@@ -301,7 +301,7 @@ def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str, *
     return JudgedRuns(name, tuple(judged), drifting, np.array(sums))
 
 
-def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: bool) -> JudgedRun:
+def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
     from fame.monitor.pipeline import processors
     from fame.monitor.pipeline.elements import run_times
     from fame.monitor.pipeline.estimators import Autoencoder
@@ -341,7 +341,7 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: boo
         number, run.file, seconds, events, stamps, ratios, model.columns, notes=tuple(notes), share=share,
         samples=shown, band=model.band, times=times, begin=begin,
     )  # fmt: skip
-    return _labelled(judged, run.labels, samples.stamps - begin) if labelled else judged
+    return _labelled(judged, run.labels, samples.stamps - begin) if run.labelled else judged
 
 
 def _explained(event: Event, samples: Samples, times: Floats, band: Band, window: float) -> Event:

@@ -220,10 +220,11 @@ def _overview(judgement: JudgedRuns) -> str:
     plots = [_svg(9, 2.8, _draw_scores, runs)]
     if judgement.drift.size:
         plots.append(_svg(9, 2.8, _draw_drift, judgement))
-    labels = np.array([run.label == -1 for run in runs])
+    labelled = [run for run in runs if run.label is not None]
+    labels = np.array([run.label == -1 for run in labelled])
     pair = ""
     if 0 < labels.sum() < len(labels):
-        scores = np.array([run.score for run in runs])
+        scores = np.array([run.score for run in labelled])
         drawn = [_svg(4.4, 3.6, draw, labels, scores) for draw in (_draw_roc, _draw_precision)]
         pair = f'<div class="row">{"".join(f"<div>{plot}</div>" for plot in drawn)}</div>'
     return "".join(plots) + pair
