@@ -1,8 +1,11 @@
 """Properties of runs: judged while a mission runs, checked before, and judged again from its logs."""
 
 import json
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bpmn_text import process, properties
@@ -19,6 +22,7 @@ from fame.log.reading import run_outcomes
 from fame.log.recording import RecordedMessage
 from fame.properties import parse
 from fame.properties.files import read_properties
+from fame.properties.judge import ABSENT
 from fame.scenario import Scenario
 from fame.scenario.judging import team_vocabulary
 from fame.testing import ExpectationError, MissionLoader
@@ -169,6 +173,72 @@ def test_what_a_log_for_process_mining_carries_is_judged_as_its_run_was(
     assert {name for name, one in found.items() if one.verdict != "not known"} == CARRIED[form]
     assert [found[name] for name in CARRIED[form]] == [live[name] for name in CARRIED[form]]
     assert all(one.text for one in found.values() if one.verdict == "not known")
+
+
+def judged(
+    folder: Path, team: dict[str, list[Any]], properties: str, forms: Sequence[str], *options: str
+) -> Iterator[tuple[str, dict[str, str]]]:
+    """The verdicts of a run, and those from each of its logs, by the form of the log."""
+    model, run, place = folder / "m.bpmn", folder / "run.mcap", folder / "m.properties.yaml"
+    model.write_text(text_of(team))
+    place.write_text(f"properties:\n{properties}")
+    main(["run", str(model), "--quiet", "--log", str(run), *options])
+    made, definitions = read_properties(place), read(model)
+    with Recording(run) as recording:
+        yield "run", {one["property"]: one["verdict"] for one in recording.verdicts}
+    for form in forms:
+        log = folder / f"run.{form}"
+        if form != "mcap":
+            assert main(["log", "convert", str(run), "-o", str(log)]) == 0
+        yield form, {one.name: one.verdict for one in judge_log(log, made, definitions)}
+
+
+LOGS = ("mcap", "jsonl", "csv", "ocel.json", "xes")
+ENDS = {"A": [("and", ["work"], ["catch go", "stop"])], "B": ["timer PT0.5S", "throw go"]}
+
+
+def test_what_is_cancelled_in_the_last_instant_is_judged_unless_the_run_was_stopped(tmp_path: Path) -> None:
+    never = '  never_so: never A is cancelled at "work"\n'
+    for form, found in judged(tmp_path, ENDS, never, LOGS):
+        assert found == {"never_so": "violated"}, form
+    for form, found in judged(tmp_path, ENDS, never, LOGS, "--duration", "0.25"):
+        assert found == {"never_so": "holds"}, form
+
+
+def test_what_happens_in_one_instant_has_no_order_in_logs_for_process_mining(tmp_path: Path) -> None:
+    between = {"A": [("scope", ["throw s", "catch t"], "u", ["end"])], "B": ["catch s", "run x = 1", "throw t"]}
+    scope, script = (next(iter(re.findall(name, text_of(between)))) for name in (r"A_scope_\d+", r"B_script_\d+"))
+    sentence = f"  alone: after A starts {scope} until A completes {scope}, never B starts {script}\n"
+    for form, found in judged(tmp_path, between, sentence, LOGS):
+        assert found == {"alone": "not known" if form == "xes" else "violated"}, form
+    ended = {"A": ["throw go"], "B": ["catch go", "work"]}
+    for form, found in judged(tmp_path, ended, '  still: after A completes, never B starts "work"\n', LOGS[:-1]):
+        assert found["still"] == ("not known" if form == "ocel.json" else "violated"), form
+
+
+def test_robots_whose_beginning_a_log_does_not_have_are_not_known(tmp_path: Path) -> None:
+    properties = '  idle: never A starts "work"\n  soon: A completes within 9 s\n'
+    runs = judged(tmp_path, {"A": ["work"], "B": ["work"]}, properties, ["jsonl"])
+    assert [found for _, found in runs] == [{"idle": "violated", "soon": "holds"}] * 2
+    log, made = tmp_path / "run.jsonl", read_properties(tmp_path / "m.properties.yaml")
+    lines = log.read_text().splitlines(keepends=True)
+    log.write_text("".join(line for line in lines if '"what": "start"' not in line))
+    words = [one.verdict for one in judge_log(log, made, read(tmp_path / "m.bpmn"))]
+    assert words == ["violated", "not known"]
+
+
+def test_a_property_of_robots_that_are_not_there_is_not_known(tmp_path: Path) -> None:
+    (tmp_path / "m.bpmn").write_text(text_of({"T": ["work"], "B": ["work"]}, several=["T"]))
+    place = tmp_path / "m.properties.yaml"
+    place.write_text('properties:\n  none: never T_9 starts "work"\n  all: T starts "work"\n')
+    found = {one.name: (one.verdict, one.text) for one in Scenario.load(tmp_path / "m.bpmn").run().judgements}
+    assert found == {"none": ("not known", ABSENT), "all": ("holds", "")}
+    assert main(["check", "--explore", str(tmp_path / "m.bpmn")]) == 3
+    (tmp_path / "empty.jsonl").write_text("")
+    assert main(["log", "judge", str(place), str(tmp_path / "empty.jsonl")]) == 3
+    place.write_text("properties:\n  wrong: never t_1 completes\n")
+    with pytest.raises(ConfigError, match="unknown robot or pool 't_1'; did you mean 'T_1'"):
+        Scenario.load(tmp_path / "m.bpmn").run()
 
 
 @pytest.mark.parametrize("form", ["xes", "ocel.json"])

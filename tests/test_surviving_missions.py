@@ -116,7 +116,9 @@ class Farm(Field):
         (self.folder / "changed.bpmn").write_text(model)
         for _ in range(5):
             code, said = self.fame("deploy", str(self.folder / "changed.bpmn"), "--migrate", "--wait", "30", *words)
-            if code != NOT_KNOWN:  # a machine with much to do cannot explore while robots may be held: ask again
+            reasons = [one.get("reason", "") for one in said.get("robots", {}).values()]
+            held = any("would be held for more than" in reason for reason in reasons)
+            if code != NOT_KNOWN and not held:  # a machine with much to do takes longer than robots may be held
                 break
         return code, said
 

@@ -17,16 +17,19 @@ from typing import Any
 from xml.etree import ElementTree
 
 from fame.bpmn.model import Definitions
+from fame.bpmn.pools import pools_of
 from fame.clock import EPOCH, SECOND
 from fame.errors import ConfigError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.elements import UNKNOWN, element_info
 from fame.log.mission_level import PART
 from fame.log.reading import PART_MESSAGE, rows_of
+from fame.properties.vocabulary import is_of_pool
 
 EventRow = Mapping[str, Any]
 XES, OCEL = ".xes", ".ocel.json"
 EVENT_LOGS: Sequence[str] = (".jsonl", ".csv", XES, OCEL)
+_OF_ENGINE = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
 _WHAT = {"start": "enter", "complete": "leave", "abort": "cancel", "ate_abort": "cancel", "fail": "fail"}
 
 
@@ -39,6 +42,8 @@ class RecordedEvents:
     partly     robots of which the log does not have everything
     lacks      (element, what): what such a log does not say, as text; empty if it has such events
     reordered  the same rows in the other order where they are at one time and the log has no order of them
+    has_order  whether `rows` or `reordered` have these of one time in the order of the run
+    cancelled  (robot, instance) that ended cancelled, where rows do not say it
     """
 
     rows: Sequence[EventRow]
@@ -47,6 +52,8 @@ class RecordedEvents:
     partly: frozenset[str] = frozenset()
     lacks: Callable[[str, str], str] = lambda element, what: ""
     reordered: Sequence[EventRow] = ()
+    has_order: Callable[[Sequence[EventRow]], bool] = lambda rows: True
+    cancelled: frozenset[tuple[str, str]] = frozenset()
 
 
 def read_event_log(path: Path, model: Definitions) -> RecordedEvents:
@@ -64,11 +71,28 @@ def read_event_log(path: Path, model: Definitions) -> RecordedEvents:
         for row in rows:
             if row["what"] in ("start", "end"):
                 (running.add if row["what"] == "start" else running.discard)((row["robot"], row["instance"]))
-    return RecordedEvents(rows, _processes(rows), not running)
+    processes = _processes(rows)
+    late = {str(row["robot"]): "" for row in rows if row["what"] in _OF_ENGINE and row["robot"] not in processes}
+    return RecordedEvents(rows, {**_by_pool(model, late), **processes}, bool(rows) and not running, frozenset(late))
 
 
 def _processes(rows: Iterable[EventRow]) -> dict[str, str]:
     return {str(row["robot"]): str(row["element"]) for row in rows if row["what"] == "start"}
+
+
+def _by_pool(model: Definitions, robots: Iterable[str]) -> dict[str, str]:
+    """The processes (ids) of robots, by the names of their pools, where a log does not say them."""
+    pools = pools_of(model)
+    return {
+        robot: pool.process.id
+        for robot in robots
+        for pool in pools
+        if (is_of_pool(robot, pool.name) if pool.multi_instance else robot == pool.name)
+    }
+
+
+def _traces(rows: Iterable[EventRow]) -> int:
+    return len({(row["robot"], row["instance"]) for row in rows})
 
 
 def _row(time: str, robot: str, instance: str, element: str, what: str, detail: Any = None) -> dict[str, Any]:
@@ -88,7 +112,7 @@ def _timed(rows: Sequence[dict[str, Any]]) -> Sequence[EventRow]:
 
 def _read_xes(path: Path, model: Definitions) -> RecordedEvents:
     traces: list[list[dict[str, Any]]] = []
-    processes, partly, complete = dict[str, str](), set[str](), True
+    processes, partly, cancelled, complete = dict[str, str](), set[str](), set[tuple[str, str]](), True
     ids = {name: one.id for one in model.processes for name in (one.id, " ".join(one.name.split()))}
     root = ElementTree.parse(path).getroot()
     if (part := _values(root).get(PART)) is not None:
@@ -96,9 +120,13 @@ def _read_xes(path: Path, model: Definitions) -> RecordedEvents:
     for trace in root.findall("{*}trace"):
         values = _values(trace)
         robot, _, instance = values["concept:name"].rpartition("/")
-        processes[robot] = ids.get(values["process"], values["process"])
+        if "incomplete" in values:
+            partly.add(robot)
+            processes = {**_by_pool(model, [robot]), **processes}
+        else:
+            processes[robot] = ids.get(values["process"], values["process"])
         complete &= values["status"] != "running"
-        partly |= {robot} if "incomplete" in values else set()
+        cancelled |= {(robot, instance)} if values["status"] == "cancelled" else set()
         traces.append([])
         for event in map(_values, trace.findall("{*}event")):
             what = "fail" if "error" in event else _WHAT[event["lifecycle:transition"]]
@@ -112,7 +140,13 @@ def _read_xes(path: Path, model: Definitions) -> RecordedEvents:
         return "" if elements.get(element, UNKNOWN).activity else f"what happens at {element}, which is no activity"
 
     forth, back = (_timed([row for rows in some for row in rows]) for some in (traces, traces[::-1]))
-    return RecordedEvents(forth, processes, complete, frozenset(partly), lacks, back)
+
+    def has_order(rows: Sequence[EventRow]) -> bool:
+        return _traces(rows) < 2 or len(rows) == 2  # of more, neither all that two traces may have done
+
+    return RecordedEvents(
+        forth, processes, complete, frozenset(partly), lacks, back, has_order, cancelled=frozenset(cancelled)
+    )
 
 
 def _values(parent: ElementTree.Element) -> dict[str, str]:
@@ -145,7 +179,14 @@ def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
         return "" if known else f"what happens at {element}, which has no label"
 
     complete = all(any(each["name"] == "status" for each in one["attributes"]) for one in instances)
-    return RecordedEvents(_timed([*starts, *rows, *ends]), _processes(starts), complete, frozenset(partly), lacks)
+
+    def has_order(rows: Sequence[EventRow]) -> bool:
+        return _traces(rows) < 2 or not any(row["what"] in ("start", "end") for row in rows)
+
+    processes = {**_by_pool(model, partly), **_processes(starts)}
+    return RecordedEvents(
+        _timed([*starts, *rows, *ends]), processes, complete, frozenset(partly), lacks, has_order=has_order
+    )
 
 
 def _ocel_events(events: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:

@@ -6,9 +6,12 @@ messages of sensors and batteries if all topics were recorded. A log of events a
 
 from __future__ import annotations
 
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -29,6 +32,7 @@ from fame.properties.conditions import Pose, Source, field_of
 from fame.properties.vocabulary import Closure, RobotTerms, Vocabulary, vocabulary
 from fame.robot.robot_state import RobotState
 
+_NO_ORDER = "the log lacks the order of one instant"
 BATTERY = "sensor_msgs/msg/BatteryState"
 
 
@@ -76,13 +80,21 @@ def _judge_events(path: Path, properties: Sequence[Property], model: Definitions
     found = _judged_rows(log, log.rows, monitors, missing)
     if log.reordered:
         others = _judged_rows(log, log.reordered, monitors, missing)
-        found = [one if one.verdict == other.verdict else _not_known(one, "the log lacks the order of one instant")
+        found = [one if one.verdict == other.verdict else _not_known(one, _NO_ORDER)
                  for one, other in zip(found, others, strict=True)]  # fmt: skip
     for place, one in enumerate(monitors):
+        named = [row for row in log.rows if _concerns(one, row)]
+        if not all(log.has_order(list(rows)) for _, rows in groupby(named, itemgetter("time"))):
+            found[place] = _not_known(found[place], _NO_ORDER)
         lacking = next((text for _, element, what in one.events if (text := log.lacks(element, what))), "")
         if lacking:
             found[place] = _not_known(found[place], f"such a log does not say {lacking}")
     return found
+
+
+def _concerns(monitor: Monitor, row: EventRow) -> bool:
+    reactions = monitor.events.get((row["robot"], row.get("element", ""), row["what"]), ())
+    return any(each.fits(row["what"], row.get("detail")) for each in reactions)
 
 
 def _judged_rows(
@@ -94,16 +106,38 @@ def _judged_rows(
         judge.lose(robot, f"the log does not have the beginning of {robot}")
     for robot in sorted(missing):
         judge.lose(robot, f"nothing of {robot} is in the log")
-    for row in rows:
-        time, what, detail = row["time"], row["what"], row.get("detail")
-        if not (time == last and _is_stop(what, detail)):
-            judge.event(time, row["robot"], row.get("element", ""), what, detail)
+    at_end = [row for row in rows if row["time"] == last]
+    stopped = dict.fromkeys(log.cancelled, True)
+    kept = [row for row in at_end[::-1] if not _is_stop(stopped, row["robot"], row["instance"], row)]
+    for row in (*(row for row in rows if row["time"] < last), *kept[::-1]):
+        judge.event(row["time"], row["robot"], row.get("element", ""), row["what"], row.get("detail"))
     return judge.finish(last, complete=log.complete)
 
 
-def _is_stop(what: str, detail: Any) -> bool:
-    """Whether this may be done to stop a run, if it happens at its end."""
-    return what == "cancel" or (what == "end" and detail == "cancelled")
+def _is_stop(stopped: dict[Any, bool], robot: str, instance: Any, mark: Mapping[str, Any]) -> bool:
+    """Whether an event of the last instant stopped a run: an instance that was cancelled, and what ran in it.
+
+    To be asked from the last one on: `stopped` keeps for each instance whether all after it was part of that.
+    """
+    ends = mark["what"] == "end" and mark.get("detail") == "cancelled"
+    stopped[robot, instance] = stopped.get((robot, instance), ends) and (ends or mark["what"] == "cancel")
+    return stopped[robot, instance]
+
+
+def _without_stop(messages: Iterable[RecordedMessage]) -> dict[str, deque[dict[str, Any]]]:
+    """The events of each robot in the last instant, without those that stopped the run."""
+    found, stopped = defaultdict[str, deque[dict[str, Any]]](deque), dict[Any, bool]()
+    for data in reversed([message.json() for message in messages]):
+        robot, groups = str(data["robot"]), deque[dict[str, Any]]()
+        for group in reversed(data["events"]):
+            marks = deque[Any]()
+            for mark in reversed(group["marks"]):
+                named = dict(zip(("element", "what", "detail"), mark, strict=False))
+                if not _is_stop(stopped, robot, group["instance"], named):
+                    marks.appendleft(mark)
+            groups.appendleft({**group, "marks": marks})
+        found[robot].appendleft({**data, "events": groups})
+    return found
 
 
 def _team_of(processes: Mapping[str, str], models: Sequence[Definitions]) -> Vocabulary:
@@ -213,11 +247,11 @@ class TeamJudge:
             self.judge.lose(robot, f"nothing of {robot} was recorded")
         return self.judge.finish(time, complete=complete)
 
-    def put(self, topic: str, time: int, data: Mapping[str, Any], *, last: bool = False) -> None:
-        """Take a message of FAME's own channels; `last`: of the last instant, where a run may have been stopped."""
+    def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
+        """Take a message of FAME's own channels."""
         self.judge.advance(time)
         if topic == EVENTS:
-            self._take_events(time, data, last=last)
+            self._take_events(time, data)
         elif topic == VARIABLES:
             self._take_variables(time, data)
         elif topic == WORLD:
@@ -227,17 +261,16 @@ class TeamJudge:
         elif topic == CLOCKS:
             self.judge.doubt(data["robot"], data["doubt"])
 
-    def _take_events(self, time: int, data: Mapping[str, Any], *, last: bool) -> None:
+    def _take_events(self, time: int, data: Mapping[str, Any]) -> None:
         robot, marks = str(data["robot"]), [mark for group in data["events"] for mark in group["marks"]]
-        if all(mark[1] == "report" for mark in marks):  # by who records
+        if marks and all(mark[1] == "report" for mark in marks):  # by who records
             return
         self._see([robot])
         self._heard[robot] = time
         self._robots.setdefault(robot, RobotState()).apply(EVENTS, data)
         for mark in marks:
             element, what, detail = (*mark, None)[:3]
-            if not (last and _is_stop(what, detail)):
-                self.judge.event(time, robot, element, what, detail)
+            self.judge.event(time, robot, element, what, detail)
         self._read(time, robot)
 
     def _take_variables(self, time: int, data: Mapping[str, Any]) -> None:
@@ -310,12 +343,16 @@ def _replay(
         judge.meet(processes, [*models_of(recording), *models])
     end = int(recording.metadata.get("end", recording.end))
     ended = recording.metadata.get("ended")
+    at_end = _without_stop(recording.messages((EVENTS,), start=end))
     for time, message in _delayed(recording, late):
         if not message.topic.startswith("/fame/"):
             type = recording.topics[message.topic].type
             judge.message(time, message.topic, type, message.node, partial(recording.decode, message))
         elif message.topic != PROPERTIES:
-            judge.put(message.topic, time, message.json(), last=message.time == end)
+            data = message.json()
+            if message.topic == EVENTS and message.time >= end:
+                data = at_end[str(data["robot"])].popleft()
+            judge.put(message.topic, time, data)
     return judge.finish(
         end + max(late.values(), default=0), complete=ended == "complete" or (ended is None and not runs(last))
     )

@@ -23,7 +23,6 @@ from fame.properties.monitor import (
     PartState,
     Verdict,
     VerdictWord,
-    overall,
 )
 
 if TYPE_CHECKING:
@@ -35,6 +34,7 @@ _PLAIN = frozenset((Pose, float, int, str))
 """Types of values that are compared before anything else is done."""
 _FOREVER = 1 << 62
 """The doubt (ns) of a clock that was not measured."""
+ABSENT = "no robot that it names takes part"
 SEVERAL = "several started before one ended, and nobody knows which of them did"
 _Place = tuple[int, int]
 """The number of a monitor, and that of one of its parts."""
@@ -389,10 +389,8 @@ class Judge:
             yield {**self._judgement(number, self._verdict(number)).to_json(), "names": names}
 
     def _verdict(self, number: int, ended: int | None = None) -> Verdict:
-        parts, states = self.monitors[number].parts, self._states[number]
-        if ended is not None:
-            states = [one.finish(state, ended) for one, state in zip(parts, states, strict=True)]
-        return overall([one.verdict(state, part) for part, (one, state) in enumerate(zip(parts, states, strict=True))])
+        monitor, states = self.monitors[number], tuple(self._states[number])
+        return monitor.verdict(states if ended is None else monitor.finish(states, ended))
 
     def _judgement(self, number: int, verdict: Verdict) -> Judgement:
         made, parts = self.monitors[number].spec, self.monitors[number].parts
@@ -423,6 +421,8 @@ class Judge:
         self, number: int, verdict: Verdict, began: tuple[int, str, str] | None, broken: tuple[str, str, str]
     ) -> str:
         """Why a property is violated, pending or not known."""
+        if self.monitors[number].absent:
+            return ABSENT
         made = self.monitors[number].spec
         part = self.monitors[number].parts[verdict.part] if self.monitors[number].parts else None
         if verdict.word == "not known":

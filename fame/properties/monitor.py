@@ -309,12 +309,14 @@ class Monitor:
     events    (robot, element, what) -> what this event does
     sources   the values that it reads
     about     (robot, element) of the elements with which its annotation is associated
+    absent    whether a name in it means none of the robots that are there: nothing is known then
     """
 
     spec: Property
     parts: tuple[Part, ...]
     events: Mapping[tuple[str, str, str], tuple[Reaction, ...]]
     about: tuple[tuple[str, str], ...] = ()
+    absent: bool = False
 
     @property
     def initial(self) -> State:
@@ -386,9 +388,10 @@ class Monitor:
 
     def verdict(self, state: State) -> Verdict:
         """The verdict so far: the gravest of its parts, with the least slack and the earliest time."""
-        return overall(
-            [part.verdict(one, number) for number, (part, one) in enumerate(zip(self.parts, state, strict=True))]
-        )
+        if self.absent:
+            return Verdict("not known")
+        verdicts = [part.verdict(one, number) for number, (part, one) in enumerate(zip(self.parts, state, strict=True))]
+        return _overall(verdicts)
 
     def deadline(self, state: State) -> int | None:
         """The next time (ns) at which it has to be told that an instant is over; None: never."""
@@ -399,7 +402,7 @@ class Monitor:
 _GRAVITY: Sequence[VerdictWord] = ("violated", "not known", "pending", "holds", "not triggered")
 
 
-def overall(verdicts: Sequence[Verdict]) -> Verdict:
+def _overall(verdicts: Sequence[Verdict]) -> Verdict:
     """The verdict about several parts."""
     if not verdicts:
         return Verdict("not triggered")
@@ -419,7 +422,8 @@ def compile(property: Property, vocabulary: Vocabulary) -> Monitor:
     made = _from_start(property)
     parts: list[Part] = []
     events: dict[tuple[str, str, str], list[Reaction]] = {}
-    for names in _bindings(made, vocabulary):
+    bindings = _bindings(made, vocabulary)
+    for names in bindings:
         for condition in conditions_of(made, vocabulary, names) if made.condition else [None]:
             part = Part(
                 made.pattern,
@@ -435,7 +439,7 @@ def compile(property: Property, vocabulary: Vocabulary) -> Monitor:
             _react(made, vocabulary, names, len(parts), events)
             parts.append(part)
     about = tuple((robot, id) for robot in vocabulary.robots for id in made.about if id in vocabulary.robots[robot].own)
-    return Monitor(made, tuple(parts), {key: tuple(found) for key, found in events.items()}, about)
+    return Monitor(made, tuple(parts), {key: tuple(found) for key, found in events.items()}, about, not bindings)
 
 
 def _from_start(made: Property) -> Property:

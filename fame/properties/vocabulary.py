@@ -73,7 +73,8 @@ class Vocabulary:
             return (name.text,)
         if name.text in self.pools:
             return self.pools[name.text]
-        if any(is_of_pool(name.text, pool) for pool in self.pools):
+        known = next((robot for robot in self.robots if robot.lower() == name.text.lower()), None)
+        if known is None and any(is_of_pool(name.text, pool) for pool in self.pools):
             return ()
         text = f"unknown robot or pool {name.text!r}; {suggestion(name.text, [*self.robots, *self.pools])}"
         raise at.error(text, name.offset)

@@ -18,7 +18,7 @@ from fame.log.team_state import Put
 from fame.middleware import messages
 from fame.middleware.interface import ENGINE
 from fame.properties.conditions import Pose, Source, field_of
-from fame.properties.judge import Judge, Judgement
+from fame.properties.judge import ABSENT, Judge, Judgement
 from fame.properties.monitor import Monitor, compile
 from fame.properties.vocabulary import CheckField, Vocabulary, vocabulary_of
 from fame.robot.events import Event, Observer
@@ -191,7 +191,7 @@ class RunJudge(Observer):
                 or (each.kind == "battery" and each.subject not in batteries)
             ]
             if missing or not monitor.parts:
-                yield monitor, missing[0] if missing else "no robot that it names takes part"
+                yield monitor, missing[0] if missing else ABSENT
 
 
 def _as_now(value: Any) -> Any:

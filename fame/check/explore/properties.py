@@ -26,7 +26,7 @@ from fame.check.explore.transitions import THROWN
 from fame.check.explore.values import holds_unknown
 from fame.properties import Monitor, Verdict
 from fame.properties.conditions import LastValues, Source, subjects
-from fame.properties.judge import SEVERAL
+from fame.properties.judge import ABSENT, SEVERAL
 from fame.properties.monitor import OPEN, UNKNOWN, Happening, Part, PartState, State
 
 Proof = Literal["proved", "not triggered", "refuted", "not known"]
@@ -243,6 +243,8 @@ class Monitors:
             verdict: Proof = "proved"
             if not exhaustive:
                 verdict, said = "not known", ["not all states were explored", *said]
+            elif one.absent:
+                verdict, said = "not known", [ABSENT, *said]
             elif doubt := _doubtful(one, [self.states[number][place] for number in numbers], explored):
                 verdict, said = "not known", [doubt, *said]
             elif all(one.verdict(self.states[number][place]).word == "not triggered" for number in {*numbers}):
