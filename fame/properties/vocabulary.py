@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path as FilePath
 from types import MappingProxyType
 
 from fame.bpmn.library import Library
@@ -29,6 +30,7 @@ class RobotTerms:
     own        label of each element of its process by id; `called` those of the processes that it calls
     throws     the elements that throw on each topic; `catches` those that catch on it
     ambiguous  catching elements with several triggers: no mark says which one came
+    repeated   the files of each id that elements of several processes have: no mark says at which one it was
     variables  names of its process variables; None: not known
     """
 
@@ -39,6 +41,7 @@ class RobotTerms:
     catches: Mapping[str, tuple[str, ...]]
     ambiguous: frozenset[str] = frozenset()
     variables: Collection[str] | None = None
+    repeated: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,16 +96,25 @@ class Vocabulary:
     def _element(self, robot: str, target: Word, at: Property) -> str:
         terms, name = self.robots[robot], target.text
         for labels in (terms.own, terms.called):
-            if name in labels:
-                return name
-            found = [id for id, label in labels.items() if label == name]
+            found = [name] if name in labels else [id for id, label in labels.items() if label == name]
             if len(found) > 1:
                 text = f"{robot} has {len(found)} elements labelled {name!r}; expected an id: {', '.join(found)}"
                 raise at.error(text, target.offset)
             if found:
+                self._expect_one(robot, found[0], target, at)
                 return found[0]
         known = [label or id for labels in (terms.own, terms.called) for id, label in labels.items()]
         raise at.error(f"{robot} has no element {name!r}; {suggestion(name, dict.fromkeys(known))}", target.offset)
+
+    def _expect_one(self, robot: str, id: str, target: Word, at: Property) -> None:
+        """Raise ConfigError for an id that elements of several processes have."""
+        files = self.robots[robot].repeated.get(id)
+        if files is not None:
+            shown = display_name(id, {**self.robots[robot].called, **self.robots[robot].own}[id])
+            names = [FilePath(file).name for file in files]
+            places = " and ".join(names if len({*names}) == len(names) else files)
+            text = f"{shown}: elements of {places} have the id {id!r}, and no event says which it was: rename one"
+            raise at.error(text, target.offset)
 
     def _topic_ends(self, robot: str, event: Occurrence, at: Property) -> tuple[str, ...]:
         terms = self.robots[robot]
@@ -118,7 +130,10 @@ class Vocabulary:
                 f"{label} has several triggers, and no event says which came: expected its element instead of a topic"
             )
             raise at.error(text, event.target.offset)
-        return ends[topic]
+        for id in ends[topic]:
+            if ends[topic].count(id) < len(terms.repeated.get(id, ())):  # else each of them is such an end
+                self._expect_one(robot, id, event.target, at)
+        return tuple(dict.fromkeys(ends[topic]))
 
     def check_variable(self, robot: str, path: Path, at: Property, offset: int) -> None:
         """Raise ConfigError for a variable that the process of a robot does not have."""
@@ -183,15 +198,20 @@ def is_of_pool(robot: str, pool: str) -> bool:
 
 def _terms(closure: Closure, variables: Collection[str] | None) -> RobotTerms:
     process, *called = (one for _, one in closure)
+    places: dict[str, tuple[str, ...]] = {}
+    for home, one in closure:
+        for node in one.body.walk():
+            places[node.id] = (*places.get(node.id, ()), home.file)
+    repeated = {id: files for id, files in places.items() if len(files) > 1}
     own = {node.id: node.label for node in process.body.walk()}
     throws: dict[str, tuple[str, ...]] = {}
     catches: dict[str, tuple[str, ...]] = {}
     ambiguous: set[str] = set()
     for node in (node for one in (process, *called) for node in one.body.walk()):
-        for topic, thrown in node.topics():
+        for topic, thrown in dict.fromkeys((topic.qualified, thrown) for topic, thrown in node.topics()):
             ends = throws if thrown else catches
-            ends[topic.qualified] = (*ends.get(topic.qualified, ()), node.id)
+            ends[topic] = (*ends.get(topic, ()), node.id)
         if node.place not in ("throw", "end") and len(node.definitions) > 1:
             ambiguous.add(node.id)
     others = {node.id: node.label for one in called for node in one.body.walk()}
-    return RobotTerms(process.id, own, others, throws, catches, frozenset(ambiguous), variables)
+    return RobotTerms(process.id, own, others, throws, catches, frozenset(ambiguous), variables, repeated)

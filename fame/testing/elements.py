@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Element, Process
@@ -45,7 +46,8 @@ class Elements:
     def find(self, robot: str, name: str) -> frozenset[str]:
         """The ids of the elements with this id, else of those with this label.
 
-        Raises ConfigError for an unknown one, with similar ones.
+        Raises ConfigError for an unknown one, with similar ones, and for one whose id a called file has with another
+        label: events do not say which of the two it was.
         """
         elements = self._of[robot]
         if any(one.element.id == name for one in elements):
@@ -54,6 +56,8 @@ class Elements:
         found = frozenset(one.element.id for one in elements if _plain(one.element.name) == label)
         if not found:
             raise ConfigError(f"{robot} has no element {name!r}{self._similar(elements, name)}")
+        for other in (one for one in elements if one.element.id in found and _plain(one.element.name) != label):
+            raise ConfigError(f"{name!r} has the id of {other.shown} in {Path(other.file).name}: rename one of them")
         return found
 
     def label(self, robot: str, id: str) -> str:
