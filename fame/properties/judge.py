@@ -18,6 +18,7 @@ from fame.properties.monitor import (
     SECOND,
     UNKNOWN,
     VIOLATED,
+    Happening,
     Monitor,
     Part,
     PartState,
@@ -36,6 +37,9 @@ _FOREVER = 1 << 62
 """The doubt (ns) of a clock that was not measured."""
 ABSENT = "no robot that it names takes part"
 SEVERAL = "several started before one ended, and nobody knows which of them did"
+_Thrown = list[Any]
+"""The messages of which an event has thrown one."""
+_NO_MESSAGE: _Thrown = [None]
 _Place = tuple[int, int]
 """The number of a monitor, and that of one of its parts."""
 
@@ -107,6 +111,9 @@ class Judge:
         self._doubts: dict[str, int | None] = {}
         self._dirty: dict[_Place, None] = {}
         self._messages: dict[tuple[str, str], deque[Any]] = defaultdict(deque)
+        self._unsure: dict[tuple[str, str], list[_Thrown]] = defaultdict(list)  # as `_messages`, for each event
+        self._held: list[tuple[int, int, Happening, _Thrown]] = []  # number, time, event: until the instant is over
+        self._holding: set[int] = set()  # their monitors
         self._began: dict[_Place, tuple[int, str, str]] = {}
         self._broken: dict[_Place, tuple[str, str, str]] = {}  # robot, element, values
         self._reasons: dict[int, str] = {}
@@ -189,22 +196,55 @@ class Judge:
             return
         if time > self.now:
             self.advance(time)
-        happening, message = (robot, element, what, detail), self._message_of(numbers[0], robot, element, what)
+        happening, thrown = (robot, element, what, detail), dict[str, _Thrown]()
         for number in numbers:
-            monitor = self.monitors[number]
-            for part, roles, key in monitor.roles(happening, message):
-                if roles:
-                    self._step((number, part), time, roles, key, robot, element)
-                else:
-                    self._lose(number, part, "the message that an event threw is not known")
+            topics = {one.topic for one in self.monitors[number].events[robot, element, what] if one.topic}
+            topic = topics.pop() if len(topics) == 1 else ""  # which of several it needs, a monitor does not say
+            if topic and topic not in thrown:
+                thrown[topic] = self._thrown(robot, topic)
+            messages = thrown.get(topic, _NO_MESSAGE)
+            if number in self._holding or not messages:
+                self._holding.add(number)
+                self._held.append((number, time, happening, messages))
+            else:
+                self._react(number, time, happening, messages)
 
-    def _message_of(self, number: int, robot: str, element: str, what: str) -> Any:
-        """The message that an event threw: the first of this instant that is not taken."""
-        topic = next((one.topic for one in self.monitors[number].events[robot, element, what] if one.topic), "")
-        for other in self._watched[robot][element][what] if not topic else ():
-            topic = topic or next((one.topic for one in self.monitors[other].events[robot, element, what]), "")
-        waiting = self._messages.get((robot, topic))
-        return waiting.popleft() if waiting else None
+    def _thrown(self, robot: str, topic: str) -> _Thrown:
+        """The message on a topic that an event threw; empty, until the instant is over, if several wait for events."""
+        waiting, unsure = self._messages[robot, topic], self._unsure[robot, topic]
+        if unsure or len(waiting) > 1:
+            unsure.append([])
+            return unsure[-1]
+        return [waiting.popleft()] if waiting else _NO_MESSAGE
+
+    def _release(self) -> None:
+        """Let the events be judged that waited to know which of the messages of this instant they threw.
+
+        In their order, if all messages were thrown by events; else each event may have thrown each of them.
+        """
+        for place, events in self._unsure.items():
+            waiting = self._messages.pop(place, deque())
+            for at, messages in enumerate(events):
+                few = [None] if len(waiting) < len(events) else waiting
+                messages += [waiting[at]] if len(waiting) == len(events) else few
+        held, self._held = self._held, []
+        self._unsure.clear()
+        self._holding.clear()
+        for number, time, happening, messages in held:
+            self._react(number, time, happening, messages)
+
+    def _react(self, number: int, time: int, happening: Happening, messages: _Thrown) -> None:
+        """Step a monitor at an event that threw one of these messages."""
+        found = [list(self.monitors[number].roles(happening, message)) for message in messages]
+        if any(one != found[0] for one in found):
+            for part in sorted({part for one in found for part, _, _ in one}):
+                self._lose(number, part, "not all messages of an instant were thrown by events: which, is not known")
+            return
+        for part, roles, key in found[0]:
+            if roles:
+                self._step((number, part), time, roles, key, happening[0], happening[1])
+            else:
+                self._lose(number, part, "the message that an event threw is not known")
 
     def message(self, time: int, robot: str, topic: str, message: Any) -> None:
         """Take a message on a topic (full name) of `topics`; `robot` published it, empty: somebody else."""
@@ -282,6 +322,8 @@ class Judge:
             old = next(iter(self._measured))
             del self._measured[old]
             self.sample(since + STALE + 1, old, None)
+        if self._held:
+            self._release()
         if self._dirty:
             self._read()
         if self._messages:
