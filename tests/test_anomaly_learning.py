@@ -17,7 +17,7 @@ from sklearn.svm import SVC, OneClassSVM
 
 from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import _HOMES, HEADS, TRAIN, VALIDATION, OutputMatrix, expand_candidates, rows
-from fame.monitor.anomaly.learn import Interface, best, checked, learn
+from fame.monitor.anomaly.learn import Interface, best, checked, learn, read_data
 from fame.monitor.anomaly.learning_file import load
 from fame.monitor.anomaly.live import RunMonitor
 from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, data_hash
@@ -449,6 +449,17 @@ def test_a_rate_that_the_runs_cannot_promise_is_told(folder: Path):
     for item in learn(load(folder / "learning.yaml")):
         assert "6 runs promise 0.14 per run at best, 99 are needed" in item.note
         assert card_of(item.model)["False alarms"]["promised per run"] is None
+
+
+def test_copies_of_runs_count_once_in_what_is_promised(folder: Path):
+    for name in ("benign.csv", "both.csv"):
+        given = read_csv(folder / name)
+        write_csv(folder / name, join([given, given]))
+    (folder / "learning.yaml").write_text(FILES + CLASSIFIERS + "FalseAlarms: 0.2 per run\n")
+    learning = load(folder / "learning.yaml")
+    for item in learn(learning):
+        assert (item.model.calibration.runs, len(item.model.conditions["run_hashes"])) == (6, 12)
+    assert any("12 of 24 runs are copies of others (run 12 of run 0)" in note for note in read_data(learning).notes)
 
 
 def test_classifiers_complement_each_other(folder: Path):

@@ -42,6 +42,21 @@ def test_runs_are_judged_as_runs(name: str):
         made.predict(late[:5])
 
 
+@pytest.mark.parametrize(
+    ("runs", "rows", "why"),
+    [
+        (np.tile(np.arange(5), 20), np.arange(100), "got run 0 again after another one"),
+        (np.repeat(np.arange(5), 20), np.tile(np.arange(50), 2), "has the same rows as that of 0"),
+    ],
+    ids=["in turn", "copied"],
+)
+def test_rows_in_turn_and_copies_make_no_runs(runs: np.ndarray, rows: np.ndarray, why: str):
+    values = np.random.default_rng(3).standard_normal((100, 2))[rows]
+    runs = np.repeat(np.arange(2), 50) if "same" in why else runs
+    with pytest.raises(ValueError, match=why):
+        Detector().fit(values, runs=runs)
+
+
 def test_a_data_frame_of_pandas_is_judged_as_its_rows():
     pd = pytest.importorskip("pandas")
     rows, runs = np.random.default_rng(2).standard_normal((300, 2)), np.repeat(np.arange(30), 10)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from monitor_runs import write_runs
+from monitor_runs import told, write_runs
 
 from fame.cli import main
 from fame.monitor.pipeline.processor import Samples
@@ -46,6 +46,33 @@ def test_a_run_in_which_a_motor_stood_still_is_refused_by_name_unless_kept(
     assert not (tmp_path / "m.skops").exists()
     assert trained(tmp_path, runs, "--detector", detector, "--keep") == 0
     assert "warning: run 4: " in capsys.readouterr().err
+
+
+def test_copies_of_runs_are_refused_and_promise_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    runs = [run(seed) for seed in range(6)]
+    assert trained(tmp_path, [*runs, *runs], "--detector", "mahalanobis") == 2
+    assert "run 6 has the same values as run 0, and 5 more runs are copies" in capsys.readouterr().err
+    assert trained(tmp_path, [*runs, *runs], "--detector", "mahalanobis", "--keep") == 0
+    said = capsys.readouterr()
+    assert "6 runs promise 0.14 per run at best" in said.out
+    assert "warning: 6 runs that are copies of others were left out" in said.err
+
+
+def test_what_a_model_has_learned_from_counts_in_no_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    for name, seeds in (("old", range(6)), ("new", range(6, 12))):
+        (tmp_path / name).mkdir()
+        assert trained(tmp_path / name, [run(seed) for seed in seeds], "--detector", "mahalanobis") == 0
+    models = [tmp_path / name / "m.skops" for name in ("old", "new")]
+    data = write_runs(tmp_path / "data.csv", [run(seed) for seed in (0, 7, 20)], lambda number, row: 1)
+    capsys.readouterr()
+    _, found = told(capsys, "monitor", "judge", models[0], data)
+    assert [each["learned from"] for each in found["runs"]] == [True, False, False]
+    assert (found["figures"]["learned from"], found["figures"]["benign runs"]) == (1, 2)
+    _, found = told(capsys, "monitor", "model", "compare", *models, data)
+    assert [found[name]["figures"]["benign runs"] for name in ("old", "new")] == [1, 1]
+    write_runs(data, [run(0), run(7)], lambda number, row: 1)
+    code, found = told(capsys, "monitor", "model", "compare", *models, data)
+    assert (code, found["text"]) == (3, "not known: no runs but 2 that a model has learned from")
 
 
 def test_the_number_of_a_refused_run_counts_runs_that_are_too_short():

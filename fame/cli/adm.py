@@ -137,7 +137,7 @@ def run_learn(arguments: Namespace) -> int:
             if line is not None else None,
         )  # fmt: skip
     chosen = best(learned)
-    model = replace(chosen.model, conditions=origin_of(arguments.output))
+    model = replace(chosen.model, conditions={**chosen.model.conditions, **origin_of(arguments.output)})
     model.save(arguments.output)
     write_card(model, arguments.output)
     note(f"{arguments.output}: {chosen.model.alarm_text()}")

@@ -199,19 +199,19 @@ def run_show(arguments: Namespace) -> int:
 
 def run_compare(arguments: Namespace) -> int:
     """Compare; exit code 1 if the new model is worse, otherwise 3 if that is not known."""
-    from fame.monitor.comparison import ModelComparison
+    from fame.monitor.comparison import compared
     from fame.monitor.model_card import load_any
 
     paths = arguments.old, arguments.new
     models = [load_any(path) for path in paths]
     old, new = (judged(model, path, arguments.data, arguments) for model, path in zip(models, paths, strict=True))
-    compared = ModelComparison(old, new)
+    found = compared(old, new)
     if arguments.json:
-        status = "partial" if compared.exit_code == NOT_KNOWN else "completed"
-        print_json({"status": status, **compared.to_plain()})
+        status = "partial" if found.exit_code == NOT_KNOWN else "completed"
+        print_json({"status": status, **found.to_plain()})
     else:
-        _print_comparison(compared)
-    return compared.exit_code
+        _print_comparison(found)
+    return found.exit_code
 
 
 def _print_comparison(compared: ModelComparison) -> None:

@@ -274,8 +274,9 @@ def add_train(commands: Commands) -> None:
         "--check", action="store_true", help="only check that the stored model was trained on these data"
     )
     parser.add_argument(
-        "--keep", action="store_true", help="train also if runs are unlike the others (left-out loss, movement)"
-    )
+        "--keep", action="store_true",
+        help="train also if runs are unlike the others (left-out loss, movement); leave out copies of runs",
+    )  # fmt: skip
     add_json(parser)
 
 
@@ -319,9 +320,9 @@ def _train(arguments: Namespace, training: Training, file: str, files: Sequence[
     else:
         with progress_line(sys.stderr) as line:
             progress: Callable[[str], object] = line.write if line is not None else print
-            compared += _compare(training, progress) if arguments.compare else []
+            compared += _compare(training, progress, keep=arguments.keep) if arguments.compare else []
             training = replace(training, detector=compared[0].detector) if compared else training
-            model = train(training, report=progress)
+            model = train(training, report=progress, keep=arguments.keep)
         if compared and not arguments.json:
             print(_comparison(compared))
         if not arguments.keep:
@@ -372,13 +373,13 @@ def _training(arguments: Namespace) -> tuple[Training, str]:
     return replace(training_of(configuration.training, configuration.folder), **given), str(configuration.file)
 
 
-def _compare(training: Training, report: Callable[[str], object]) -> list[Compared]:
+def _compare(training: Training, report: Callable[[str], object], *, keep: bool) -> list[Compared]:
     from fame.monitor.data_files import read_runs
     from fame.monitor.pipeline.compare import compare
+    from fame.monitor.pipeline.train import distinct
 
-    return compare(
-        read_runs(training.files, training.columns, training.special, undisturbed=True), training, report=report
-    )
+    runs = read_runs(training.files, training.columns, training.special, undisturbed=True)
+    return compare([runs[number] for number in distinct(runs, keep=keep)], training, report=report)
 
 
 def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: Path) -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from fame.errors import NOT_KNOWN, ConfigError
-from fame.monitor.judge import JudgedRun, JudgedRuns
+from fame.monitor.judge import JudgedRun, JudgedRuns, without_known
 
 
 @dataclass(frozen=True, slots=True)
 class ModelComparison:
-    """What an old and a new model say of each run. Raises ConfigError if they have read other runs."""
+    """What an old and a new model say of each run. Raises ConfigError if they have read other runs.
+
+    Runs that one of them has learned from are left out.
+    """
 
     old: JudgedRuns
     new: JudgedRuns
@@ -27,19 +30,24 @@ class ModelComparison:
         return tuple(zip(self.old.runs, self.new.runs, strict=True))
 
     @property
+    def tested(self) -> tuple[tuple[JudgedRun, JudgedRun], ...]:
+        """The pairs of runs that neither model has learned from."""
+        return tuple((old, new) for old, new in self.pairs if not (old.known or new.known))
+
+    @property
     def differing(self) -> tuple[tuple[JudgedRun, JudgedRun], ...]:
         """The runs with another verdict, or of which only one model finds the anomaly that the labels name."""
-        return tuple((old, new) for old, new in self.pairs if (old.verdict, right(old)) != (new.verdict, right(new)))
+        return tuple((old, new) for old, new in self.tested if (old.verdict, right(old)) != (new.verdict, right(new)))
 
     @property
     def better(self) -> int:
         """Labelled runs that only the new model judges rightly."""
-        return sum(bool(right(new)) and not right(old) for old, new in self.pairs)
+        return sum(bool(right(new)) and not right(old) for old, new in self.tested)
 
     @property
     def worse(self) -> int:
         """Labelled runs that only the old model judges rightly."""
-        return sum(bool(right(old)) and not right(new) for old, new in self.pairs)
+        return sum(bool(right(old)) and not right(new) for old, new in self.tested)
 
     @property
     def exit_code(self) -> int:
@@ -47,18 +55,22 @@ class ModelComparison:
         if self.worse > self.better:
             return 1
         unknown = any(right(old) is None for old, _ in self.differing)
-        unjudged = any("not judged" in (old.verdict, new.verdict) for old, new in self.pairs)
-        return NOT_KNOWN if unknown or unjudged or not self.pairs else 0
+        unjudged = any("not judged" in (old.verdict, new.verdict) for old, new in self.tested)
+        return NOT_KNOWN if unknown or unjudged or not self.tested else 0
 
     @property
     def text(self) -> str:
         """The result in a sentence."""
+        left_out = len(self.pairs) - len(self.tested)
+        more = f"; {left_out} more, that a model has learned from, are left out" if left_out else ""
+        if not self.tested:
+            return f"not known: no runs but {left_out} that a model has learned from" if left_out else "no runs"
         if not self.differing:
-            return "same verdicts on every run"
-        found = f"other verdicts on {len(self.differing)} of {len(self.pairs)} runs"
+            return f"same verdicts on every run{more}"
+        found = f"other verdicts on {len(self.differing)} of {len(self.tested)} runs"
         if any(right(old) is None for old, _ in self.differing):
-            return f"{found}: without labels, which model is right is not known"
-        return f"{found}: {self.better} right only by the new model, {self.worse} only by the old one"
+            return f"{found}: without labels, which model is right is not known{more}"
+        return f"{found}: {self.better} right only by the new model, {self.worse} only by the old one{more}"
 
     def to_plain(self) -> dict[str, Any]:
         """Return figures of both and the runs that differ as plain data."""
@@ -71,6 +83,15 @@ class ModelComparison:
                 for old, new in self.differing
             ],
         }  # fmt: skip
+
+
+def compared(old: JudgedRuns, new: JudgedRuns) -> ModelComparison:
+    """Compare what two models say of the same runs; the figures of both leave out what one of them has learned from.
+
+    Raises ConfigError if they have read other runs.
+    """
+    known = [run.number for judged in (old, new) for run in judged.runs if run.known]
+    return ModelComparison(*(replace(each, runs=without_known(each.runs, known)) for each in (old, new)))
 
 
 def right(run: JudgedRun) -> bool | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any, Self
 
 import numpy as np
@@ -10,6 +11,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import LEAST, Calibration, calibrate_runs
+from fame.monitor.copies import copies, run_hash
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, learned, left_out, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
@@ -39,11 +41,15 @@ class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
     def fit(self, X: Any, y: Any = None, runs: Any = None) -> Self:
         """Learn from undisturbed rows; `runs` (n,) has the number of the run of each, by default `folds` equal parts.
 
-        Raises ConfigError for an unknown detector and for too few rows or runs.
+        Raises ConfigError for an unknown detector and for too few rows or runs, ValueError for a run that is a copy of
+        another one, and for one whose rows are not in a row.
         """
         X = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
         config = Training(detector=self.detector, window=self.window, stride=1, folds=self.folds, seed=self.seed)
         parts = _runs(X, runs if runs is not None else np.arange(len(X)) * min(self.folds, len(X)) // len(X))
+        if runs is not None and (copied := copies(run_hash(part.values) for part in parts)):
+            number, first = next(iter(copied.items()))
+            raise ValueError(f"expected runs of their own: that of place {number} has the same rows as that of {first}")
         self.model_: TrainedModel = learned(parts, config, 1.0)
         found = {index: losses(model, parts[index]).values for index, model in left_out(parts, config, 1.0)}
         self.usual_: Floats = np.maximum(np.median(np.concatenate([*found.values()]), axis=0), LEAST)
@@ -56,7 +62,7 @@ class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
     def score_samples(self, X: Any, runs: Any = None) -> Floats:
         """Return a score per row (n,), the lower the more unusual; rows before a whole window have that of the first.
 
-        Raises ValueError for a run that is shorter than a window.
+        Raises ValueError for a run that is shorter than a window, and for one whose rows are not in a row.
         """
         check_is_fitted(self)
         X = validate_data(self, X, dtype=np.float64, reset=False)
@@ -78,6 +84,11 @@ class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
 
 
 def _runs(values: Floats, numbers: Any) -> list[Samples]:
-    """Divide rows where the number of the run changes; a row per s."""
-    bounds = np.flatnonzero(np.diff(np.asarray(numbers))) + 1
+    """Divide rows where the number of the run changes; a row per s. Raises ValueError for one that comes back."""
+    numbers = np.asarray(numbers)
+    bounds = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
+    begun = numbers[np.concatenate(([0], bounds))].tolist()
+    if len(set(begun)) < len(begun):
+        run = next(run for run, count in Counter(begun).items() if count > 1)
+        raise ValueError(f"expected the rows of each run together, got run {run!r} again after another one")
     return [Samples(part, np.arange(len(part), dtype=np.float64)) for part in np.split(values, bounds)]

@@ -20,6 +20,7 @@ import numpy as np
 from fame.errors import NOT_KNOWN, ConfigError
 from fame.intervals import interval
 from fame.monitor.arrays import Floats, Whole
+from fame.monitor.copies import RUN_HASHES, run_hash
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model
@@ -63,6 +64,7 @@ class JudgedRun:
                     `times` (n,) are their places in it: s on the axis of phases, or numbers of points
     begin           the stamp of the first sample, s
     cut             its file is incomplete: how it went on is not known
+    known           the model has learned from it: its verdict says nothing about other runs
     """
 
     number: int
@@ -81,6 +83,7 @@ class JudgedRun:
     times: Floats = field(default_factory=lambda: np.zeros(0))
     begin: float = 0.0
     cut: bool = False
+    known: bool = False
 
     @property
     def verdict(self) -> str:
@@ -144,10 +147,11 @@ class JudgedRuns:
     def figures(self) -> dict[str, Any]:
         """Counts, rates with 95 % intervals, latencies, and areas under the curves where there are labels.
 
-        False alarms are those of benign runs that have been judged; alarms per hour of all, without any label.
+        False alarms are those of benign runs that have been judged; alarms per hour of all, without any label. What the
+        model has learned from counts in no rate.
         """
-        labelled = any(run.label is not None for run in self.runs)
-        benign = [run for run in self.runs if run.label == (1 if labelled else None) and run.verdict != "not judged"]
+        labelled, new = any(run.label is not None for run in self.runs), [run for run in self.runs if not run.known]
+        benign = [run for run in new if run.label == (1 if labelled else None) and run.verdict != "not judged"]
         hours = sum(run.seconds * run.share for run in benign) / 3600
         seconds = sum(run.seconds for run in self.runs)
         false_alarms = sum(run.anomalous for run in benign)
@@ -157,16 +161,18 @@ class JudgedRuns:
             "not judged": sum(run.verdict == "not judged" for run in self.runs), "hours": round(seconds / 3600, 4),
             "share judged": round(sum(run.seconds * run.share for run in self.runs) / seconds, 4) if seconds else None,
         }  # fmt: skip
+        if len(new) < len(self.runs):
+            values["learned from"] = len(self.runs) - len(new)
         if not labelled:
             return {**values, "alarms per hour": events / hours if hours else None}
-        if unknown := sum(run.label is None for run in self.runs):
+        if unknown := sum(run.label is None for run in new):
             values["without label"] = unknown
         values |= {
             "benign runs": len(benign), "false alarms": false_alarms,
             "false alarms per run": _rate(false_alarms, len(benign)),
             "false alarms per hour": events / hours if hours else None,
         }  # fmt: skip
-        anomalous = [run for run in self.runs if run.label == -1]
+        anomalous = [run for run in new if run.label == -1]
         found = [run.latency for run in anomalous if run.latency is not None]
         values |= {
             "anomalous runs": len(anomalous),
@@ -175,7 +181,7 @@ class JudgedRuns:
         }
         if found:
             values["latency s"] = {"median": float(np.median(found)), "largest": max(found)}
-        scored = [run for run in self.scored if run.label is not None]
+        scored = [run for run in self.scored if run.label is not None and not run.known]
         if len({run.label == -1 for run in scored}) == 2:
             values |= areas(np.array([run.score for run in scored]), np.array([run.label == -1 for run in scored]))
         return values
@@ -194,7 +200,7 @@ class JudgedRuns:
                     "run": run.number, "file": run.file, "verdict": run.verdict, "share judged": run.share,
                     "score": run.score if run.ratios.size else None, "seconds": run.seconds,
                     "label": run.label, "onset": run.onset,
-                    "latency": run.latency, "notes": list(run.notes),
+                    "latency": run.latency, "learned from": run.known, "notes": list(run.notes),
                     "events": [
                         {"kind": each.kind, "start": each.start, "end": each.end, "peak": each.peak,
                          "shares": each.shares, "explanations": [found.text for found in each.explanations]}
@@ -212,6 +218,21 @@ class JudgedRuns:
             note = "the recording is incomplete: how the run went on is not known"
             runs[number] = replace(runs[number], cut=True, notes=(*runs[number].notes, note))
         return replace(self, runs=tuple(runs))
+
+
+def without_known(runs: Sequence[JudgedRun], numbers: Iterable[int]) -> tuple[JudgedRun, ...]:
+    """Mark the runs of these numbers as those that a model has learned from."""
+    note, known = "learned from: counts in no rate", set(numbers)
+    return tuple(
+        replace(run, known=True, notes=(*run.notes, note)) if run.number in known and not run.known else run
+        for run in runs
+    )
+
+
+def _known(model: TrainedModel | Model, runs: Sequence[Floats]) -> list[int]:
+    """Return the numbers of the runs (n, channels) that a model has learned from; none of an earlier version."""
+    hashes = set(model.conditions.get(RUN_HASHES, ()))
+    return [number for number, values in enumerate(runs) if hashes and run_hash(values) in hashes]
 
 
 def _rate(count: int, total: int) -> dict[str, Any]:
@@ -298,7 +319,8 @@ def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str) -
             monitor.add(judged[-1].ratios.max(axis=0) * np.array(model.thresholds))
             sums.append(monitor.sums)
     drifting = monitor.drifting if monitor is not None else ()
-    return JudgedRuns(name, tuple(judged), drifting, np.array(sums))
+    known = _known(model, [run.samples.channels() if len(run.samples) else np.zeros((0, 0)) for run in runs])
+    return JudgedRuns(name, without_known(judged, known), drifting, np.array(sums))
 
 
 def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
@@ -404,18 +426,20 @@ def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str 
 
     judged: list[JudgedRun] = []
     notes: list[str] = []
-    known: list[tuple[Floats, Whole, str]] = []
+    labelled: list[tuple[Floats, Whole, str]] = []
+    learned: list[int] = []
     for path in paths:
         recording = read_csv(path) if path.suffix == ".csv" else _joint_states(model, path, topic)
         recording = in_joint_order(recording, model.joints)
         notes += recording.notes
-        known += [(run.values, run.labels, str(path)) for run in recording if recording.labelled]
-        _refuse_contradictions(known)
+        labelled += [(run.values, run.labels, str(path)) for run in recording if recording.labelled]
+        _refuse_contradictions(labelled)
+        learned += [len(judged) + number for number in _known(model, [run.values for run in recording])]
         judged += [
             _judge_recording(model, run, len(judged) + index, labelled=recording.labelled)
             for index, run in enumerate(recording)
         ]
-    return JudgedRuns(name, tuple(judged), notes=tuple(dict.fromkeys(notes)))
+    return JudgedRuns(name, without_known(judged, learned), notes=tuple(dict.fromkeys(notes)))
 
 
 def _joint_states(model: Model, path: Path, topic: str) -> Recording:

@@ -220,7 +220,7 @@ def _overview(judgement: JudgedRuns) -> str:
     plots = [_svg(9, 2.8, _draw_scores, runs)]
     if judgement.drift.size:
         plots.append(_svg(9, 2.8, _draw_drift, judgement))
-    labelled = [run for run in runs if run.label is not None]
+    labelled = [run for run in runs if run.label is not None and not run.known]
     labels = np.array([run.label == -1 for run in labelled])
     pair = ""
     if 0 < labels.sum() < len(labels):

@@ -50,6 +50,7 @@ from fame.monitor.anomaly.learning_file import CandidateClassifier, DataFile, Le
 from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, PointClassifier, data_hash
 from fame.monitor.anomaly.recording import BENIGN, Recording, read_csv, require_same_joints
 from fame.monitor.anomaly.thresholds import set_threshold, together
+from fame.monitor.copies import RUN_HASHES, copies, run_hash
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.storage import versions
@@ -134,6 +135,10 @@ def checked(recording: Recording) -> Recording:
             text = f"runs {first} and {number} are the same points, one labelled 1, the other -1"
             raise ConfigError(text, file=recording.source)
     notes = [f"{recording.source}: {', '.join(still)} never moved"] if still else []
+    if copied := copies(run_hash(run.values) for run in runs):
+        number, first = next(iter(copied.items()))
+        many = f"{len(copied)} of {len(runs)} runs are copies of others (run {number} of run {first})"
+        notes.append(f"{recording.source}: {many}: FalseAlarms counts each once")
     shortest, longest = min(map(len, runs)), max(map(len, runs))
     if longest > 2 * shortest:
         notes.append(f"{recording.source}: runs have from {shortest} to {longest} points: are they of the same task?")
@@ -279,7 +284,7 @@ def _learned(
     validation = None if held is None else _evaluate(VALIDATION, whole, held)
     threshold, note, calibration = set_threshold(candidate, learning, whole, validation)
     evaluations = [_evaluate(TRAIN, whole, final.predicted), *([] if validation is None else [validation])]
-    known = {data_hash_of_run(run) for source in (data.both, data.benign) if source is not None for run in source}
+    known = {data_hash_of_run(run) for run in _learned_from(data)}
     for item in data.testing:
         known_run = any(data_hash_of_run(run) in known for run in item)
         label = f"{TRAIN if known_run else TEST}: {item.source}"
@@ -296,8 +301,14 @@ def _learned(
         versions=versions(),
         calibration=calibration,
         band=_band(benign),
+        conditions={RUN_HASHES: sorted({run_hash(run.values) for run in _learned_from(data)})},
     )
     return TrainedClassifier(candidate, model, tuple(replace(each, threshold=threshold) for each in evaluations), note)
+
+
+def _learned_from(data: LearningData) -> Iterator[Recording]:
+    """Give each run of the files that train."""
+    yield from (run for source in (data.both, data.benign) if source is not None for run in source)
 
 
 def _band(benign: Recording) -> Band:

@@ -145,7 +145,7 @@ class Model(StoredModel):
     versions     of the packages that made it
     calibration  of the threshold, if it promises a rate of false alarms
     band         of the benign training runs, over the number of the point in its run; None of an earlier version
-    conditions   of the learning, as plain data: its date, and what the model replaced
+    conditions   of the learning, as plain data: its date, what the model replaced, and hashes of its runs
     """
 
     kind: ClassVar[str] = "points"

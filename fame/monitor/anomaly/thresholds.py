@@ -16,6 +16,7 @@ from fame.monitor.anomaly.classifiers import VALIDATION, Evaluation, TrainedClas
 from fame.monitor.anomaly.learning_file import CandidateClassifier, Learning
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording
 from fame.monitor.calibration import Calibration, calibrate_runs, false_alarm_rate
+from fame.monitor.copies import copies, run_hash
 from fame.monitor.pipeline.detectors import Several, combined
 
 
@@ -31,14 +32,17 @@ def set_threshold(
 def _calibrated(
     learning: Learning, whole: Recording, held: Evaluation | None, least: Any
 ) -> tuple[float, str, Calibration | None]:
-    """Set a threshold from the scores of held-out benign runs. Raises ConfigError without such runs."""
+    """Set a threshold from the scores of held-out benign runs, each once. Raises ConfigError without such runs."""
     if held is None or not held.benign:
         raise ConfigError("FalseAlarms needs held-out benign runs: give Split.folds of 2 or more", file=whole.source)
     if whole.stamps is None and "hour" in learning.false_alarms:
         raise ConfigError("has no stamps: give FalseAlarms per run, not per hour", file=whole.source)
     lasted = [float(run.stamps[-1] - run.stamps[0]) for run in whole if run.stamps is not None]
     rate = false_alarm_rate(learning.false_alarms, float(np.mean(lasted)) if lasted else 1.0)
-    calibration = calibrate_runs(np.array(held.benign), rate, least=float(least or 0.0))
+    copied = copies(run_hash(run.values) for run in held.recording)
+    rows = enumerate(zip(held.scores, held.labels, strict=True))
+    scores = [score for number, (score, label) in rows if label == BENIGN and number not in copied]
+    calibration = calibrate_runs(np.array(scores), rate, least=float(least or 0.0))
     return calibration.thresholds[0], "" if calibration.promised else calibration.text, calibration
 
 

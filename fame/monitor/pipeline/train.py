@@ -23,6 +23,7 @@ from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, read_false_alarms
+from fame.monitor.copies import RUN_HASHES, copies, run_hash
 from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, hash_files, rate_of, read_runs
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
@@ -98,18 +99,32 @@ REPEATING = 0.5
 """Share of the variance of a channel that the time since the start explains in runs that repeat."""
 
 
-def train(config: Training, report: ReportProgress = lambda text: None) -> TrainedModel:
-    """Learn from the files. The model is not stored. Raises ConfigError, UnavailableError."""
+def train(config: Training, report: ReportProgress = lambda text: None, *, keep: bool = False) -> TrainedModel:
+    """Learn from the files. The model is not stored. `keep`: copies of runs are dropped instead of refused.
+
+    Raises ConfigError, UnavailableError.
+    """
     runs = read_runs(config.files, config.columns, config.special, undisturbed=True)
-    model = fit(runs, config, data=hash_files(config.files), report=report)
+    model = fit(runs, config, data=hash_files(config.files), report=report, keep=keep)
     return replace(model, conditions={**model.conditions, "files": [Path(path).name for path in config.files]})
 
 
 def fit(
-    runs: Sequence[Samples], config: Training, data: str = "", report: ReportProgress = lambda text: None
+    runs: Sequence[Samples],
+    config: Training,
+    data: str = "",
+    report: ReportProgress = lambda text: None,
+    *,
+    keep: bool = False,
 ) -> TrainedModel:
-    """Learn from runs in memory, each with values (n, channels). `data` names their origin, `report` gets progress."""
+    """Learn from runs in memory, each with values (n, channels). `data` names their origin, `report` gets progress.
+
+    Raises ConfigError, also for copies of runs, which `keep` drops instead.
+    """
     _check(config, runs)
+    places = distinct(runs, keep=keep)
+    copied, runs = len(runs) - len(places), [runs[place] for place in places]
+    _check_count(runs)
     rate = rate_of(runs)
     filtered = prepared(runs, config)
     model = learned(filtered, config, rate)
@@ -128,16 +143,30 @@ def fit(
     calibration = calibrate(scores[whole], asked, config.margin)
     figures = _figures(model, filtered, scores[whole], config)
     conditions = {
-        "runs": len(runs), "scored": len(whole), "numbers": whole, "seconds": [min(lasted), max(lasted)],
+        "runs": len(runs), "scored": len(whole), "numbers": [places[index] for index in whole],
+        "seconds": [min(lasted), max(lasted)],
         "samples": sum(map(len, runs)), "settings": _plain(asdict(config)),
         "constant": [name for name, moves in zip(model.columns, _moves(runs), strict=True) if not moves],
         "movement": unlike_movements([runs[index] for index in whole]), "lone": lone[whole].tolist(),
         "drifts": drifts([runs[index] for index in whole]), "late_scores": _late_scores(filtered, whole, config, rate),
+        RUN_HASHES: [run_hash(run.channels()) for run in runs if len(run)], "copies": copied,
     }  # fmt: skip
     return replace(
         model, thresholds=calibration.thresholds, metrics=figures, data=data, versions=versions(),
         calibration=calibration, conditions=conditions, band=band_of(runs, model.elements),
     )  # fmt: skip
+
+
+def distinct(runs: Sequence[Samples], *, keep: bool = False) -> list[int]:
+    """Return the numbers of the runs that are no copy of another one. Raises ConfigError if there are copies, unless
+    these are dropped (`keep`)."""
+    found = copies(run_hash(run.channels()) if len(run) else f"empty {number}" for number, run in enumerate(runs))
+    if found and not keep:
+        number, first = next(iter(found.items()))
+        more = f", and {len(found) - 1} more runs are copies" if len(found) > 1 else ""
+        text = f"run {number} has the same values as run {first}{more}: copies promise nothing about the next run; "
+        raise ConfigError(f"{text}leave them out, or train with --keep, which drops them", element="Training.Files")
+    return [number for number in range(len(runs)) if number not in found]
 
 
 def band_of(runs: Sequence[Samples], axis: Axis) -> Band:
@@ -326,11 +355,15 @@ def _check(config: Training, runs: Sequence[Samples]) -> None:
             read(ConfigValue(getattr(config, name), f"Training.{name}"))
     if not config.hidden:
         raise ConfigError("expected at least one layer, got none", element="Training.hidden")
+    _check_count(runs)
+    if not _moves(runs).any():
+        raise ConfigError("no channel ever moves: nothing to learn", element="Training.files")
+
+
+def _check_count(runs: Sequence[Samples]) -> None:
     if len(runs) < 2:
         text = f"has {len(runs)} run; at least 2 are needed, since runs that did not train set the thresholds"
         raise ConfigError(text, element="Training")
-    if not _moves(runs).any():
-        raise ConfigError("no channel ever moves: nothing to learn", element="Training.files")
 
 
 def _windows(runs: Sequence[Samples], config: Training, rate: float, axis: Axis) -> tuple[Floats, Floats]:

@@ -65,6 +65,8 @@ def warnings_of(model: TrainedModel) -> list[str]:
     short = model.conditions.get("runs", 0) - model.conditions.get("scored", 0)
     if short:
         notes.append(f"{short} of {model.conditions['runs']} runs are shorter than a window: they set no threshold")
+    if dropped := model.conditions.get("copies", 0):
+        notes.append(f"{dropped} runs that are copies of others were left out")
     notes += drifting(model)
     notes += [text] if (text := memorised(model)) else outliers(model).values()
     shortest, longest = model.conditions.get("seconds", (1.0, 1.0))
