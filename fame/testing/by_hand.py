@@ -14,6 +14,7 @@ from typing import Any
 
 from fame.bpmn.pools import shared_topics
 from fame.check.explore.abstraction import Abstraction, abstraction
+from fame.check.explore.exploration import codes_named
 from fame.check.explore.kinds import kinds_of
 from fame.clock import SECOND
 from fame.engine.canonical import stimuli
@@ -47,8 +48,9 @@ class _RunByHand(Run):
         read = frozenset(str(value.path[0]) for value in values)
         parameters = frozenset(name for values in plan.variables.values() for name in values)
         self.abstract = abstraction(
-            plan.definitions, pools, plan.library, dict(shared), read=read, parameters=parameters
-        )
+            plan.definitions, pools, plan.library, dict(shared), read=read, parameters=parameters,
+            named=codes_named(plan.properties),
+        )  # fmt: skip
         self.mail = self.middleware.network = HeldNetwork(self.scheduler, self.abstract.shared)
         nodes = {
             robot: RobotNode(

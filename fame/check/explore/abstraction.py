@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, fields, replace
 
 from fame.bpmn import model
@@ -67,7 +67,10 @@ class Abstraction:
     needed   variables without which a script or expression that decides something could not run; None: not yet known
     caught   scripts with an error event at their task, at a sub-process around it, or in one
     catches  the codes that error events catch; "": any
+    named    the codes that properties name
+    computed (throwing event, text of its computed code) -> the codes to which that comes down
     unhandled  (element, code) of services, actions and behaviours with such inside: they may fail, nothing catches it
+    escalations  the codes of escalations that are caught
     called   processes that calls lead to
     given    task -> the variables that a person sets who completes it: of its form, and of the data that it writes
     read     variables that properties read
@@ -86,12 +89,20 @@ class Abstraction:
     caught: set[str] = field(default_factory=set)
     aliases: Aliases = field(default_factory=Aliases)
     catches: frozenset[str] = frozenset()
+    named: frozenset[str] = frozenset()
+    computed: dict[tuple[str, str], Collection[str]] = field(default_factory=dict)
+    escalations: frozenset[str] = frozenset()
     unhandled: set[tuple[str, str]] = field(default_factory=set)
     called: frozenset[str] = frozenset()
     given: dict[str, frozenset[str]] = field(default_factory=dict)
     read: frozenset[str] = frozenset()
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _reduced: dict[tuple[str, int], tuple[model.Process, model.Process]] = field(default_factory=dict)
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """The error codes that somebody names, of which an unknown one may be any."""
+        return tuple(sorted((self.catches | self.named) - {""}))
 
     def process(self, home: model.Definitions, process: model.Process) -> model.Process:
         """A process without the inside of behaviours. Robots of a pool may have different processes of one id."""
@@ -139,6 +150,8 @@ class Abstraction:
                 node = _with_way_out(node, body)
             elif isinstance(node, model.Event):
                 node = _without_message(node)
+                self.computed |= {(node.id, text): self.escalations if escalates else self.codes
+                                  for text, escalates in _computed_in(node)}  # fmt: skip
             elif isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
                 if around or node.id in caught or may_raise(node.script):
                     self.caught.add(node.id)
@@ -161,10 +174,11 @@ class Abstraction:
         """A service or action, which may fail with the codes that error events of the team catch."""
         fails = {code for code in step_codes(task, None, body) if code != "script"}
         fails |= _fails(task, self.catches)
+        named = _named(task, self.named) - fails
         if self._is_caught(task, body, around):
-            fails.add("service" if task.service is not None else "script")
+            fails |= {"service" if task.service is not None else "script", *named}
         elif task.service is not None:
-            fails |= self._unhandled(task, _fails(task, None) - fails)
+            fails |= self._unhandled(task, _fails(task, None) - fails, named)
         results = set[str]()
         if task.service is not None and task.io is not None and task.io.outputs:
             results = {"msg"}.union(*(names_of(item.source)[0] for item in task.io.outputs))
@@ -179,9 +193,9 @@ class Abstraction:
         at = (one for event in body.boundary(node.id) for one in event.defined(model.ErrorDefinition))
         return "" in self.catches and (around or any(not one.code for one in at))
 
-    def _unhandled(self, node: model.Activity, codes: Set[str]) -> set[str]:
-        """Of codes that nothing catches one: they all do the same."""
-        found = sorted(codes, key=lambda code: (code != "service", code))[:1]
+    def _unhandled(self, node: model.Activity, codes: Set[str], named: Set[str] = frozenset()) -> set[str]:
+        """Of codes that nothing catches one, and those that properties name: all others do the same."""
+        found = {*sorted(codes, key=lambda code: (code != "service", code))[:1], *named}
         self.unhandled |= {(node.id, code) for code in found}
         return {*found}
 
@@ -208,15 +222,18 @@ class Abstraction:
                 changes, used = (given if names else set() for names in (changes, used))
             results = writes if call.io.all_out else {item.target for item in call.io.outputs}
             writes = set()
-        codes = step_codes(call, _thrown_in(self.library, *called, self.catches, set()), body)
+        thrown = _thrown_in(self.library, *called, self.catches, set())
+        codes = step_codes(call, thrown, body)
+        others = self.named if thrown is None else _thrown_in(self.library, *called, self.named, set()) or set()
+        named = {*others} - {*codes}
         served = any(
             isinstance(one, model.Task) and one.service is not None for _, p in closure for one in p.body.walk()
         )
-        if served and self._is_caught(call, body, around):
-            codes = codes or ("service",)
-        elif served:
-            every = step_codes(call, _thrown_in(self.library, *called, None, set()), body)
-            codes = (*codes, *self._unhandled(call, {*every} - {*codes}))
+        if self._is_caught(call, body, around):
+            codes = (*(codes or ("service",) if served else codes), *sorted(named))
+        elif served or named:
+            every = step_codes(call, _thrown_in(self.library, *called, None, set()), body) if served else ()
+            codes = (*codes, *sorted(self._unhandled(call, {*every} - {*codes}, named)))
         name = step_name(home.file, call.id)
         sorts = [tuple(sorted(names)) for names in (writes, changes, results, used)]
         self.steps[name] = Step(sorts[0], sorts[1], sorts[2], sorts[3], codes)
@@ -243,6 +260,13 @@ def _caught_in(process: model.Process) -> Iterator[str]:
             yield from (one.code or "" for one in node.defined(model.ErrorDefinition))
 
 
+def _escalations_in(process: model.Process) -> Iterator[str]:
+    """The codes of escalations that a process catches."""
+    for node in process.body.walk():
+        if node.place in ("boundary", "start"):
+            yield from (one.code for one in node.defined(model.EscalationDefinition) if one.code)
+
+
 def _fails(task: model.Task, catches: Set[str] | None) -> set[str]:
     """The codes with which a service or action may fail, of those that are caught; ``errors`` names further ones.
 
@@ -257,6 +281,21 @@ def _fails(task: model.Task, catches: Set[str] | None) -> set[str]:
         others.pop("canceled", None)
     codes = (outcomes - others.keys()) | {*others.values()}
     return codes if catches is None else codes & catches
+
+
+def _named(task: model.Task, named: Set[str]) -> set[str]:
+    """The codes with which a service or action may fail, of those that properties name."""
+    if task.service is None:
+        return {"script"} & named
+    of_actions = set() if is_action(task.service.type or "") else {"aborted", "canceled", "rejected"}
+    return _fails(task, named) - of_actions
+
+
+def _computed_in(event: model.Event) -> Iterator[tuple[str, bool]]:
+    """The texts of computed codes that an event throws, and whether they are those of escalations."""
+    for one in event.definitions:
+        if isinstance(one, model.ErrorDefinition | model.EscalationDefinition) and one.computed is not None:
+            yield one.computed.text, isinstance(one, model.EscalationDefinition)
 
 
 def _without_message(event: model.Event) -> model.Event:
@@ -274,19 +313,21 @@ def abstraction(
     given: bool = False,
     read: frozenset[str] = frozenset(),
     parameters: frozenset[str] = frozenset(),
+    named: frozenset[str] = frozenset(),
 ) -> Abstraction:
     """The abstraction of a team. Raises ModelError for calls of unknown processes.
 
     given       some robots go on from snapshots, so that variables may have values which nothing in the model gives
     read        variables that properties read: they count as what decides something
     parameters  variables with which a process starts
+    named       error codes that properties name
     """
     thrown, caught = set[str](), set[str]()
     for pool in pools:
         for home, process in library.closure(definitions, pool.process):
             for topic, throws in _ends(home, process):
                 (thrown if throws else caught).add(topic)
-    found = Abstraction(library, types, read=read)
+    found = Abstraction(library, types, read=read, named=named)
     found.shared = frozenset(topic for topic in thrown & caught if topic[0] == "/")
     found.outside = frozenset(topic for topic in caught if topic[0] == "~" or topic not in thrown)
     processes = {id(one): one for pool in pools for _, one in library.closure(definitions, pool.process)}
@@ -294,6 +335,7 @@ def abstraction(
     found.unknown = frozenset() if given else _unknown(processes.values(), found.outside - thrown, parameters)
     found.called = frozenset(one.called for process in processes.values() for one in process.body.calls())
     found.catches = frozenset(code for process in processes.values() for code in _caught_in(process))
+    found.escalations = frozenset(code for process in processes.values() for code in _escalations_in(process))
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
     found.aliases = Aliases(body for process in processes.values() for body in process.body.bodies())
     found.needed = _needed(found, [body for inside in bodies.values() for body in inside])

@@ -203,7 +203,7 @@ class Team:
         self.pools = list({pool.name: pool for pool in cast.values()}.values())
         types = dict(shared_topics(definitions, self.pools, library))
         compiled = [compile(one, vocabulary_of(definitions, library, cast)) for one in request.properties]
-        judged = [one for one in compiled if is_judged(one)]
+        judged, watches = [one for one in compiled if is_judged(one)], list(_watches(definitions, library, cast))
         self.kinds = kinds_of(cast, request.variables)
         kinds = list({pool.name: pool for pool in self.kinds.values()}.values())
         reads = {pool.name: set[str]() for pool in kinds}
@@ -212,15 +212,15 @@ class Team:
         read = frozenset[str]().union(*reads.values())
         parameters = frozenset(name for values in request.variables.values() for name in values)
         self.model: Abstraction = abstraction(
-            definitions, kinds, library, types, given=bool(snapshots), read=read, parameters=parameters
-        )
+            definitions, kinds, library, types, given=bool(snapshots), read=read, parameters=parameters,
+            named=codes_named(one.spec for one in (*judged, *(watch.monitor for watch in watches))),
+        )  # fmt: skip
         self.values = Values()
         self.received = set[tuple[str, str]]()  # (process, topic) in any search so far
         self.robots: tuple[str, ...] = tuple(cast)
         self.places: dict[str, Place] = dict(_places(definitions, self.pools, library))
         self.alike: dict[str, bool] = {pool.name: not self._knows_itself(pool) for pool in kinds}
         fields = field_names(types)
-        watches = list(_watches(definitions, library, cast))
         events = frozenset((element, what) for one in judged for _, element, what in one.events)
         events = events.union(*(one.events for one in watches))
         observed |= bool(events)
@@ -297,6 +297,36 @@ class Team:
         return Searched(delivery, len(explored.states), explored.transitions, spent, cuts,
                         bool(explored.cut), table, judged), found  # fmt: skip
 
+    def after_failures(self, searched: Searched, limit: int, stop: Callable[[], bool]) -> Searched:
+        """A search whose proofs also hold if services and actions fail where nothing catches that, as few say.
+
+        Others are not known. What follows from such failures is explored for this alone: it is no finding.
+        """
+        entered = set[str]().union(*(local.states.visited for local in self.locals))
+        left_out = sorted({element for element, _ in self.model.unhandled} & entered)
+        proofs = [one for one in searched.judged if one.verdict in ("proved", "not triggered")]
+        if not left_out or not proofs or self.monitors is None:
+            return searched
+        found: dict[str, Judged] = {}
+        cuts: tuple[str, ...] = ("no budget is left",)
+        if limit > 0 and not stop():
+            report, cuts = self._report(searched.delivery, limit, stop, unhandled=True)
+            found = {one.name: one for one in self.monitors.judge(report.runs, exhaustive=not cuts)}
+        judged = []
+        for one in searched.judged:
+            other = found.get(one.name)
+            if one not in proofs or (other is not None and other.verdict in ("proved", "not triggered")):
+                judged.append(one)
+                continue
+            steps = other.run if other is not None else ()
+            failed = [step.element for step in steps if (step.element, step.detail) in self.model.unhandled]
+            names = " or ".join(self.places[each].display_name for each in dict.fromkeys(failed or left_out))
+            why = f"{names} may fail, and nothing catches it"
+            if other is None or other.verdict != "refuted":
+                why += f"; what follows is not explored whole ({', '.join(cuts)})" if cuts else ""
+            judged.append(replace(one, verdict="not known", text="; ".join(filter(None, (why, one.text)))))
+        return replace(searched, judged=tuple(judged))
+
     def sample(self, stop: Callable[[], bool]) -> Iterator[tuple[str, list[Finding]]]:
         """Explore parts that a search may not have reached, each with its name, and what was found in it."""
         request = self.request
@@ -365,12 +395,12 @@ class Team:
                 local.host.stop = never
 
     def _report(
-        self, delivery: Delivery, limit: int, stop: Callable[[], bool], *, faults: bool
+        self, delivery: Delivery, limit: int, stop: Callable[[], bool], *, faults: bool = False, unhandled: bool = False
     ) -> tuple[Report, tuple[str, ...]]:
         """What the states of the team say, and what was left out."""
         request = self.request
         options = Options(
-            delivery=delivery, reduced=request.reduced, faults=faults, limit=limit,
+            delivery=delivery, reduced=request.reduced, faults=faults, unhandled=unhandled, limit=limit,
             groups=self.groups() if request.reduced else (), stop=stop, given=self.given,
             required=() if self.given else self.required(), progress=request.progress,
             monitors=None if faults else self.monitors,
@@ -447,6 +477,11 @@ def _watches(definitions: Definitions, library: Library, cast: Mapping[str, Pool
                         name, sentence = given["property"].text, given["sentence"]
                         made = parse(sentence.text, Location(home.file, sentence.line), name)
                         yield Watch(compile(made, vocabulary_of(definitions, library, cast)), robot, node.id)
+
+
+def codes_named(properties: Iterable[Property]) -> frozenset[str]:
+    """The error codes that properties name."""
+    return frozenset(event.code for one in properties for event in one.occurrences if event.code)
 
 
 def explore_team(definitions: Definitions, library: Library, cast: Mapping[str, Pool], request: Request) -> Exploration:
@@ -529,6 +564,8 @@ def _explored(team: Team, begun: float) -> Exploration:
         for other in [key for key, one in findings.items() if one.kind == "unreachable"]:
             del findings[other]  # what one delivery did not enter another may have; the last one knows all
         take(found)
+    for place, one in enumerate(searches):  # afterwards: what is entered then is not entered without a failure
+        searches[place] = team.after_failures(one, left, stop)
     if request.samples and not request.first and any(search.bound for search in searches):
         sampled += sample(1.0)
     partial = any(search.cuts for search in searches)

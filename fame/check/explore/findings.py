@@ -24,6 +24,7 @@ from fame.check.explore.faults import outcomes
 from fame.check.explore.graph import Explored
 from fame.check.explore.product import Fault, Product
 from fame.check.explore.trace import Place, Run, Runs, Step, waiting
+from fame.check.explore.values import MARK
 
 Kind = Literal[
     "deadlock", "never", "lost", "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition",
@@ -483,5 +484,5 @@ def _together(reasons: Iterable[str]) -> str:
     others = [one for one in short if not (one.startswith("error ") and one.endswith(" was not caught"))]
     if codes:
         word = "errors" if len(codes) > 1 else "error"
-        others.insert(0, f"{word} {', '.join(sorted(codes))} not caught")
+        others.insert(0, f"{word} {', '.join(sorted(codes)).replace(MARK, 'unknown')} not caught")
     return "; ".join(others[:3])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Callable, Collection, Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import SimpleNamespace
@@ -24,7 +24,7 @@ from fame.check.explore.purity import STEPS, catches, is_certain, is_computable,
 from fame.check.explore.remembering import Memory, Outcomes, key_of, memory_of, owner_of
 from fame.check.explore.script_effects import changed_in_place, may_change, script_writes
 from fame.check.explore.timers import Timer
-from fame.check.explore.values import UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
+from fame.check.explore.values import MARK, UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
 from fame.engine import UNDEFINED, Engine, Instance
 from fame.engine.host import BpmnError
 from fame.engine.state import Trail, Wait
@@ -118,6 +118,10 @@ class ExplorationHost:
         """(element, what) of the events that properties name."""
         self.caught: Set[str] = frozenset()
         """Scripts whose failures may decide something: an error event catches them, or they are raised on purpose."""
+        self.codes: Collection[str] = ()
+        """Error codes that somebody names."""
+        self.computed: Mapping[tuple[str, str], Collection[str]] = {}
+        """The computed codes of throwing events, see `Abstraction`."""
         self.opaque: set[str] = set()
         """Scripts that may raise, and are not executed."""
         self.traceable = True
@@ -182,6 +186,9 @@ class ExplorationHost:
             return self._noted(run if waits(expression) else self._forgetting(run, expression), element)
         key = key_of(expression)
         made = self._expression(expression, element, file)
+        codes = self.computed.get((element, expression.text))
+        if codes is not None:
+            return lambda variables: self._code(made(variables), codes, element)
         return self._remembering(made, key) if key in self.remembered else made
 
     def _expression(self, expression: Expression, element: str, file: str) -> Callable[..., Any]:
@@ -242,6 +249,14 @@ class ExplorationHost:
                     return True
         return False
 
+    def _code(self, code: Any, codes: Iterable[str], element: str) -> Any:
+        """An error code; an unknown one is one of those that somebody names, or another."""
+        if not is_unknown(code) and MARK not in str(code):
+            return code
+        self.place, named = element, sorted(codes)
+        chosen = self.choose(1 + len(named)) if named else 0
+        return named[chosen - 1] if chosen else MARK
+
     def _uncomputed(self, element: str) -> Callable[..., Any]:
         def evaluate(variables: dict[str, Any]) -> Any:
             self.compute(element)
@@ -300,7 +315,7 @@ class ExplorationHost:
         if waits(script):
             running = Running(step)
             return lambda variables: running
-        quiet = not step.emits and not step.codes and "signal" not in script.text
+        quiet = not step.emits and not step.codes and not any(one in script.text for one in ("signal", "BpmnError"))
         if (
             quiet
             and element not in self.caught
@@ -327,8 +342,11 @@ class ExplorationHost:
             run(variables)
         except UndecidableError:
             pass
-        except BpmnError:
-            raise
+        except BpmnError as error:
+            code = self._code(error.code, self.codes, element)
+            if code is error.code:
+                raise
+            raise BpmnError(code, error.message if error.message != error.code else "") from None
         except Exception as error:
             reads = [variables.get(name) for name in tuple(variables) if not name.startswith("__")]
             if all(map(self.values.number, reads)):

@@ -61,6 +61,7 @@ class Options:
     required  for each pool of which one robot has to start, but none does by itself: the places of its robots
     monitors  the properties that are judged
     acknowledged  topics whose signals are not lost, but may expire
+    unhandled  services and actions fail, too, where nothing catches that
     given     snapshots of the robots that do not start, but go on, by place
     progress  called with the number of states, and of those that are still to be explored (the frontier)
     """
@@ -68,6 +69,7 @@ class Options:
     delivery: Delivery = "run"
     reduced: bool = True
     faults: bool = False
+    unhandled: bool = False
     limit: int = 200_000
     groups: tuple[tuple[int, ...], ...] = ()
     required: tuple[tuple[int, ...], ...] = ()
@@ -132,11 +134,11 @@ class Product:
         found = self._own[robot].get(state)
         if found is None:
             local = self.locals[robot]
-            view, faults = local.views[state], self.options.faults
+            view, all_codes = local.views[state], self.options.faults or self.options.unhandled
             found = self._own[robot][state] = tuple(
                 move
                 for stimulus, element in zip(view.own, view.elements, strict=True)
-                if faults or (element, stimulus[2]) not in local.unhandled
+                if all_codes or (element, stimulus[2]) not in local.unhandled
                 for move in self.moves(robot, state, stimulus, local.step(state, stimulus))
             )
         return found

@@ -1,0 +1,202 @@
+"""Failures that nothing catches, and codes that nothing knows: an exploration proves nothing about them."""
+
+from pathlib import Path
+
+import pytest
+from bpmn_text import document, properties
+
+from fame.bpmn.reader import read_text
+from fame.check.explore.properties import Judged
+from fame.cli import main
+from fame.properties.grammar import parse
+from fame.properties.sentence import NOWHERE
+from fame.scenario import Completion, Scenario
+from fame.scenario.exploration import explore
+from fame.testing import MissionLoader
+from fame.testing.explored_runs import play
+
+GO = {"action": "navigate_to_pose", "type": "nav2_msgs/action/NavigateToPose"}
+CALL = {"service": "door", "type": "std_srvs/srv/Trigger"}
+ROOT = '<signal id="S" name="done"/><error id="Lost" errorCode="lost"/><error id="Any" errorCode="${why}"/>'
+ASK = (
+    '<userTask id="Ask" name="Ask"><extensionElements><camunda:formData><camunda:formField id="why" type="string"/>'
+    "</camunda:formData></extensionElements></userTask>"
+)
+
+
+def flow(first: str, second: str) -> str:
+    return f'<sequenceFlow id="{first}_{second}" sourceRef="{first}" targetRef="{second}"/>'
+
+
+def boundary(ref: str = "", at: str = "Go") -> str:
+    """A boundary event of any code, or of an error at the root."""
+    code = f'errorRef="{ref}"' if ref else ""
+    return (
+        f'<boundaryEvent id="At{ref}" attachedToRef="{at}"><errorEventDefinition id="D{ref}" {code}/></boundaryEvent>'
+        f'<endEvent id="Gave{ref}" name="gave up {ref}"/>{flow(f"At{ref}", f"Gave{ref}")}'
+    )
+
+
+def goes(task: str, more: str = "", *, first: str = "", beside: str = "") -> str:
+    """A process that does a task ``Go`` and throws /done, after `first` (a task ``Ask``); `beside` it: others."""
+    begin = f"{first}{flow('Start', 'Ask')}{flow('Ask', 'Go')}" if first else flow("Start", "Go")
+    return (
+        f'<process id="P" isExecutable="true"><startEvent id="Start"/>{begin}{task}{flow("Go", "End")}'
+        '<endEvent id="End" name="arrived"><signalEventDefinition id="Sd" signalRef="S"/></endEvent>'
+        f"{more}</process>{beside}"
+    )
+
+
+def service(task: dict[str, str], **more: str) -> str:
+    return f'<serviceTask id="Go" name="Go there">{properties(**task, **more)}</serviceTask>'
+
+
+def script(text: str) -> str:
+    return f'<scriptTask id="Go" name="Go there" scriptFormat="python"><script>{text}</script></scriptTask>'
+
+
+CALLS = '<callActivity id="Go" name="Go there" calledElement="Inner"/>'
+
+
+def called(inside: str) -> str:
+    """The process that is called, with a task ``I2``."""
+    return (
+        f'<process id="Inner" isExecutable="true"><startEvent id="I1"/>{flow("I1", "I2")}{inside}{flow("I2", "I3")}'
+        '<endEvent id="I3"/></process>'
+    )
+
+
+OTHERS = (
+    '<process id="Q" isExecutable="true"><startEvent id="Q1"/><intermediateCatchEvent id="Q2">'
+    f'<signalEventDefinition id="Qd" signalRef="S"/></intermediateCatchEvent><endEvent id="Q3"/>{flow("Q1", "Q2")}'
+    f'{flow("Q2", "Q3")}</process><process id="R" isExecutable="true"><startEvent id="R1"/>'
+    f'<manualTask id="R2" name="work"/><endEvent id="R3"/>{flow("R1", "R2")}{flow("R2", "R3")}</process>'
+)
+POOLS = "".join(f'<participant id="Pool_{name}" name="{name}" processRef="{name}"/>' for name in "PQR")
+
+
+def judged(processes: str, sentence: str, *, team: bool = False, **options: object) -> Judged:
+    """What an exploration says about a property of process P, or of a team with Q, which waits for /done, and R."""
+    pools = POOLS if team else '<participant id="Pool_P" name="P" processRef="P"/>'
+    text = document(f'{ROOT}<collaboration id="Team">{pools}</collaboration>{processes}{OTHERS if team else ""}')
+    made = parse(sentence, NOWHERE, "p")
+    (found,) = explore(read_text(text, file="m.bpmn"), properties=[made], **options).properties  # type: ignore[arg-type]
+    return found
+
+
+# ---- failures that nothing catches -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("faults", [False, True])
+@pytest.mark.parametrize(
+    ("sentence", "uncaught", "caught"),
+    [
+        ("never P fails", "not known", "proved"),
+        ('P completes "arrived"', "not known", "refuted"),
+        ("P completes", "not known", "proved"),
+        ("Q completes", "not known", "refuted"),
+        ('never P fails at "Go there"', "not known", "refuted"),
+        ('P starts "Go there" at most 1 times', "proved", "proved"),
+        ('never Q completes before P completes "arrived"', "proved", "proved"),
+        ("R completes", "proved", "proved"),  # it hears nothing of P
+        ("never R fails", "proved", "proved"),
+        ("after P fails, R completes", "not known", "not triggered"),  # it may have before
+    ],
+)
+def test_what_an_uncaught_failure_could_change_is_not_known(
+    sentence: str, uncaught: str, caught: str, faults: bool
+) -> None:
+    found = judged(goes(service(GO)), sentence, team=True, faults=faults)
+    assert found.verdict == uncaught, found
+    assert ('"Go there" (Go) may fail, and nothing catches it' in found.text) == (uncaught == "not known")
+    assert judged(goes(service(GO), boundary()), sentence, team=True, faults=faults).verdict == caught
+
+
+@pytest.mark.parametrize("inside", [f'<serviceTask id="I2">{properties(**one)}</serviceTask>' for one in (GO, CALL)])
+def test_a_behaviour_with_a_service_may_fail_too(inside: str) -> None:
+    assert judged(goes(CALLS, beside=called(inside)), "P completes").verdict == "not known"
+    assert judged(goes(CALLS, boundary(), beside=called(inside)), "P completes").verdict == "proved"
+
+
+def test_what_follows_from_a_failure_counts_against_the_limit() -> None:
+    whole = explore(read_text(document(ROOT + goes(service(GO))), file="m.bpmn"), properties=[], delivery="run").states
+    found = judged(goes(service(GO)), "never P fails", delivery="run", limit=whole)
+    assert found.verdict == "not known"
+    assert found.text.endswith("what follows is not explored whole (no budget is left)")
+
+
+def test_its_exit_code_is_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = tmp_path / "m.bpmn"
+    (tmp_path / "m.properties.yaml").write_text("properties:\n  p: P completes\n", encoding="utf-8")
+    for more, code in (("", 3), (boundary(), 0)):
+        model.write_text(document(ROOT + goes(service(GO), more)), encoding="utf-8")
+        assert main(["check", "--explore", str(model)]) == code
+        assert main(["check", "--explore", "--faults", str(model)]) == code
+        assert ("but it is not known whether p may be violated" in capsys.readouterr().out) == (code == 3)
+
+
+# ---- codes that only a property names --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("task", "code", "verdict"),
+    [
+        (service(GO), "aborted", "refuted"),
+        (service(GO), "rejected", "refuted"),
+        (service(GO), "nonsense", "proved"),
+        (service(GO, errors="aborted: nav.lost"), "nav.lost", "refuted"),
+        (service(GO, errors="aborted: nav.lost"), "aborted", "proved"),
+        (service(CALL), "service", "refuted"),
+        (service(CALL), "aborted", "proved"),  # only actions are
+        (CALLS, "lost", "refuted"),
+    ],
+)
+def test_a_code_that_a_property_names_is_tried(task: str, code: str, verdict: str) -> None:
+    """At an activity whose failure with any code is caught; if it is not, nothing is proved about it."""
+    sentence = f'never P fails at "Go there" with "{code}"'
+    inner = called('<scriptTask id="I2" scriptFormat="python"><script>raise BpmnError(x)</script></scriptTask>')
+    assert judged(goes(task, boundary(), beside=inner), sentence).verdict == verdict
+    assert judged(goes(task, beside=inner), sentence).verdict == ("not known" if verdict == "refuted" else verdict)
+
+
+# ---- codes that are not known ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("raises", "code", "verdict"),
+    [
+        ("raise BpmnError(why)", "lost", "refuted"),
+        ("raise BpmnError('nav_%s' % why)", "nav_lost", "refuted"),
+        ("raise BpmnError('blocked', why)", "lost", "proved"),
+    ],
+)
+def test_an_unknown_code_is_any(raises: str, code: str, verdict: str) -> None:
+    sentence = f'never P fails at "Go there" with "{code}"'
+    assert judged(goes(script(raises), boundary(), first=ASK), sentence).verdict == verdict
+    assert judged(goes(script(raises), first=ASK), sentence).verdict == verdict
+
+
+def test_an_unknown_code_comes_to_the_event_of_each_code() -> None:
+    scope = (
+        f'<subProcess id="Go" name="Go there"><startEvent id="S1"/>{flow("S1", "S2")}<endEvent id="S2" name="fails">'
+        '<errorEventDefinition id="Sx" errorRef="Any"/></endEvent></subProcess>'
+    )
+    for task in (script("raise BpmnError(why)"), script("raise BpmnError(f'{why}')"), scope):
+        more = boundary("Lost") + boundary()
+        text = goes(task, more, first=ASK)
+        for one in ("gave up ", "gave up Lost"):
+            assert judged(text, f'never P completes "{one.strip()}"').verdict == "refuted"
+    assert judged(goes(scope, boundary(), first=ASK), 'never P fails at "fails" with "lost"').verdict == "refuted"
+
+
+def test_a_run_may_raise_it_and_the_found_run_is_played(tmp_path: Path, mission: MissionLoader) -> None:
+    model = tmp_path / "m.bpmn"
+    model.write_text(document(ROOT + goes(script("raise BpmnError(why)"), boundary(), first=ASK)), encoding="utf-8")
+    sentence = 'never P fails at "Go there" with "lost"'
+    (tmp_path / "m.properties.yaml").write_text(f"properties: {{p: '{sentence}'}}\n", encoding="utf-8")
+    done = Completion("P", 1.0, "Ask", {"why": "lost"})
+    assert [one.verdict for one in Scenario.load(model, completions=[done]).run().judgements] == ["violated"]
+    (found,) = explore(model).properties
+    assert found.verdict == "refuted"
+    played = play(mission.by_hand(model), found.run)
+    played.expect_property("p").is_violated()
