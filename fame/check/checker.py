@@ -13,7 +13,14 @@ from pathlib import Path
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
 from fame.check.control_flow import check_flow, check_joins, check_loops, check_recursion, check_start_and_end_events
-from fame.check.elements import check_data_objects, check_library, check_names, check_pools, check_reader_notes
+from fame.check.elements import (
+    check_annotations,
+    check_data_objects,
+    check_library,
+    check_names,
+    check_pools,
+    check_reader_notes,
+)
 from fame.check.events import check_error_handling, check_timers
 from fame.check.gate import check_compilation
 from fame.check.guidelines import check_effects, check_guidelines
@@ -34,6 +41,7 @@ Check = Callable[[CheckScope], Iterable[Finding]]
 CHECKS: tuple[Check, ...] = (
     check_reader_notes,
     check_library,
+    check_annotations,
     check_pools,
     check_compilation,
     check_recursion,

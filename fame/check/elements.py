@@ -37,6 +37,7 @@ from fame.check.expressions import expressions_in
 from fame.check.scope import CheckedProcess, CheckScope, Finding, of_error
 from fame.check.variables import sets_something
 from fame.errors import ModelError
+from fame.properties.diagram import seems_property
 from fame.text import NAMES, is_ros_name
 
 # ---- the reader's notes, pools ---------------------------------------------------------------------------------------
@@ -75,6 +76,15 @@ def check_library(scope: CheckScope) -> Iterator[Finding]:
     """Say which called processes are FAME's own: perhaps others were meant."""
     if scope.own:
         yield Finding("note", f"FAME's own library supplies {', '.join(sorted(scope.own))}", scope.definitions.file)
+
+
+def check_annotations(scope: CheckScope) -> Iterator[Finding]:
+    """Find text annotations that seem to be properties and are not read as such."""
+    for home in scope.files.values():
+        for one in home.artifacts:
+            if seems_property(one, home.file):
+                text = "is not read as a property, and not judged: expected property NAME: SENTENCE"
+                yield Finding("warning", text, home.file, one.line, one.id)
 
 
 # ---- names of properties and pools -----------------------------------------------------------------------------------

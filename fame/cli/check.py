@@ -175,6 +175,7 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
     from fame.bpmn.library import Library
     from fame.bpmn.reader import read
     from fame.check.scope import of_error
+    from fame.properties.diagram import draws_properties
     from fame.properties.files import beside
 
     if str(path) != "-":
@@ -191,8 +192,7 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
             file.model = read(scenario_plan.model)
         else:
             file.model = read(path)
-            has_deadline = any("deadline" in element.properties for element in file.model.elements())
-            file.scenario = path if has_deadline or beside(path) else None
+            file.scenario = path if beside(path) or draws_properties(file.model, file.library) else None
     except (ModelError, ConfigError) as error:
         file.found.append(of_error(error))
     return file

@@ -438,7 +438,8 @@ def compile(property: Property, vocabulary: Vocabulary) -> Monitor:
             )
             _react(made, vocabulary, names, len(parts), events)
             parts.append(part)
-    about = tuple((robot, id) for robot in vocabulary.robots for id in made.about if id in vocabulary.robots[robot].own)
+    terms = vocabulary.robots
+    about = tuple((one, id) for one in terms for id in made.about if id in terms[one].own or id in terms[one].called)
     return Monitor(made, tuple(parts), {key: tuple(found) for key, found in events.items()}, about, not bindings)
 
 
