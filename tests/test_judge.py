@@ -15,6 +15,7 @@ from fame.monitor.drift import Drift, DriftMonitor
 from fame.monitor.judge import areas, judge_trained
 from fame.monitor.model_card import card_of, to_markdown
 from fame.monitor.pipeline.band import Band
+from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit
 from fame.monitor.pipeline.trained_model import TrainedModel
@@ -105,6 +106,57 @@ def test_a_run_without_a_whole_window_is_told(model: TrainedModel) -> None:
     (judged,) = judge_trained(model, [run], "m").runs
     assert judged.notes == ("no whole window of 40 samples at 100 Hz: not judged",)
     assert (judged.verdict, judged.share) == ("not judged", 0.0)
+
+
+def effort(seed: int) -> Samples:
+    """Two channels of filtered noise around 0, which do not repeat."""
+    noise = np.random.default_rng(seed).standard_normal((519, 2))
+    values = np.stack([np.convolve(each, np.ones(20) / 20, "valid") for each in noise.T], axis=1)
+    return Samples(values, np.arange(500) / 50, ("a", "b"))
+
+
+def dead(values: np.ndarray) -> None:
+    values[:, 0] = 0
+
+
+def frozen(values: np.ndarray) -> None:
+    values[100:, 0] = values[100, 0]
+
+
+def scaled(values: np.ndarray) -> None:
+    values *= 0.001
+
+
+@pytest.mark.parametrize("detector", ["mahalanobis", "pca", "knn", "phase"])
+def test_a_run_with_a_sensor_that_failed_is_not_judged(detector: str) -> None:
+    model = fit([effort(seed) for seed in range(12)], Training(window=50, detector=detector))
+    earlier = replace(model, conditions={})
+    for fail in (dead, frozen, scaled):
+        run = effort(100)
+        fail(run.values)
+        given = LabelledRun(run, np.ones(500, dtype=np.int64), "a.csv")
+        (judged,) = judge_trained(model, [given], "m").runs
+        assert (judged.verdict, judged.share < 0.4) == ("not judged", True)
+        assert judged.notes[0] == "a hardly moves: not judged"
+        assert not any("no whole window" in text for text in judged.notes)
+        assert judge_trained(earlier, [given], "m").runs[0].share == 1
+    for seed in range(100, 105):
+        (judged,) = judge_trained(model, [LabelledRun(effort(seed), np.ones(500, dtype=np.int64), "a.csv")], "m").runs
+        assert (judged.share, judged.notes) == (1, ())
+
+
+def test_a_node_reports_a_dead_sensor_and_gives_no_loss_but_alarms_where_it_is_far_off() -> None:
+    model = fit([effort(seed) for seed in range(12)], Training(window=50, detector="mahalanobis"))
+    texts: list[str] = []
+    scorer = Autoencoder(model)
+    scorer.report = texts.append
+    run = effort(100)
+    dead(run.values)
+    assert scorer.execute({"x": run}) is None
+    assert texts == ["a hardly moves: not judged"]
+    run.values[:, 0] = 100.0
+    (judged,) = judge_trained(model, [LabelledRun(run, np.ones(500, dtype=np.int64), "a.csv")], "m").runs
+    assert judged.verdict == "anomalous"
 
 
 def slower(run: Samples) -> Samples:
@@ -245,7 +297,7 @@ def test_the_card_is_printed_from_the_model_alone(folder: Path, capsys: pytest.C
 def test_two_models_judge_the_same_runs_and_the_labels_say_which_is_better(
     folder: Path, model: TrainedModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    deaf = replace(model, thresholds=tuple(1e6 * each for each in model.thresholds))
+    deaf = replace(model, thresholds=tuple(1e6 * each for each in model.thresholds), conditions={})
     deaf.save(tmp_path / "deaf.skops")
     names, data = (folder / "monitor.skops", tmp_path / "deaf.skops"), folder / "runs.csv"
     code, found = told(capsys, "monitor", "model", "compare", *names, data)

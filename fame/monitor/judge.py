@@ -353,7 +353,7 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
     times = run_times(shown, shown.stamps, model.elements) if len(shown) else shown.stamps
     if model.band is not None:
         events = tuple(_explained(event, shown, times, model.band, model.window / model.rate) for event in events)
-    if not len(loss):
+    if not len(loss) and not any(text.endswith(": not judged") for text in notes):
         notes.append(f"no whole window of {model.window} samples at {model.rate:.4g} Hz: not judged")
     if run.gaps:
         notes.append(f"{run.gaps} of {run.gaps + len(samples)} rows have an empty cell: left out")

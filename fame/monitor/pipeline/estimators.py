@@ -24,7 +24,7 @@ class Autoencoder(Processor):
     A run begins with the first sample, and with the first after a `gap`; phases count from there.
 
     `elements` tells which elements of the mission were active when. Windows in one that no training run had are left
-    out.
+    out, and those without an alarm in which a channel hardly moves, as it never did in training.
 
     All inputs together are the channels. Data that name their channels are matched to the model's columns by name;
     others are taken in order. `model` may be a TrainedModel in memory.
@@ -71,7 +71,15 @@ class Autoencoder(Processor):
         if trained.elements:
             return self._judge_elements(windows)
         since = windows.stamps - begins[np.searchsorted(samples.stamps, windows.stamps)]
-        return {"loss": windows.replace(values=trained.loss(windows.values, since))}
+        return self._moving(windows, trained.loss(windows.values, since))
+
+    def _moving(self, windows: Samples, loss: Floats) -> Result:
+        """The loss of the windows but those that it says nothing about: a dead sensor fits every detector."""
+        still = self.trained.still(windows.values)
+        out = still.any(axis=1) & (loss <= self.trained.thresholds).all(axis=1)
+        for channel in np.flatnonzero(still[out].any(axis=0)):
+            self.report(f"{self.trained.columns[channel]} hardly moves: not judged")
+        return None if out.all() else {"loss": windows.replace(loss[~out], windows.stamps[~out])}
 
     def _judge_elements(self, windows: Samples) -> Result:
         axis = self.trained.elements
@@ -82,7 +90,7 @@ class Autoencoder(Processor):
         if not len(known):
             return None
         times = phase_times(known.stamps, self.elements, axis)
-        return {"loss": known.replace(values=self.trained.loss(known.values, times))}
+        return self._moving(known, self.trained.loss(known.values, times))
 
     def _begins(self, stamps: Floats) -> Floats:
         """Return the stamp of the first sample of the run of each sample."""

@@ -33,7 +33,7 @@ from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.filters import LowPass, Windower
 from fame.monitor.pipeline.phases import Phases, reduced
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT, TrainedModel
 from fame.monitor.pipeline.training_checks import UNLIKE, drifts, lone_peaks, unlike_movements
 from fame.monitor.storage import versions
 from fame.text import suggestion
@@ -149,7 +149,8 @@ def fit(
         "constant": [name for name, moves in zip(model.columns, _moves(runs), strict=True) if not moves],
         "movement": unlike_movements([runs[index] for index in whole]), "lone": lone[whole].tolist(),
         "drifts": drifts([runs[index] for index in whole]), "late_scores": _late_scores(filtered, whole, config, rate),
-        RUN_HASHES: [run_hash(run.channels()) for run in runs if len(run)], "copies": copied,
+        LEAST_MOVEMENT: _least_movement(filtered, config, model), "copies": copied,
+        RUN_HASHES: [run_hash(run.channels()) for run in runs if len(run)],
     }  # fmt: skip
     return replace(
         model, thresholds=calibration.thresholds, metrics=figures, data=data, versions=versions(),
@@ -252,6 +253,13 @@ def _figures(
         "validation_max": scores.max(axis=0), "validation_mean": scores.mean(axis=0),
     }  # fmt: skip
     return {name: tuple(row.tolist()) for name, row in rows.items()}
+
+
+def _least_movement(runs: Sequence[Samples], config: Training, model: TrainedModel) -> list[float]:
+    """Return the least standard deviation of each channel over a window; 0 of one that stands still in one of them."""
+    cut = (Windower().feed(run.replace(run.channels()), model.window, config.stride, model.rate) for run in runs)
+    least = np.min([part.values.std(axis=1).min(axis=0) for part in cut if len(part)], axis=0)
+    return [float(each) for each in np.where(least > 1e-9 * (1 + np.abs(model.mean)), least, 0.0)]
 
 
 def _moves(runs: Sequence[Samples]) -> Any:

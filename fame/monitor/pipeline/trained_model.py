@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fame.errors import ConfigError
 from fame.imports import require
@@ -26,6 +27,11 @@ from fame.monitor.calibration import Calibration
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import ACTIVATIONS, STORED, ChannelAutoencoders, FittedDetector, detector_name
 from fame.monitor.storage import StoredModel, read_model
+
+LEAST_MOVEMENT = "least_movement"
+"""In the conditions of a model."""
+STILL = 0.1
+"""A channel that moves less than this part of its least movement in training hardly moves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +72,18 @@ class TrainedModel(StoredModel):
     conditions: Mapping[str, Any] = field(default_factory=dict)
     band: Band | None = None
     elements: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    @property
+    def least_movement(self) -> Floats:
+        """The least standard deviation of a channel over a window of the training (channels,), in the unit of the data;
+        0 where it stood still, and of an earlier version."""
+        return np.asarray(self.conditions.get(LEAST_MOVEMENT, np.zeros(len(self.columns))), dtype=np.float64)
+
+    def still(self, windows: Floats) -> NDArray[np.bool_]:
+        """Whether a channel hardly moves in a window, as a sensor that is dead, stuck or has another unit, and as none
+        did in training: (n, window, channels) to (n, channels)."""
+        least = self.least_movement
+        return windows.std(axis=1) < STILL * least if least.any() else np.zeros((len(windows), len(least)), dtype=bool)
 
     @property
     def network(self) -> ChannelAutoencoders:
@@ -110,6 +128,8 @@ class TrainedModel(StoredModel):
         numbers = (self.mean, self.scale, np.array(self.thresholds))
         if any(part.shape != (channels,) for part in numbers):
             raise ValueError(f"mean, scale or thresholds not of {channels} columns")
+        if self.least_movement.shape != (channels,):
+            raise ValueError(f"least movements of {len(self.least_movement)} columns")
         if not all(np.isfinite(part).all() for part in numbers) or not (self.scale > 0).all():
             raise ValueError("values that are not finite")
         if not (self.rate > 0 and self.cutoff >= 0 and self.before >= 0 and np.isfinite(self.rate)):
