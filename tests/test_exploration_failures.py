@@ -135,6 +135,54 @@ def test_its_exit_code_is_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         assert ("but it is not known whether p may be violated" in capsys.readouterr().out) == (code == 3)
 
 
+# ---- scripts and behaviours that ask ---------------------------------------------------------------------------------
+
+ACT = 'await robot.act("navigate_to_pose", "nav2_msgs/action/NavigateToPose")'
+ASKS = 'await robot.call("door", "std_srvs/srv/Trigger")'
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "uncaught", "caught"),
+    [
+        (ACT, "aborted", "not known", "refuted"),
+        (ACT, "script", "proved", "proved"),
+        (ASKS, "script", "not known", "refuted"),
+        (ASKS, "aborted", "proved", "proved"),
+        (f"try:\n  {ACT}\nexcept BpmnError:\n  pass", "aborted", "proved", "proved"),
+        (f"try:\n  {ASKS}\nexcept BpmnError:\n  pass", "script", "not known", "refuted"),
+        (f"try:\n  pass\nexcept BpmnError:\n  {ACT}", "aborted", "not known", "refuted"),
+        (f"{ACT}\nraise BpmnError('lost')", "lost", "refuted", "refuted"),
+        ("await sleep(1)", "aborted", "proved", "proved"),
+        ("await sleep(1)\nraise BpmnError(why)", "lost", "not known", "not known"),
+        ("try:\n  raise BpmnError(why)\nexcept KeyError:\n  pass", "lost", "not known", "not known"),
+    ],
+)
+def test_a_script_that_asks_may_fail_as_a_service_does(text: str, code: str, uncaught: str, caught: str) -> None:
+    sentence = f'never P fails at "Go there" with "{code}"'
+    assert judged(goes(script(text), first=ASK), sentence).verdict == uncaught
+    assert judged(goes(script(text), boundary(), first=ASK), sentence).verdict == caught
+
+
+def test_its_error_event_can_be_entered() -> None:
+    """It was said never to be."""
+    for text in (ACT, ASKS):
+        assert judged(goes(script(text), boundary()), 'never P completes "gave up"').verdict == "refuted"
+
+
+def test_a_behaviour_whose_script_raises_may_fail() -> None:
+    inner = called('<scriptTask id="I2" scriptFormat="python"><script>raise ValueError</script></scriptTask>')
+    assert judged(goes(CALLS, beside=inner), "never P fails").verdict == "refuted"
+    assert judged(goes(CALLS, boundary(), beside=inner), "never P fails").verdict == "proved"
+
+
+@pytest.mark.parametrize("text", [ACT, ASKS, "raise BpmnError(x)"])
+def test_a_behaviour_whose_script_may_fail_is_no_proof(text: str) -> None:
+    inner = called(f'<scriptTask id="I2" scriptFormat="python"><script>{text}</script></scriptTask>')
+    assert judged(goes(CALLS, beside=inner), "P completes").verdict == "not known"
+    assert judged(goes(CALLS, boundary(), beside=inner), "P completes").verdict == "proved"
+    assert judged(goes(CALLS, boundary(), beside=inner), 'P completes "arrived"').verdict == "refuted"
+
+
 # ---- codes that only a property names --------------------------------------------------------------------------------
 
 

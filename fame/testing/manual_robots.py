@@ -93,7 +93,7 @@ class StandInHost(ExplorationHost):
             ordered=False,
         )  # fmt: skip
         self.kept = abstract.kept[pool.name].__contains__
-        self.codes, self.computed = abstract.codes, abstract.computed
+        self.codes, self.computed, self.asks = abstract.codes, abstract.computed, abstract.asks
 
     def load(self, abstract: Abstraction, pool: Pool) -> None:
         """Compile the process for the engine of the node, and make its endpoints. Raises ModelError, MessageError."""

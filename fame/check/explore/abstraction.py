@@ -16,11 +16,12 @@ from fame.bpmn import model
 from fame.bpmn.library import Library
 from fame.bpmn.pools import Pool
 from fame.bpmn.topics import TopicUse
-from fame.check.events import raised_codes
 from fame.check.explore.aliases import SHARED, Aliases
 from fame.check.explore.purity import may_raise
 from fame.check.explore.script_effects import changed_in_place, list_uses, may_change, script_writes, without_items
+from fame.check.explore.script_requests import computes_codes, outcomes, own_codes
 from fame.check.explore.slicing import assignments, links, sliced, unknown_part, without_operations
+from fame.check.explore.values import MARK
 from fame.check.expressions import cover_all, expressions_in, names_of
 from fame.engine.data import variable_name
 from fame.errors import FameError
@@ -68,6 +69,7 @@ class Abstraction:
     caught   scripts with an error event at their task, at a sub-process around it, or in one
     catches  the codes that error events catch; "": any
     named    the codes that properties name
+    asks     script that waits for actions and services -> the codes with which it may fail because of them
     computed (throwing event, text of its computed code) -> the codes to which that comes down
     unhandled  (element, code) of services, actions and behaviours with such inside: they may fail, nothing catches it
     escalations  the codes of escalations that are caught
@@ -90,6 +92,7 @@ class Abstraction:
     aliases: Aliases = field(default_factory=Aliases)
     catches: frozenset[str] = frozenset()
     named: frozenset[str] = frozenset()
+    asks: dict[str, frozenset[str]] = field(default_factory=dict)
     computed: dict[tuple[str, str], Collection[str]] = field(default_factory=dict)
     escalations: frozenset[str] = frozenset()
     unhandled: set[tuple[str, str]] = field(default_factory=set)
@@ -155,6 +158,7 @@ class Abstraction:
             elif isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
                 if around or node.id in caught or may_raise(node.script):
                     self.caught.add(node.id)
+                self.asks[node.id] = frozenset(self._asked(node, body, around))
                 node = replace(node, script=self._script(node.script, node.id in self.caught))
             elif isinstance(node, model.Task) and node.kind == "service":
                 self.steps[step_name(home.file, node.id)] = self._service(node, body, around)
@@ -187,6 +191,15 @@ class Abstraction:
             results = results or {variable_name(task.service.name)}
         feedback = re.findall(r"\w+", task.properties.get("feedback", ""))
         return Step(writes=tuple(feedback), results=tuple(sorted(results)), codes=tuple(sorted(fails)))
+
+    def _asked(self, task: model.Task, body: model.Body, around: bool) -> set[str]:
+        """The codes with which the actions and services of a script fail, as those of a service task do."""
+        asked = outcomes(task.script)
+        fails = asked & self.catches
+        named = (asked & self.named) - fails
+        if asked and self._is_caught(task, body, around):
+            return fails | named | {min(asked)}
+        return fails | self._unhandled(task, asked - fails - {"canceled"}, named)
 
     def _is_caught(self, node: model.Activity, body: model.Body, around: bool) -> bool:
         """Whether an error event of any code is at an element, or around it."""
@@ -226,14 +239,17 @@ class Abstraction:
         codes = step_codes(call, thrown, body)
         others = self.named if thrown is None else _thrown_in(self.library, *called, self.named, set()) or set()
         named = {*others} - {*codes}
+        inside = [one for _, called_process in closure for one in called_process.body.walk()]
         served = any(
-            isinstance(one, model.Task) and one.service is not None for _, p in closure for one in p.body.walk()
+            (isinstance(one, model.Task) and one.service is not None) or outcomes(one.script) for one in inside
         )
+        any_code = thrown is None and any(map(_computes, inside))
         if self._is_caught(call, body, around):
             codes = (*(codes or ("service",) if served else codes), *sorted(named))
-        elif served or named:
+        elif served or named or any_code:
             every = step_codes(call, _thrown_in(self.library, *called, None, set()), body) if served else ()
-            codes = (*codes, *sorted(self._unhandled(call, {*every} - {*codes}, named)))
+            left = {*every} - {*codes} or ({MARK} if any_code else set())
+            codes = (*codes, *sorted(self._unhandled(call, left, named)))
         name = step_name(home.file, call.id)
         sorts = [tuple(sorted(names)) for names in (writes, changes, results, used)]
         self.steps[name] = Step(sorts[0], sorts[1], sorts[2], sorts[3], codes)
@@ -283,6 +299,13 @@ def _fails(task: model.Task, catches: Set[str] | None) -> set[str]:
     return codes if catches is None else codes & catches
 
 
+def _computes(node: model.FlowNode) -> bool:
+    """Whether a script or end event raises an error with a code that it computes."""
+    return computes_codes(node.script) or (
+        node.place == "end" and any(not escalates for _, escalates in _computed_in(node))
+    )
+
+
 def _named(task: model.Task, named: Set[str]) -> set[str]:
     """The codes with which a service or action may fail, of those that properties name."""
     if task.service is None:
@@ -291,7 +314,7 @@ def _named(task: model.Task, named: Set[str]) -> set[str]:
     return _fails(task, named) - of_actions
 
 
-def _computed_in(event: model.Event) -> Iterator[tuple[str, bool]]:
+def _computed_in(event: model.FlowNode) -> Iterator[tuple[str, bool]]:
     """The texts of computed codes that an event throws, and whether they are those of escalations."""
     for one in event.definitions:
         if isinstance(one, model.ErrorDefinition | model.EscalationDefinition) and one.computed is not None:
@@ -473,7 +496,11 @@ def _thrown_at(
         return None if any(one.computed for one in ends) else {one.code for one in ends if one.code}
     if isinstance(node, model.Task) and (node.operation or node.kind == "service"):
         return _fails(node, catches) if node.service is not None else None
-    return raised_codes(node)
+    asked = outcomes(node.script)
+    own = own_codes(node.script) if node.script is not None else set[str]()
+    if own is not None and node.script is not None and may_raise(node.script):
+        own = own | {"script"}
+    return None if own is None else own | (asked & catches if catches is not None else asked - {"canceled"})
 
 
 # ---- variables that decide something ---------------------------------------------------------------------------------

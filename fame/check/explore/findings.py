@@ -391,7 +391,8 @@ class Report:
                 there = [one for one in robots if element in self.product.locals[one].states.visited]
                 if there:
                     place, who = self.runs.place(element), _names([self.product.robots[one] for one in there])
-                    text = f"{who}: {place.display_name} may fail: error {code} would not be caught"
+                    error = f"error {code.replace(MARK, 'unknown')}"
+                    text = f"{who}: {place.display_name} may fail: {error} would not be caught"
                     yield Finding("error", text, (place,), (self.processes[robots[0]],))
 
     def _consequences(

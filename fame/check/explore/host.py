@@ -14,15 +14,15 @@ from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
-from fame.bpmn.model import Expression, Task
+from fame.bpmn.model import Expression
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
-from fame.check.events import raised_codes
 from fame.check.explore.abstraction import Step, emitted, step_name
 from fame.check.explore.aliases import SHARED, Aliases, shared
 from fame.check.explore.asking import asking, functions
 from fame.check.explore.purity import STEPS, catches, is_certain, is_computable, may_raise, waits
 from fame.check.explore.remembering import Memory, Outcomes, key_of, memory_of, owner_of
 from fame.check.explore.script_effects import changed_in_place, may_change, script_writes
+from fame.check.explore.script_requests import computes_codes, own_codes
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import MARK, UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
 from fame.engine import UNDEFINED, Engine, Instance
@@ -118,6 +118,8 @@ class ExplorationHost:
         """(element, what) of the events that properties name."""
         self.caught: Set[str] = frozenset()
         """Scripts whose failures may decide something: an error event catches them, or they are raised on purpose."""
+        self.asks: Mapping[str, Set[str]] = {}
+        """The codes with which scripts that wait fail, see `Abstraction`."""
         self.codes: Collection[str] = ()
         """Error codes that somebody names."""
         self.computed: Mapping[tuple[str, str], Collection[str]] = {}
@@ -303,14 +305,15 @@ class ExplorationHost:
         return evaluate
 
     def _script(self, script: Expression, element: str, file: str) -> Callable[..., Any]:
-        step = step_of(script, element)
+        step = step_of(script)
+        step = replace(step, codes=tuple(sorted({*step.codes, *self.asks.get(element, ())})))
         if script.language == "javascript":
             shown = {other for name in step.changes for other in self.aliases.of((name, False))}
             step = replace(step, changes=tuple(sorted(shown.union(step.changes))))
         if script.language == "python":
             run = compile_script(asking(script), file=file, element=element)
         computable = is_computable(script, self.fields)
-        if may_raise(script) and (waits(script) or not computable):
+        if (may_raise(script) or computes_codes(script)) and (waits(script) or catches(script) or not computable):
             self.opaque.add(element)
         if waits(script):
             running = Running(step)
@@ -552,9 +555,9 @@ def step_under_way(wait: Wait) -> Step:
     return made.step
 
 
-def step_of(script: Expression, element: str) -> Step:
+def step_of(script: Expression) -> Step:
     """The known effects of a script that is not run."""
-    codes = raised_codes(Task(id=element, kind="script", script=script)) or ()
+    codes = own_codes(script) or ()
     emits = tuple((topic, is_certain(script, topic)) for topic in emitted(script))
     writes, changes = script_writes(script), changed_in_place(script) | may_change(script)
     return Step(tuple(sorted(writes)), tuple(sorted(changes)), codes=tuple(sorted(codes)), emits=emits)

@@ -85,7 +85,7 @@ class Local:
         self.host.memory = Memory(self.host.remembered)
         self.kept: frozenset[str] = kept.union(self.host.remembered)
         self.host.kept = self.kept.__contains__
-        self.host.codes, self.host.computed = model.codes, model.computed
+        self.host.codes, self.host.computed, self.host.asks = model.codes, model.computed, model.asks
         self.host.caught, self.host.observed, self.host.aliases = model.caught, events, model.aliases
         self.body, self.unhandled = explored.body, model.unhandled
         file = definitions.file
