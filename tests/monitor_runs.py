@@ -29,16 +29,17 @@ def write_runs(path: Path, runs: Sequence[Samples], label: Callable[[int, int], 
 
 def write_bag(
     path: Path,
-    names: Sequence[str],
+    names: Sequence[Any],
     stamps: np.ndarray,
     values: np.ndarray,
     *,
+    arrivals: np.ndarray | None = None,
     field: str = "position",
     storage: Any = None,
     signals: Sequence[int] = (),
 ) -> Path:
     """Joint states whose `field` holds the values (n, names); `signals` are the rows before which the task starts and
-    ends."""
+    ends. `names` are of all rows, or a sequence for each; they come at `arrivals` if given, else at their stamps."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -50,12 +51,13 @@ def write_bag(
         topics = zip(signals, ("/task_start", "/task_end"), strict=False)
         told = {row: writer.add_connection(topic, EMPTY, typestore=store) for row, topic in topics}
         for number, (stamp, row) in enumerate(zip(stamps, values, strict=True)):
-            at = round(stamp * 1e9)
+            at, of = round(stamp * 1e9), names if isinstance(names[0], str) else names[number]
             if number in told:
                 writer.write(told[number], at - 1, store.serialize_cdr(empty(), EMPTY))
             parts = {"position": np.zeros(0), "velocity": np.zeros(0), "effort": np.zeros(0), field: np.array(row)}
-            message = state(header(time(at // 10**9, at % 10**9), ""), list(names), **parts)
-            writer.write(connection, at, store.serialize_cdr(message, STATE))
+            message = state(header(time(at // 10**9, at % 10**9), ""), list(of), **parts)
+            arrived = at if arrivals is None else round(arrivals[number] * 1e9)
+            writer.write(connection, arrived, store.serialize_cdr(message, STATE))
     return path
 
 

@@ -194,6 +194,40 @@ def test_empty_cells_are_told_and_what_they_leave_out_is_not_benign(
     assert any("rows have an empty cell: left out" in note for note in found["runs"][0]["notes"])
 
 
+def test_a_run_that_ends_early_is_not_judged_if_runs_have_a_length_of_their_own(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = own_data.run(1003)
+    early = run.replace(run.values[:400], stamps=run.stamps[:400])
+    write(tmp_path / "early.csv", [run, early], None)
+    code, found = told(capsys, "monitor", "judge", folder / "monitor.skops", tmp_path / "early.csv")
+    assert (code, [each["verdict"] for each in found["runs"]]) == (3, ["benign", "not judged"])
+    assert found["runs"][1]["share judged"] == pytest.approx(0.2, abs=0.01)
+    assert found["runs"][1]["notes"][-1].startswith("cut off before its end: 3.99 s, training runs last at least 19")
+
+
+def test_a_part_of_what_does_not_repeat_is_judged(tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    streams = [random.standard_normal((600, 2)) for _ in range(9)]
+    runs = [Samples(values, np.arange(600) / 50, ("a", "b")) for values in streams]
+    model = fit(runs[:8], Training(window=20, detector="mahalanobis", margin=3.0))
+    part = Samples(streams[8][:100], np.arange(100) / 50, ("a", "b"))
+    (judged,) = judge_trained(model, [LabelledRun(part, np.ones(100, dtype=np.int64), "a")], "m").runs
+    assert (judged.verdict, judged.share) == ("benign", 1.0)
+
+
+def test_rows_with_an_empty_cell_here_and_there_are_not_benign(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path / "torn.csv", [own_data.run(1003)], None)
+    head, *lines = (tmp_path / "torn.csv").read_text().splitlines()
+    lines[5::10] = [line.rpartition(",")[0] + "," for line in lines[5::10]]
+    (tmp_path / "torn.csv").write_text("\n".join([head, *lines]) + "\n")
+    code, found = told(capsys, "monitor", "judge", folder / "monitor.skops", tmp_path / "torn.csv")
+    assert (code, found["runs"][0]["verdict"]) == (3, "not judged")
+    assert found["runs"][0]["share judged"] == pytest.approx(0.9, abs=0.01)
+
+
 @pytest.mark.parametrize("separator", [";", "\t", "|"])
 def test_decimal_commas_separators_and_dates_are_understood(
     separator: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,85 @@ def test_a_single_mcap_file_is_judged_as_its_folder(
     assert found[0][1]["runs"][0]["score"] == found[1][1]["runs"][0]["score"]
 
 
+def silenced(values: np.ndarray, stamps: np.ndarray) -> None:
+    values[len(values) // 2 :] = np.nan
+
+
+def set_back(values: np.ndarray, stamps: np.ndarray) -> None:
+    stamps[len(values) // 2 :] -= 12
+
+
+@pytest.mark.parametrize("lose", [silenced, set_back])
+def test_a_bag_of_whose_messages_half_were_left_out_is_not_judged(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], lose: Callable[..., None]
+) -> None:
+    run = own_data.run(1000)
+    arrivals, values = 100 + run.stamps, run.values.copy()
+    stamps = arrivals.copy()
+    lose(values, stamps)
+    bag = write_bag(tmp_path / "bag", own_data.NAMES, stamps, values, field="effort", arrivals=arrivals)
+    words = ("monitor", "judge", trained / "monitor.skops", bag, "--config", trained / "low_pass.yaml")
+    code, found = told(capsys, *words)
+    (judged,) = found["runs"]
+    assert (code, found["status"], judged["verdict"]) == (3, "partial", "not judged")
+    assert judged["seconds"] == pytest.approx(run.stamps[-1], abs=0.02)
+    assert judged["share judged"] == pytest.approx(0.5, abs=0.01)
+    half = len(values) - len(values) // 2
+    assert any(f"{half} of {len(values)} messages on /joint_states are left out" in note for note in judged["notes"])
+
+
+def test_a_second_publisher_whose_messages_are_left_out_is_not_judged(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = own_data.run(1000)
+    stamps = 100 + np.repeat(run.stamps, 2) - np.tile([0, 0.005], len(run))
+    values = np.repeat(run.values, 2, axis=0) + 50 * np.tile([[0], [1]], (len(run), 1))
+    arrivals = 100 + np.arange(len(values)) * 0.005
+    bag = write_bag(tmp_path / "bag", own_data.NAMES, stamps, values, field="effort", arrivals=arrivals)
+    words = ("monitor", "judge", trained / "monitor.skops", bag, "--config", trained / "low_pass.yaml")
+    code, found = told(capsys, *words)
+    assert (code, found["runs"][0]["verdict"], found["runs"][0]["share judged"]) == (3, "not judged", 0.5)
+
+
+def test_another_device_on_the_topic_hides_nothing_of_a_run_unless_it_takes_the_place_of_the_first(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = own_data.run(1000)
+    hand, later = tuple(f"finger_{n}" for n in range(12)), len(run) // 2
+    both = [name for _ in run.stamps for name in (own_data.NAMES, hand)]
+    one = [own_data.NAMES] * later + [hand] * (len(run) - later)
+    stamps = {"both": np.sort(np.concatenate([run.stamps, run.stamps + 0.001])), "one": run.stamps}
+    values = {"both": np.repeat(run.values, 2, axis=0), "one": run.values}
+    found = {}
+    for name, names in (("both", both), ("one", one)):
+        bag = write_bag(tmp_path / name, names, 100 + stamps[name], values[name], field="effort")
+        words = ("monitor", "judge", trained / "monitor.skops", bag, "--config", trained / "low_pass.yaml")
+        found[name] = told(capsys, *words)[1]["runs"][0]
+    assert [(judged["verdict"], round(judged["share judged"], 2)) for judged in found.values()] == [
+        ("benign", 1.0), ("not judged", 0.5),
+    ]  # fmt: skip
+    assert all("Efforts has the channels finger_0, " in str(judged["notes"]) for judged in found.values())
+
+
+def test_a_message_that_is_sent_twice_hides_nothing(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = own_data.run(1000)
+    stamps, values = np.repeat(100 + run.stamps, 2), np.repeat(run.values, 2, axis=0)
+    bag = write_bag(tmp_path / "bag", own_data.NAMES, stamps, values, field="effort")
+    words = ("monitor", "judge", trained / "monitor.skops", bag, "--config", trained / "low_pass.yaml")
+    assert told(capsys, *words)[0] == 0
+
+
+def test_a_bag_without_a_usable_message_is_one_line(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / "bag", ["a"], 100 + np.arange(3) / 10, np.full((3, 1), np.nan), field="effort")
+    words = ["monitor", "judge", str(trained / "monitor.skops"), str(bag), "--config", str(trained / "low_pass.yaml")]
+    assert main(words) == 2
+    assert "3 of 3 messages on /joint_states are left out, the last one since Efforts is not" in capsys.readouterr().err
+
+
 # ---- a model of fame monitor adm learn -------------------------------------------------------------------------------
 
 
@@ -120,6 +200,20 @@ def test_a_learned_model_judges_the_runs_of_a_bag(
     page = (tmp_path / "report.html").read_text()
     assert "in the band of the training runs" in page
     assert page.count("their median") == 5  # a joint of each run, three of the anomalous one
+
+
+def test_a_bag_of_which_a_model_of_joint_states_does_not_see_all_is_not_benign(
+    learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = simulated(cutting_run(MH5, TRIANGLE, 40.0), np.random.default_rng(8), MH5)
+    values[-(len(values) // 10) :] = np.nan
+    bag = write_bag(tmp_path / "bag", MH5.joints, 100 + 0.025 * np.arange(len(values)), values)
+    capsys.readouterr()
+    code, found = told(capsys, "monitor", "judge", learned / "path.skops", bag)
+    (run,) = found["runs"]
+    assert (code, run["verdict"]) == (3, "not judged")
+    assert run["share judged"] == pytest.approx(0.9, abs=0.01)
+    assert "messages on /joint_states are left out, the last one since joint is not finite" in run["notes"][-1]
 
 
 def test_a_bag_without_the_topic_is_one_line(learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -80,6 +80,23 @@ def test_the_files_of_a_configuration_are_read_by_its_own_inputs(
     assert (code, found["thresholds"]) == (0, expected["thresholds"])
 
 
+def test_the_card_says_what_of_the_bags_was_left_out(
+    tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bags = [bag_of(tmp_path / str(seed), seed) for seed in range(RUNS - 1)]
+    values = np.sin(np.arange(ROWS)[:, None] / [5.0, 8.0])
+    values[ROWS // 2 :] = np.nan
+    bags.append(write_bag(tmp_path / "half", NAMES, 9000 + np.arange(ROWS) / 20, values))
+    code, found = told(capsys, *words(tmp_path, *bags), "--config", config, "--detector", "pca", "--keep")
+    assert code == 0
+    expected = (
+        f"1 of {RUNS} runs are not known as a whole, run {RUNS - 1} to 50 %: {ROWS // 2} of {ROWS} messages on "
+        "/joint_states are left out, the last one since Joints is not finite"
+    )
+    assert expected in found["warnings"]
+    assert expected in json.loads((tmp_path / "bags.card.json").read_text())["Limits"]
+
+
 def test_an_error_names_the_bag(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bags = [bag_of(tmp_path / str(seed), seed) for seed in range(2)]
     command = [*map(str, words(tmp_path, *bags)), "--config", str(config)]

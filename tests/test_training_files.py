@@ -14,7 +14,9 @@ import pytest
 from fame.cli import main
 from fame.errors import ConfigError
 from fame.monitor.data_files import Special, read_runs
-from fame.monitor.pipeline.train import suited_detector
+from fame.monitor.pipeline import train as training
+from fame.monitor.pipeline.train import Training, suited_detector
+from fame.monitor.pipeline.training_checks import warnings_of
 
 RATE, LENGTH, CYCLES = 20.0, 120, 8
 BEGIN = datetime(2026, 1, 31, 12, tzinfo=UTC)
@@ -92,6 +94,24 @@ def test_stamps_that_fall_within_a_run_are_refused_with_their_line(tmp_path: Pat
         read_runs([file])
     file.write_text("stamp,run,a,b\n0,0,1,2\n5,0,1,\n1,0,2,3\n")  # a row that is left out does not count
     assert read_runs([file])[0].stamps.tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize(("columns", "known"), [([], 50), (["a"], 100), (["b"], 50)])
+def test_rows_that_training_leaves_out_are_told_but_not_those_of_other_topics(
+    tmp_path: Path, columns: list[str], known: int
+):
+    """Half of each run has no b; a row of another topic has only c."""
+    lines, random = ["stamp,run,a,b" + ",c" * bool(columns)], np.random.default_rng(6)
+    for run in range(6):
+        for row in range(120):
+            left, right = np.array([np.sin(row / 5), np.cos(row / 8)]) + 0.05 * random.standard_normal(2)
+            cells = [f"{left:.5f}", f"{right:.5f}" if row < 60 else ""]
+            lines.append(",".join((f"{row / 20 + 0.001:.3f}", str(run), *cells, *[""] * bool(columns))))
+            if columns:
+                lines.append(f"{row / 20 + 0.01:.3f},{run},,,1")
+    (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
+    found = warnings_of(training.train(Training((str(tmp_path / "runs.csv"),), columns=tuple(columns), detector="pca")))
+    assert ("6 of 6 runs are not known as a whole, run 0 to 50 %" in str(found)) == (known == 50)
 
 
 def test_phases_suit_only_cycles_that_repeat(tmp_path: Path):

@@ -133,7 +133,8 @@ def _of_bag(path: Path, arguments: Namespace, model: TrainedModel) -> list[Label
 
     options = {"namespace": arguments.namespace, "elements": bool(model.elements), "report": note}
     with tables_of([path], arguments.config, **options) as tables:
-        return [run._replace(file=str(path)) for run in read_labelled_runs(tables, model.columns)]
+        runs = tables.completed(read_labelled_runs(tables.paths, model.columns), model.columns)
+        return [run._replace(file=str(path)) for run in runs]
 
 
 def _print(judgement: JudgedRuns) -> None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fame.monitor.pipeline.compare import Compared
     from fame.monitor.pipeline.configuration import Configuration
     from fame.monitor.pipeline.recording import RecordingNode
-    from fame.monitor.pipeline.train import Training
+    from fame.monitor.pipeline.train import Complete, Training
     from fame.monitor.pipeline.trained_model import TrainedModel
     from fame.scenario.process import Component
 
@@ -297,11 +297,12 @@ def run_train(arguments: Namespace) -> int:
         raise ConfigError(f"--{names[0]} is about bags, and {', '.join(training.files)} has none")
     options = {"namespace": arguments.namespace, "elements": arguments.elements, "report": note}
     with tables_of(training.files, arguments.config or arguments.configuration, **options) as tables:
-        return _train(arguments, replace(training, files=tables), file, training.files)
+        return _train(arguments, replace(training, files=tables.paths), file, training.files, tables.completed)
 
 
-def _train(arguments: Namespace, training: Training, file: str, files: Sequence[str]) -> int:
-    """Train, store the model with its card, and print the result; `files` are what the user named."""
+def _train(arguments: Namespace, training: Training, file: str, files: Sequence[str], complete: Complete) -> int:
+    """Train, store the model with its card, and print the result; `files` are what the user named, and `complete` says
+    what was left out of them."""
     from dataclasses import replace
 
     from fame.monitor.data_files import hash_files, read_runs
@@ -322,7 +323,7 @@ def _train(arguments: Namespace, training: Training, file: str, files: Sequence[
             progress: Callable[[str], object] = line.write if line is not None else print
             compared += _compare(training, progress, keep=arguments.keep) if arguments.compare else []
             training = replace(training, detector=compared[0].detector) if compared else training
-            model = train(training, report=progress, keep=arguments.keep)
+            model = train(training, report=progress, keep=arguments.keep, complete=complete)
         if compared and not arguments.json:
             print(_comparison(compared))
         if not arguments.keep:

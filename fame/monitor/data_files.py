@@ -54,7 +54,9 @@ class LabelledRun(NamedTuple):
     """A run with a label per sample, -1 anomalous or 1 benign; all 1 if it has no labels (`labelled`): its file has no
     such column, or its cells there are empty.
 
-    `gaps` rows with an empty cell were left out of it; with them it lasted `seconds` (-1: as long as its samples).
+    `gaps` rows with an empty cell were left out of it; with them it lasted `seconds` (-1: as long as its samples). The
+    others are the share `seen` of its rows, of which those of other topics do not count. `notes` say what else was left
+    out.
     """
 
     samples: Samples
@@ -63,6 +65,20 @@ class LabelledRun(NamedTuple):
     gaps: int = 0
     seconds: float = -1.0
     labelled: bool = False
+    seen: float = 1.0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def known(self) -> float:
+        """The share of the run of which its samples tell: of its rows, and of its time."""
+        if not len(self.samples):
+            return 0.0
+        if not self.gaps and not self.notes:
+            return 1.0
+        steps = np.diff(self.samples.stamps)
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        lasted = float(steps[steps <= 2 * usual].sum())
+        return min(self.seen, lasted / self.seconds if self.seconds - lasted > 2 * usual else 1.0)
 
 
 class Special(NamedTuple):
@@ -86,12 +102,22 @@ def read_runs(
     `columns` are by default those of the first file but `special` ones and label. Rows that lack one are left out.
     `undisturbed` runs must not have an anomalous sample. Raises ConfigError.
     """
+    read = read_undisturbed if undisturbed else read_labelled_runs
+    return [run.samples for run in read(paths, columns, special) if len(run.samples)]
+
+
+def read_undisturbed(
+    paths: Sequence[str | Path],
+    columns: Sequence[str] = (),
+    special: Special = Special(),  # noqa: B008 (it is frozen)
+) -> list[LabelledRun]:
+    """Read runs of which none may have an anomalous sample. Raises ConfigError."""
     runs = read_labelled_runs(paths, columns, special)
-    for number, run in enumerate(runs if undisturbed else []):
+    for number, run in enumerate(runs):
         if (run.labels == -1).any():
             text = f"expected undisturbed runs (label 1), got label -1 in run {number}"
             raise ConfigError(text, file=run.file)
-    return [run.samples for run in runs if len(run.samples)]
+    return runs
 
 
 def read_labelled_runs(
@@ -128,6 +154,8 @@ def read_labelled_runs(
         stamps = cells[:, names.index(special.stamp)]
         _refuse_other_units(stamps, path)
         whole = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
+        others = [place for place, name in enumerate(names) if name in channels and name not in columns]
+        torn = ~whole & (np.isfinite(values).any(axis=1) | ~np.isfinite(cells[:, others]).any(axis=1))
         numbers = cells[:, names.index(special.run)] if special.run in names else np.zeros(len(cells))
         labels = _labels(cells[:, names.index(LABEL)] if LABEL in names else np.full(len(cells), np.nan), path)
         if not whole.any():
@@ -141,6 +169,7 @@ def read_labelled_runs(
             runs.append(LabelledRun(
                 samples, np.where(labels[kept] == -1, -1, 1), str(path), len(rows) - len(kept),
                 float(np.ptp(known)) if len(known) else 0.0, bool(labels[rows].any()),
+                len(kept) / max(1, len(kept) + int(torn[rows].sum())),
             ))  # fmt: skip
     return runs
 

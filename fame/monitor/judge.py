@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from fame.monitor.data_files import LabelledRun
     from fame.monitor.pipeline.band import Band, Explanation
     from fame.monitor.pipeline.processor import Samples
+    from fame.monitor.pipeline.subscriptions import LeftOut
     from fame.monitor.pipeline.trained_model import TrainedModel
 
 RESAMPLINGS = 500
@@ -36,6 +37,8 @@ FREQUENCY = 50.0
 """Of the calls of the processors, Hz, as in a processing node."""
 TELLING = 3
 """Channels of a run that are drawn in the band of the training runs, at most."""
+CUT = 0.8
+"""A run shorter than this part of the shortest training run was cut off, where runs have a length of their own."""
 WHOLE = 0.99
 """Share of a run that has to be judged to call it benign: a window may end before the last samples."""
 
@@ -358,12 +361,27 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
     if run.gaps:
         notes.append(f"{run.gaps} of {run.gaps + len(samples)} rows have an empty cell: left out")
     seconds = _seconds(samples.stamps) if run.seconds < 0 else run.seconds
-    share = _share(stamps, model.window / model.rate, seconds, stride / model.rate)
+    share = min(run.seen, _share(stamps, model.window / model.rate, seconds, stride / model.rate))
+    notes += run.notes
+    shortest = _shortest(model)
+    if len(loss) and seconds < CUT * shortest:
+        share = min(share, seconds / shortest)
+        notes.append(f"cut off before its end: {seconds:.3g} s, training runs last at least {shortest:.3g} s")
     judged = JudgedRun(
         number, run.file, seconds, events, stamps, ratios, model.columns, notes=tuple(notes), share=share,
         samples=shown, band=model.band, times=times, begin=begin,
     )  # fmt: skip
     return _labelled(judged, run.labels, samples.stamps - begin) if run.labelled else judged
+
+
+def _shortest(model: TrainedModel) -> float:
+    """Return how long (s) the shortest training run lasted, if the runs repeat a task and only time tells how far it
+    is; otherwise 0: a part of such a run is judged as well as all of it."""
+    from fame.monitor.pipeline.phases import Phases
+
+    settings = model.conditions.get("settings", {})
+    repeat = Phases.kind in settings.get("detector", "") or (model.band is not None and len(model.band.times) > 1)
+    return float(model.conditions.get("seconds", (0.0,))[0]) if repeat and not model.elements else 0.0
 
 
 def _explained(event: Event, samples: Samples, times: Floats, band: Band, window: float) -> Event:
@@ -429,21 +447,28 @@ def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str 
     labelled: list[tuple[Floats, Whole, str]] = []
     learned: list[int] = []
     for path in paths:
-        recording = read_csv(path) if path.suffix == ".csv" else _joint_states(model, path, topic)
+        recording, left_out = (read_csv(path), ()) if path.suffix == ".csv" else _joint_states(model, path, topic)
         recording = in_joint_order(recording, model.joints)
         notes += recording.notes
         labelled += [(run.values, run.labels, str(path)) for run in recording if recording.labelled]
         _refuse_contradictions(labelled)
         learned += [len(judged) + number for number in _known(model, [run.values for run in recording])]
         judged += [
-            _judge_recording(model, run, len(judged) + index, labelled=recording.labelled)
+            _without(left_out, _judge_recording(model, run, len(judged) + index, labelled=recording.labelled))
             for index, run in enumerate(recording)
         ]
     return JudgedRuns(name, without_known(judged, learned), notes=tuple(dict.fromkeys(notes)))
 
 
-def _joint_states(model: Model, path: Path, topic: str) -> Recording:
-    """Read the joint states of a bag, in runs that begin and end at home as in CSV files. Raises ConfigError."""
+def _without(left_out: Sequence[LeftOut], run: JudgedRun) -> JudgedRun:
+    """The run of a bag of whose messages some were left out: nobody knows of which runs they are."""
+    texts = [each.text for each in left_out if each.seen < 1]
+    return replace(run, share=min([run.share, *(each.seen for each in left_out)]), notes=(*run.notes, *texts))
+
+
+def _joint_states(model: Model, path: Path, topic: str) -> tuple[Recording, tuple[LeftOut, ...]]:
+    """Read the joint states of a bag, in runs that begin and end at home as in CSV files, and what of it was left out.
+    Raises ConfigError."""
     from fame.monitor.anomaly.live import Collector
     from fame.monitor.anomaly.nodes import RunNode, bag_topics
     from fame.monitor.anomaly.recording import Recording, number_runs
@@ -453,15 +478,16 @@ def _joint_states(model: Model, path: Path, topic: str) -> Recording:
     collector, notes = Collector(1, "count", cycle=sys.maxsize), list[str]()
     collector.joints = model.joints
     make = partial(RunNode, runs=collector, topic=topic, report=notes.append)
-    play(path, make, bag_topics(topic, "count"))
+    node = play(path, make, bag_topics(topic, "count"))
     if not collector.rows:
         raise ConfigError(notes[0] if notes else f"has no messages on {topic}", file=str(path))
     stamps, values = (np.array(part) for part in zip(*collector.rows, strict=True))
     kept, runs = number_runs(values, np.ones(len(values), dtype=np.int64))
-    return Recording(
+    found = Recording(
         model.joints, values[kept], np.ones(len(runs), dtype=np.int64), runs, stamps[kept], str(path),
         (*incomplete(path), *notes), labelled=False,
     )  # fmt: skip
+    return found, node.subscriptions.left_out
 
 
 def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> JudgedRun:

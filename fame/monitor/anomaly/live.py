@@ -23,7 +23,7 @@ from fame.monitor.anomaly.benign_changes import Change
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.recording import JUMP, NEAR, STILL, WHOLE, Recording, Rule, RunSegmenter
 from fame.monitor.anomaly.scoring import PointVerdict
-from fame.monitor.pipeline.fields import UnusableMessage
+from fame.monitor.pipeline.fields import UnusableMessage, unusable
 
 _DEFAULT_NAME = re.compile(r"joint_\d+")
 
@@ -127,9 +127,8 @@ def in_order(values: list[float], names: Sequence[str], joints: Sequence[str]) -
         return values
     missing = [joint for joint in joints if joint not in names]
     lack = f", without {', '.join(missing)}"
-    raise UnusableMessage(
-        f"it has {len(values)} joints ({', '.join(names) or 'unnamed'}){lack}; the model has {len(joints)}"
-    )
+    text = f"it has {len(values)} joints ({', '.join(names) or 'unnamed'}){lack}; the model has {len(joints)}"
+    raise unusable(text, names, joints)
 
 
 class RunMonitor(ArmRuns):

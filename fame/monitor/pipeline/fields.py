@@ -35,6 +35,15 @@ class UnusableMessage(Exception):
     """A message that cannot be used; the text gives the reason."""
 
 
+class OtherDevice(UnusableMessage):
+    """A message that has names, but none of those that are wanted: it is of another device on the topic."""
+
+
+def unusable(text: str, names: Sequence[str], wanted: Sequence[str]) -> UnusableMessage:
+    """Return the error for a message with `names` where others are `wanted`."""
+    return (OtherDevice if names and wanted and set(names).isdisjoint(wanted) else UnusableMessage)(text)
+
+
 def has_stamp(type: str) -> bool:
     """Whether messages of a type carry a time."""
     fields = typesystem.definition(type).fields
@@ -143,7 +152,8 @@ def _read_places(
     def find(names: Sequence[str]) -> list[int]:
         missing = [item for item in wanted if isinstance(item, str) and item not in names]
         if missing:
-            raise UnusableMessage(f"{', '.join(missing)} is not among its names: {', '.join(names) or 'none'}")
+            text = f"{', '.join(missing)} is not among its names: {', '.join(names) or 'none'}"
+            raise unusable(text, names, [item for item in wanted if isinstance(item, str)])
         return [names.index(item) if isinstance(item, str) else item for item in wanted]
 
     def read(message: Any) -> Any:

@@ -9,7 +9,7 @@ from functools import partial
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError
@@ -19,8 +19,11 @@ from fame.middleware.typesystem import STRING
 from fame.monitor.pipeline.configuration import Configuration, Port, load
 from fame.monitor.pipeline.elements import ElementFollower
 from fame.monitor.pipeline.sinks import BagWriter, CsvFile, Influx, Row
-from fame.monitor.pipeline.subscriptions import Subscriptions, ThrottledReport, check_types
+from fame.monitor.pipeline.subscriptions import LeftOut, Subscriptions, ThrottledReport, check_types
 from fame.robot.robot_state import EVENTS_TOPIC
+
+if TYPE_CHECKING:
+    from fame.monitor.data_files import LabelledRun
 
 FLUSH = 0.1
 """How long (s) a row may wait before it is on disk."""
@@ -222,24 +225,46 @@ def record_bag(
     return play(bag, make, {resolve(topic, options.get("namespace", "")): type for topic, type in topics.items()})
 
 
+class BagTables(NamedTuple):
+    """Files, and of those that are made of bags what was left out."""
+
+    paths: tuple[str, ...]
+    left_out: Mapping[str, tuple[LeftOut, ...]]
+
+    def completed(self, runs: Sequence[LabelledRun], columns: Sequence[str]) -> list[LabelledRun]:
+        """Return runs of these files, with what was left out of the topics of their columns."""
+        return [self._completed(run, columns) for run in runs]
+
+    def _completed(self, run: LabelledRun, columns: Sequence[str]) -> LabelledRun:
+        found = [each for each in self.left_out.get(run.file, ()) if each.concerns(columns)]
+        return run._replace(
+            seconds=run.seconds + max((each.unseen for each in found), default=0.0),
+            seen=min([run.seen, *(each.seen for each in found)]), notes=(*run.notes, *(each.text for each in found)),
+        )  # fmt: skip
+
+
 @contextmanager
-def tables_of(paths: Sequence[str | Path], configuration: Path | None, **options: Any) -> Iterator[tuple[str, ...]]:
+def tables_of(paths: Sequence[str | Path], configuration: Path | None, **options: Any) -> Iterator[BagTables]:
     """Give files with a CSV file for each bag, by the Inputs of a configuration; without one, bags are not converted.
 
     The CSV files last until the block ends; an error about one names its bag. Raises ConfigError.
     """
     from fame.monitor.data_files import is_bag
 
-    tables, bags = list(map(str, paths)), dict[str, str]()
+    tables, bags, left_out = list(map(str, paths)), dict[str, str](), dict[str, tuple[LeftOut, ...]]()
     with TemporaryDirectory(prefix="fame-bags-") as folder:
         for number, path in enumerate(map(Path, tables)):
             if configuration is not None and is_bag(path):
                 table = Path(folder) / str(number) / f"{path.name}.csv"
                 table.parent.mkdir()
-                record_bag(path, load(configuration), [table], **options)
+                node = record_bag(path, load(configuration), [table], **options)
                 tables[number], bags[str(table)] = str(table), str(path)
+                left_out[str(table)] = node.subscriptions.left_out
+                if not node.rows:
+                    why = "; ".join(each.text for each in node.subscriptions.left_out)
+                    raise ConfigError(why or f"has no messages on {', '.join(node.handlers)}", file=str(path))
         try:
-            yield tuple(tables)
+            yield BagTables(tuple(tables), left_out)
         except ConfigError as error:
             if error.file not in bags:
                 raise

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import MessageError
 from fame.middleware.interface import Middleware, Node
 from fame.monitor.pipeline.configuration import Port
-from fame.monitor.pipeline.fields import Read, UnusableMessage, has_stamp, reader, stamp_of
+from fame.monitor.pipeline.fields import OtherDevice, Read, UnusableMessage, has_stamp, reader, stamp_of, unusable
 from fame.monitor.pipeline.processor import Samples
 
 
@@ -103,8 +103,43 @@ _MAX_WAITING = 200_000  # samples that wait to be processed
 _MIN_SAMPLES = 50  # samples that a rate is computed from
 
 
+class LeftOut(NamedTuple):
+    """Messages of a topic that were left out.
+
+    inputs  names of the inputs of the topic
+    number  of these messages; `others` of them are of other devices; `taken` is that of the messages that were used
+    unseen  how long (s) messages came before the first one that was taken, and after the last one
+    reason  of the last one
+    """
+
+    topic: str
+    inputs: tuple[str, ...]
+    number: int
+    others: int
+    taken: int
+    unseen: float
+    reason: str
+
+    @property
+    def text(self) -> str:
+        """What was left out, in a sentence."""
+        total = self.number + self.taken
+        return f"{self.number} of {total} messages on {self.topic} are left out, the last one since {self.reason}"
+
+    @property
+    def seen(self) -> float:
+        """The share of the messages that were taken; those of other devices do not count."""
+        return self.taken / max(1, self.taken + self.number - self.others)
+
+    def concerns(self, columns: Sequence[str]) -> bool:
+        """Whether some of the columns of a table are of this topic."""
+        return any(column == name or column.startswith(f"{name}.") for name in self.inputs for column in columns)
+
+
 class _Stream:
-    """The inputs of one topic, and what has arrived of them."""
+    """The inputs of one topic, and what has arrived of them: `left_out` messages were not taken, of which `others` are
+    of other devices, the last one since `reason`; messages came from `arrived[0]` to `arrived[1]` (s), those that were
+    taken from `taken[0]` to `taken[1]`."""
 
     ports: list[Port]
     stamped: bool
@@ -114,6 +149,11 @@ class _Stream:
     quickest: float
     count: int
     counted: int
+    left_out: int
+    others: int
+    reason: str
+    arrived: tuple[float, float]
+    taken: tuple[float, float]
 
     def __init__(self, ports: list[Port]) -> None:
         self.ports = ports
@@ -126,11 +166,13 @@ class _Stream:
         self.names: list[tuple[str, ...]] = [() for _ in ports]  # of the channels
         self.forget()
         self.last, self.begin, self.quickest = -np.inf, -np.inf, np.inf
-        self.count = self.counted = 0
+        self.count = self.counted = self.left_out = self.others = 0
+        self.reason, self.arrived, self.taken = "", (np.inf, -np.inf), (np.inf, -np.inf)
+        self.latest: list[Any] = []  # the values of the last message that was taken
 
     def forget(self) -> None:
         """Forget what the messages were like so far: none of them was taken."""
-        self.given: list[tuple[str, ...] | None] = [None for _ in self.ports]  # names that the first message gave
+        self.first_names: list[tuple[str, ...] | None] = [None for _ in self.ports]  # names that the first message gave
         self.message_names: list[Any] = [None for _ in self.ports]  # as the last message gave them
         self.orders: list[list[int] | None] = [None for _ in self.ports]  # of the last message's channels, if another
         self.shapes: list[tuple[int, ...] | None] = [None for _ in self.ports]
@@ -175,6 +217,17 @@ class Subscriptions:
                 taken[port.name] = Samples(values, stamps, stream.names[number])
         return taken
 
+    @property
+    def left_out(self) -> tuple[LeftOut, ...]:
+        """The messages that were left out, of each topic that had some."""
+        return tuple(
+            LeftOut(
+                each.topic, tuple(port.name for port in each.ports), each.left_out, each.others, each.count,
+                each.taken[0] - each.arrived[0] + each.arrived[1] - each.taken[1] if each.count else 0.0, each.reason,
+            )
+            for each in self.streams if each.left_out
+        )  # fmt: skip
+
     def check_rates(self) -> None:
         """Report rates that differ from the expected ones. To be called about once a second."""
         for stream in self.streams:
@@ -187,13 +240,18 @@ class Subscriptions:
 
     def on_message(self, stream: _Stream, message: Any) -> None:
         now, topic = self._scheduler.now / SECOND, stream.topic
+        stream.arrived = min(stream.arrived[0], now), now
         stream.silence.on_message()
         stamp = (stamp_of(message) if stream.stamped else 0.0) or now
         if self._ordered and not stamp > stream.last:
-            what = "a second sample" if stamp == stream.last else f"a sample {stream.last - stamp:.3g} s older"
+            same, older = stamp == stream.last, f"{stream.last - stamp:.3g} s older"
+            what = "a second sample" if same else f"a sample {older}"
             self._report(
                 f"order {topic}", f"{topic}: left out: {what} of stamp {stamp:.3f} s after {stream.last:.3f} s"
             )
+            if not same or not self._is_repeated(stream, message):
+                stream.left_out += 1
+                stream.reason = f"its stamp is {'that' if same else f'{older} than that'} of another one"
             return
         try:
             values = self._read(stream, message)
@@ -202,9 +260,13 @@ class Subscriptions:
         except UnusableMessage as reason:
             if not stream.count:
                 stream.forget()
+            stream.left_out += 1
+            stream.others += isinstance(reason, OtherDevice)
+            stream.reason = str(reason)
             self._report(f"unusable {topic} {reason}", f"{topic}: a message is left out: {reason}")
             return
-        stream.last = stamp
+        stream.last, stream.latest = stamp, values
+        stream.taken = min(stream.taken[0], now), now
         stream.count += 1
         delay = now - stamp
         if delay < stream.quickest:
@@ -224,6 +286,13 @@ class Subscriptions:
             for kept in (stream.stamps, *stream.values):
                 del kept[: _MAX_WAITING // 2]
 
+    def _is_repeated(self, stream: _Stream, message: Any) -> bool:
+        """Whether a message has the values of the last one that was taken: without it, nothing is lost."""
+        try:
+            return all(map(np.array_equal, self._read(stream, message), stream.latest))
+        except UnusableMessage:
+            return False
+
     def _read(self, stream: _Stream, message: Any) -> list[Any]:
         """Return the value of each input. Raises UnusableMessage."""
         values = []
@@ -237,7 +306,7 @@ class Subscriptions:
             if not finite:
                 raise UnusableMessage(f"{stream.ports[number].name} is not finite")
             if shape != stream.shapes[number]:
-                self._shape(stream, number, shape)
+                self._shape(stream, number, shape, names)
             if names is not stream.message_names[number]:
                 self._take_names(stream, number, names, shape)
             order = stream.orders[number]
@@ -246,24 +315,25 @@ class Subscriptions:
 
     def _take_names(self, stream: _Stream, number: int, names: tuple[str, ...], shape: tuple[int, ...]) -> None:
         """Take the names of the first value of an input, or the order of other ones. Raises UnusableMessage."""
-        before, port = stream.given[number], stream.ports[number].name
+        before, port = stream.first_names[number], stream.ports[number].name
         if before is None:
-            stream.given[number] = names
+            stream.first_names[number] = names
             stream.names[number] = tuple(f"{port}.{name}" for name in names) or ((port,) if shape == () else ())
         elif names != before and (set(names) != set(before) or len(set(names)) < len(names)):
             now, then = (f"the channels {', '.join(each)}" if each else "no names" for each in (names, before))
-            raise UnusableMessage(f"{port} has {now}, before it had {then}")
+            raise unusable(f"{port} has {now}, before it had {then}", names, before)
         stream.orders[number] = None if before in (None, names) else [names.index(name) for name in before or ()]
         stream.message_names[number] = names
 
-    def _shape(self, stream: _Stream, number: int, shape: tuple[int, ...]) -> None:
+    def _shape(self, stream: _Stream, number: int, shape: tuple[int, ...], names: tuple[str, ...]) -> None:
         """Take the shape of the first value of an input, or a new one. Raises UnusableMessage."""
         before, name = stream.shapes[number], stream.ports[number].name
         if before is not None:
             if stream.stamps or self._on_sample is not None:
-                raise UnusableMessage(f"{name} has {shape} values, before it had {before}")
+                text = f"{name} has {shape} values, before it had {before}"
+                raise unusable(text, names, stream.first_names[number] or ())
             self._report(f"shape {name}", f"{name}: {shape} values from now on")
-            stream.given[number] = stream.message_names[number] = None
+            stream.first_names[number] = stream.message_names[number] = None
         stream.shapes[number] = shape
 
     def _check_rate(self, stream: _Stream) -> None:

@@ -24,7 +24,7 @@ from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, read_false_alarms
 from fame.monitor.copies import RUN_HASHES, copies, run_hash
-from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, hash_files, rate_of, read_runs
+from fame.monitor.data_files import ELEMENT, RUN, STAMP, LabelledRun, Special, hash_files, rate_of, read_undisturbed
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, detector_names, fit_detector
@@ -34,7 +34,7 @@ from fame.monitor.pipeline.filters import LowPass, Windower
 from fame.monitor.pipeline.phases import Phases, reduced
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT, TrainedModel
-from fame.monitor.pipeline.training_checks import UNLIKE, drifts, lone_peaks, unlike_movements
+from fame.monitor.pipeline.training_checks import UNLIKE, drifts, lone_peaks, missing, unlike_movements
 from fame.monitor.storage import versions
 from fame.text import suggestion
 
@@ -95,18 +95,28 @@ class Training:
 
 
 ReportProgress = Callable[[str], object]
+Complete = Callable[[Sequence[LabelledRun], Sequence[str]], Sequence[LabelledRun]]
 REPEATING = 0.5
 """Share of the variance of a channel that the time since the start explains in runs that repeat."""
 
 
-def train(config: Training, report: ReportProgress = lambda text: None, *, keep: bool = False) -> TrainedModel:
-    """Learn from the files. The model is not stored. `keep`: copies of runs are dropped instead of refused.
+def train(
+    config: Training,
+    report: ReportProgress = lambda text: None,
+    *,
+    keep: bool = False,
+    complete: Complete = lambda runs, columns: runs,
+) -> TrainedModel:
+    """Learn from the files. The model is not stored. `keep`: copies of runs are dropped instead of refused. `complete`
+    adds to runs what was left out when bags were read.
 
     Raises ConfigError, UnavailableError.
     """
-    runs = read_runs(config.files, config.columns, config.special, undisturbed=True)
+    read = read_undisturbed(config.files, config.columns, config.special)
+    runs = [run.samples for run in read if len(run.samples)]
     model = fit(runs, config, data=hash_files(config.files), report=report, keep=keep)
-    return replace(model, conditions={**model.conditions, "files": [Path(path).name for path in config.files]})
+    more = {"files": [Path(path).name for path in config.files], "missing": missing(complete(read, model.columns))}
+    return replace(model, conditions={**model.conditions, **more})
 
 
 def fit(

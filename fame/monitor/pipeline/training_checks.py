@@ -14,6 +14,7 @@ import numpy as np
 
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import FAR, FEWEST, calibrate
+from fame.monitor.data_files import LabelledRun
 from fame.monitor.pipeline.phases import Phases
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import TrainedModel
@@ -30,6 +31,8 @@ MOVING = 2.0
 """A channel that moves this many times more, or less, than usual may be unlike; its noise is less than 1 / this."""
 UNLIKE = 1.2
 """Longest run over shortest, above which lengths are told."""
+WHOLE = 0.99
+"""A run that is known to a smaller share is told."""
 CHANCE = 0.01
 """Probability, by chance alone, of what is told about drift."""
 
@@ -67,12 +70,26 @@ def warnings_of(model: TrainedModel) -> list[str]:
         notes.append(f"{short} of {model.conditions['runs']} runs are shorter than a window: they set no threshold")
     if dropped := model.conditions.get("copies", 0):
         notes.append(f"{dropped} runs that are copies of others were left out")
+    notes += model.conditions.get("missing", [])
     notes += drifting(model)
     notes += [text] if (text := memorised(model)) else outliers(model).values()
     shortest, longest = model.conditions.get("seconds", (1.0, 1.0))
     if longest > UNLIKE * shortest:
         notes.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
     return notes
+
+
+def missing(runs: Sequence[LabelledRun]) -> list[str]:
+    """Say how much of the runs is not known, since rows or messages were left out."""
+    known = [round(run.known, 3) for run in runs]
+    short = [number for number, share in enumerate(known) if share < WHOLE]
+    if not short:
+        return []
+    worst = min(short, key=lambda number: known[number])
+    run = runs[worst]
+    why = run.notes or (f"{run.gaps} of {run.gaps + len(run.samples)} rows have an empty cell",)
+    found = f"{len(short)} of {len(runs)} runs are not known as a whole, run {worst} to {100 * known[worst]:.0f} %"
+    return [f"{found}: {'; '.join(why)}"]
 
 
 def memorised(model: TrainedModel) -> str:
