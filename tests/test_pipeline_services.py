@@ -176,12 +176,12 @@ def test_a_record_unit_has_everything_on_disk_when_its_scope_ends_and_train_lear
     (tmp_path / "joints.yaml").write_text(yaml.safe_dump({"Inputs": {"Efforts": port}, "Training": training}))
     variables = {"configuration": str(tmp_path / "joints.yaml")}
     recorder = call("R", "Record", **variables, output=str(tmp_path / "runs.csv"))
-    for _ in range(3):
+    for number in range(3):
         sim = fame.Simulation(mission(
             f'<startEvent id="s"/>{recorder}{flow("s", "R")}', "enough"
         ))  # fmt: skip
         sim.run(until=0.1)
-        arm(sim, 0.2, sway=0.05)
+        arm(sim, 0.2, sway=0.05 + 0.01 * number)
         sim.signal("enough")
         sim.run(until=sim.now + 1)
         assert sim.instances[0].status == "completed"
