@@ -114,6 +114,46 @@ def test_rows_that_training_leaves_out_are_told_but_not_those_of_other_topics(
     assert ("6 of 6 runs are not known as a whole, run 0 to 50 %" in str(found)) == (known == 50)
 
 
+def counted(path: Path, factor: int, step: int = 20) -> Path:
+    """Eight runs with whole numbers as stamps."""
+    random = np.random.default_rng(4)
+    lines = ["stamp,run,a,b"]
+    for row in range(8 * 150):
+        left, right = random.standard_normal(2)
+        lines.append(f"{row * step * factor},{row // 150},{left:.5f},{right:.5f}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(("unit", "factor", "rate"), [("ms", 1, 50.0), ("us", 1000, 50.0), ("s", 1, 0.05)])
+def test_whole_numbers_as_stamps_need_a_unit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: str, factor: int, rate: float
+):
+    file, model = counted(tmp_path / "runs.csv", factor), tmp_path / "model.skops"
+    command = ["monitor", "train", "--data", str(file), "--detector", "pca", "-o", str(model), "--keep", "--json"]
+    assert main(command) == 2
+    expected = f"whole numbers {20 * factor:g} apart, a rate of {0.05 / factor:.3g} Hz: say by --time-unit"
+    assert expected in capsys.readouterr().out
+    assert main([*command, "--time-unit", unit]) == 0
+    assert json.loads(capsys.readouterr().out)["rate"] == pytest.approx(rate)
+    judge = ["monitor", "judge", str(model), str(file), "--json"]
+    main(judge)
+    runs = json.loads(capsys.readouterr().out)["runs"]
+    assert runs[0]["seconds"] == pytest.approx(149 / rate)
+    other = counted(tmp_path / "other.csv", 1, step=int(1000 / rate) if unit == "s" else 20)
+    main([*judge[:3], str(other), "--json", "--time-unit", "ms"])
+    assert json.loads(capsys.readouterr().out)["runs"][0]["seconds"] == pytest.approx(149 / rate)
+
+
+def test_slow_stamps_are_s_where_that_is_sure(tmp_path: Path):
+    """Dates, and what fame monitor record wrote."""
+    for first, second in (("2026-01-31T12:00:00", "2026-01-31T12:01:00"), ("0.000000000", "60.000000000")):
+        (tmp_path / "slow.csv").write_text(f"stamp,run,a\n{first},0,1\n{second},0,2\n")
+        assert np.diff(read_runs([tmp_path / "slow.csv"])[0].stamps).tolist() == [60.0]
+        with pytest.raises(ConfigError, match="the times are no numbers of ms: they are s, or dates"):
+            read_runs([tmp_path / "slow.csv"], (), Special(unit="ms"))
+
+
 def test_phases_suit_only_cycles_that_repeat(tmp_path: Path):
     special = Special("Zeit", "cycle")
     repeating, free = (

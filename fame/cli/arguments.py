@@ -196,6 +196,13 @@ def trusted_keys(arguments: argparse.Namespace) -> Sequence[Any]:
     return read_trusted(arguments.trust)
 
 
+def add_time_unit(parser: Parser, default: str) -> None:
+    """``--time-unit``, of the numbers in the column of the times of CSV and Parquet files."""
+    parser.add_argument(
+        "--time-unit", choices=("s", "ms", "us", "ns"), help=f"unit of the column of the times (default: {default})"
+    )
+
+
 def add_json(parser: Parser) -> None:
     """``--json``."""
     parser.add_argument("--json", action="store_true", help="print one JSON object, also after an error")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, Parser, add_json, command, group
+from fame.cli.arguments import Commands, Parser, add_json, add_time_unit, command, group
 from fame.cli.output import note, print_json, table
 from fame.errors import NOT_KNOWN
 
@@ -46,6 +46,7 @@ def add_judge(commands: Commands) -> None:
 def _add_data(parser: Parser) -> None:
     parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help="CSV files, bags and MCAP files")
     add_inputs(parser)
+    add_time_unit(parser, "as in training")
 
 
 def add_inputs(parser: Parser) -> None:
@@ -114,7 +115,8 @@ def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> l
 
     settings = model.conditions.get("settings", {})
     names = (("time_column", STAMP), ("run_column", RUN), ("element_column", ELEMENT))
-    special = Special(*(settings.get(name, default) for name, default in names))
+    unit = getattr(arguments, "time_unit", None) or settings.get("time_unit") or ""
+    special = Special(*(settings.get(name, default) for name, default in names), unit=unit)
     runs: list[LabelledRun] = []
     for path in paths:
         if not is_bag(path):

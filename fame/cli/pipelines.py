@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fame.cli.arguments import Commands, add_json, add_types, command, positive
+from fame.cli.arguments import Commands, add_json, add_time_unit, add_types, command, positive
 from fame.cli.network import add_network
 from fame.cli.output import note, print_json, progress_line, table
 
@@ -261,6 +261,7 @@ def add_train(commands: Commands) -> None:
         "--element-column", metavar="NAME", help="column of the mission's active element, for phase (default: element)"
     )
     parser.add_argument("--time-column", metavar="NAME", help="column of the times, in s or dates (default: stamp)")
+    add_time_unit(parser, "s, refused where that is doubtful")
     parser.add_argument("--detector", metavar="NAME", help="phase, mahalanobis, 'any of pca, knn' ...")
     parser.add_argument("--false-alarms", metavar="RATE", help="rate to promise, as '0.05 per run'")
     parser.add_argument(
@@ -363,7 +364,7 @@ def _training(arguments: Namespace) -> tuple[Training, str]:
 
     if (arguments.configuration is None) == (not arguments.data):
         raise ConfigError("expected a configuration with the section Training, or --data FILE")
-    names = ("run_column", "time_column", "element_column", "detector", "false_alarms")
+    names = ("run_column", "time_column", "element_column", "time_unit", "detector", "false_alarms")
     given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
     if arguments.data:
         return Training(files=tuple(map(str, arguments.data)), **given), str(arguments.data[0])

@@ -37,17 +37,21 @@ from fame.robot.robot_state import EVENTS, EVENTS_TOPIC, VARIABLES, WAITING, Rob
 if TYPE_CHECKING:
     from fame.log import Recording
 
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""What stamps may be counted in, in s."""
 STAMP, RUN, LABEL, ELEMENT = "stamp", "run", "label", "element"
 
 
 class CsvTable(NamedTuple):
     """A CSV file: `names` is empty without a header, `cells` (rows, columns), `first` is the line of the first row. The
-    column of `elements` (rows,), texts, is not among the cells."""
+    column of `elements` (rows,), texts, is not among the cells. `in_seconds`: its stamps are s without doubt, since
+    they were dates, or `fame monitor record` wrote them."""
 
     names: tuple[str, ...]
     cells: Floats
     first: int
     elements: tuple[str, ...] = ()
+    in_seconds: bool = False
 
 
 class LabelledRun(NamedTuple):
@@ -82,12 +86,13 @@ class LabelledRun(NamedTuple):
 
 
 class Special(NamedTuple):
-    """The names of the columns that are no channels: of the stamps (s, or dates), the numbers of the runs, and the
-    active element of the mission."""
+    """The names of the columns that are no channels: of the stamps (dates, or numbers in a unit of `TIME_UNITS`, empty:
+    s unless that is doubtful), the numbers of the runs, and the active element of the mission."""
 
     stamp: str = STAMP
     run: str = RUN
     element: str = ELEMENT
+    unit: str = ""
 
 
 def read_runs(
@@ -136,8 +141,9 @@ def read_labelled_runs(
             text += f": fame monitor record CONFIG.yaml --bag {path} -o runs.csv makes one"
             raise ConfigError(text, file=str(path))
         parquet = path.suffix == ".parquet"
-        names, cells, first, elements = _read_parquet(path, special) if parquet else read_recorded(path, special)
-        channels = tuple(name for name in names if name not in (*special, LABEL, ""))
+        read = _read_parquet(path, special) if parquet else read_recorded(path, special)
+        names, cells, first, elements, _ = read
+        channels = tuple(name for name in names if name not in (*special[:3], LABEL, ""))
         if found and (more := sorted(set(channels) - set(found))):
             text = f"has columns that the first file lacks, {', '.join(more)}: say which to use (Columns)"
             raise ConfigError(text, file=str(path), line=1)
@@ -151,8 +157,7 @@ def read_labelled_runs(
             if name not in names:
                 raise ConfigError(f"has no column {name!r}; it has {', '.join(names)}", file=str(path), line=1)
         values = cells[:, [names.index(name) for name in columns]]
-        stamps = cells[:, names.index(special.stamp)]
-        _refuse_other_units(stamps, path)
+        stamps = _in_seconds(read, special, path)
         whole = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
         others = [place for place, name in enumerate(names) if name in channels and name not in columns]
         torn = ~whole & (np.isfinite(values).any(axis=1) | ~np.isfinite(cells[:, others]).any(axis=1))
@@ -180,21 +185,40 @@ def _changes(stamps: Floats, elements: Sequence[str]) -> ActiveElements:
     return tuple((float(stamps[row]), elements[row]) for row in begins) if any(elements) else ()
 
 
+_TELLING = 10
+"""Steps that tell a unit, at least."""
 _DAYS = (30_000.0, 60_000.0)
 """Stamps that a spreadsheet writes for the years 1982 to 2064."""
 
 
-def _refuse_other_units(stamps: Floats, path: Path) -> None:
-    """Raise ConfigError for stamps that are not s: days of a spreadsheet, ms or ns since 1970."""
+def _in_seconds(read: CsvTable, special: Special, path: Path) -> Floats:
+    """Return the stamps in s. Raises ConfigError for those that are of another unit than is said."""
+    stamps = read.cells[:, read.names.index(special.stamp)]
+    unit = TIME_UNITS.get(special.unit, 1.0)
+    if read.in_seconds and unit != 1:
+        raise ConfigError(f"the times are no numbers of {special.unit}: they are s, or dates", file=str(path), line=2)
+    stamps = stamps if unit == 1 else stamps * unit
+    _refuse_other_units(stamps, path, doubtful=not read.in_seconds and not special.unit)
+    return stamps
+
+
+def _refuse_other_units(stamps: Floats, path: Path, *, doubtful: bool) -> None:
+    """Raise ConfigError for stamps that are not s: days of a spreadsheet, ms or ns since 1970, and, if they are
+    `doubtful`, whole numbers with steps of 2 or more, as ms since the start."""
     known = stamps[np.isfinite(stamps)]
     if not len(known):
         return
     latest, steps = float(known.max()), np.diff(np.unique(known))
     got = ""
     if latest > 1e11:
-        got = f"{latest:.6g}, as ms, us or ns since 1970 are"
+        got = f"{latest:.6g}, as ms, us or ns since 1970 are: say so by --time-unit (TimeUnit)"
     elif len(steps) and np.median(steps) < 1.25e-5 and _DAYS[0] < known.min() and latest < _DAYS[1]:
         got = f"{latest:.10g}, as the days of a spreadsheet are: format the column as dates or multiply it by 86400"
+    elif doubtful and len(steps) >= _TELLING and np.median(steps) >= 2 and (known == np.floor(known)).all():
+        got = (
+            f"whole numbers {np.median(steps):g} apart, a rate of {1 / np.median(steps):.3g} Hz: "
+            "say by --time-unit (TimeUnit) whether they are ms, us, ns, or really s"
+        )
     if got:
         text = f"expected s in column {STAMP!r}, got {got}"
         raise ConfigError(text, file=str(path), line=2)
@@ -274,7 +298,8 @@ def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP, elemen
     if len(lines) < first:
         raise ConfigError("has no rows of numbers", file=str(path))
     if element not in names:
-        return CsvTable(names, _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp), first)
+        numbers = _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp)
+        return CsvTable(names, numbers, first, (), _written_in_seconds(lines[first - 1], separator, names, stamp))
     place, width, elements = names.index(element), len(names), list[str]()
     for number, line in enumerate(lines[first - 1 :], start=first):
         row = _row(line, path, number, separator)
@@ -283,8 +308,17 @@ def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP, elemen
         elements.append(row.pop(place).strip())
         lines[number - 1] = separator.join(row)
     del head[place]
+    kept = (*names[:place], *names[place + 1 :])
     numbers = _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp)
-    return CsvTable((*names[:place], *names[place + 1 :]), numbers, first, tuple(elements))
+    sure = _written_in_seconds(lines[first - 1], separator, kept, stamp)
+    return CsvTable(kept, numbers, first, tuple(elements), sure)
+
+
+def _written_in_seconds(line: str, separator: str, names: Sequence[str], stamp: str) -> bool:
+    """Whether the stamp of the first row is a date, or one of `fame monitor record`, which writes ns as decimals."""
+    cells = next(csv.reader([line], delimiter=separator), [])
+    cell = cells[names.index(stamp)] if stamp in names and len(cells) == len(names) else ""
+    return _is_date(cell) or (tuple(names[:2]) == (STAMP, RUN) and bool(re.fullmatch(r"-?\d+\.\d{9}", cell)))
 
 
 def _read_parquet(path: Path, special: Special) -> CsvTable:
@@ -301,7 +335,8 @@ def _read_parquet(path: Path, special: Special) -> CsvTable:
         dated = frame.select_dtypes(include=["datetime", "datetimetz"]).columns
         for name in dated:
             frame[name] = (frame[name].dt.tz_localize(None) - pd.Timestamp(0)) / pd.Timedelta(seconds=1)
-        return CsvTable(tuple(map(str, frame.columns)), frame.to_numpy(dtype=np.float64), 1, elements)
+        names = tuple(map(str, frame.columns))
+        return CsvTable(names, frame.to_numpy(dtype=np.float64), 1, elements, special.stamp in dated)
     except (OSError, ValueError, TypeError) as error:
         raise ConfigError(f"is not a Parquet table of numbers: {error}", file=str(path)) from None
 

@@ -24,7 +24,17 @@ from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, read_false_alarms
 from fame.monitor.copies import RUN_HASHES, copies, run_hash
-from fame.monitor.data_files import ELEMENT, RUN, STAMP, LabelledRun, Special, hash_files, rate_of, read_undisturbed
+from fame.monitor.data_files import (
+    ELEMENT,
+    RUN,
+    STAMP,
+    TIME_UNITS,
+    LabelledRun,
+    Special,
+    hash_files,
+    rate_of,
+    read_undisturbed,
+)
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, detector_names, fit_detector
@@ -48,6 +58,7 @@ class Training:
     columns       of the files; default all but stamp, run and label
     run_column    of the files, which divides them into runs; `time_column` has stamps in s, or dates, `element_column`
                   the element of the mission that is active
+    time_unit     s, ms, us or ns, of numbers in `time_column`; default s, where that is not doubtful
     detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...
     window        samples per window
     stride        samples from one window to the next, of those that train and of those that are scored
@@ -71,6 +82,7 @@ class Training:
     run_column: str = RUN
     time_column: str = STAMP
     element_column: str = ELEMENT
+    time_unit: str | None = None
     detector: str = "autoencoder"
     window: int = 50
     stride: int = 5
@@ -91,7 +103,7 @@ class Training:
     @property
     def special(self) -> Special:
         """The columns that are no channels."""
-        return Special(self.time_column, self.run_column, self.element_column)
+        return Special(self.time_column, self.run_column, self.element_column, self.time_unit or "")
 
 
 ReportProgress = Callable[[str], object]
@@ -338,6 +350,7 @@ _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "run_column": ConfigValue.text,
     "time_column": ConfigValue.text,
     "element_column": ConfigValue.text,
+    "time_unit": partial(ConfigValue.choice, known=tuple(TIME_UNITS), what="a unit"),
     "window": partial(ConfigValue.integer, minimum=2),
     "hidden": lambda value: tuple(item.integer(minimum=1) for item in _items(value)),
     "activation": partial(ConfigValue.choice, known=ACTIVATIONS, what="an activation"),
