@@ -1,5 +1,6 @@
 """Recording nodes: what is said on topics, as CSV, bags and in a database; live and from bags."""
 
+import json
 import os
 import shutil
 import signal
@@ -524,6 +525,90 @@ def test_two_databases_get_every_row_and_neither_the_others_leavings(tmp_path: P
             server.stop()
     assert [len(server.lines) for server in servers] == [3, 3]
     assert list(tmp_path.glob(".*influx*")) == []
+
+
+def recorded(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, Any]:
+    code = main(["monitor", "record", *map(str, words), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def joints_bag(folder: Path, of: Configuration, *names: str) -> Path:
+    """A message every 0.1 s, of one device after the other."""
+    bag = BagWriter(folder / "bag", of.inputs, ["/joint_states"])
+    for number in range(20):
+        content = {"header": {"stamp": 1 + number / 10}, "name": [names[number % len(names)]], "effort": [1.0]}
+        bag.put("/joint_states", 1 + number / 10, messages.create(JOINT_STATE, content))
+    bag.close()
+    return folder / "bag"
+
+
+def test_a_recording_that_is_whole_is_completed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    of = configuration(tmp_path, Efforts=EFFORTS)
+    code, found = recorded(capsys, of.file, "--bag", joints_bag(tmp_path, of, "elbow"), "-o", tmp_path / "a.csv")
+    assert (code, found["status"], found["rows"], found["left_out"]) == (0, "completed", 20, [])
+    assert found["stored"] == [{"output": str(tmp_path / "a.csv"), "rows": 20, "missing": 0, "reasons": []}]
+
+
+@pytest.mark.parametrize(("field", "code"), [(["effort"], 3), (["effort", "elbow"], 0)])
+def test_another_device_makes_a_recording_partial_unless_the_joints_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], field: list[str], code: int
+) -> None:
+    of = configuration(tmp_path, Efforts={**EFFORTS, "Field": field})
+    bag = joints_bag(tmp_path, of, "elbow", "finger")
+    found = recorded(capsys, of.file, "--bag", bag, "-o", tmp_path / "a.csv")
+    assert (found[0], found[1]["rows"], found[1]["left_out"][0]["number"]) == (code, 10, 10)
+
+
+def test_a_topic_without_columns_makes_a_recording_partial(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    of = configuration(tmp_path, Efforts=EFFORTS, Force=FORCE)
+    bag = BagWriter(tmp_path / "bag", of.inputs, ["/joint_states", "/force"])
+    for number in range(30):
+        content = {"header": {"stamp": 1.0 + number}, "name": ["elbow"], "effort": [1.0]}
+        bag.put("/joint_states", 1.0 + number, messages.create(JOINT_STATE, content))
+        if number >= 20:
+            bag.put("/force", 1.5 + number, messages.create("std_msgs/msg/Float64", 7))
+    bag.close()
+    out = tmp_path / "a.csv"
+    code, found = recorded(capsys, of.file, "--bag", tmp_path / "bag", "-o", out)
+    assert (code, found["status"], found["rows"]) == (3, "partial", 40)
+    expected = {"output": str(out), "rows": 30, "missing": 10, "reasons": ["force has no columns"]}
+    assert found["stored"] == [expected]
+    assert main(["monitor", "record", str(of.file), "--bag", str(tmp_path / "bag"), "-o", str(tmp_path / "b.csv")]) == 3
+    assert "b.csv: has 30 rows, 10 are missing: force has no columns" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("status", "reason"), [(401, "refused by the server"), (503, "waiting on disk")])
+def test_rows_that_a_database_has_not_stored_make_a_recording_partial(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], status: int, reason: str
+) -> None:
+    of, server = configuration(tmp_path, Efforts=EFFORTS), Server(status=status)
+    bag = joints_bag(tmp_path, of, "elbow")
+    try:
+        code, found = recorded(capsys, of.file, "--bag", bag, "-o", f"http://127.0.0.1:{server.port}/robots")
+    finally:
+        server.stop()
+    assert (code, found["status"]) == (3, "partial")
+    (stored,) = found["stored"]
+    assert (stored["rows"], stored["missing"], stored["reasons"]) == (0, 20, [f"20 are {reason}"])
+
+
+def test_how_many_lines_were_refused_in_all_is_said_at_the_end(tmp_path: Path) -> None:
+    server, said = Server(status=400), list[str]()
+    try:
+        sink = influx(tmp_path, server.port, said)
+        sink.put(row(tmp_path, 1))
+        sink.flush()
+        while not said:
+            threading.Event().wait(0.01)
+        for number in range(2, 5):
+            sink.put(row(tmp_path, number))
+        sink.close()
+    finally:
+        server.stop()
+    assert said == [
+        f"the server refuses 1 lines (HTTP 400); kept in {tmp_path}/spool.refused",
+        f"the server has refused 4 lines in all; kept in {tmp_path}/spool.refused",
+    ]
 
 
 def test_a_disk_that_is_full_is_said_with_the_file_and_what_was_written_is_whole(tmp_path: Path) -> None:

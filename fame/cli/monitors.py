@@ -116,7 +116,7 @@ def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> l
     settings = model.conditions.get("settings", {})
     names = (("time_column", STAMP), ("run_column", RUN), ("element_column", ELEMENT))
     unit = getattr(arguments, "time_unit", None) or settings.get("time_unit") or ""
-    special = Special(*(settings.get(name, default) for name, default in names), unit=unit)
+    special = Special(*(settings.get(name, default) for name, default in names))._replace(unit=unit)
     runs: list[LabelledRun] = []
     for path in paths:
         if not is_bag(path):

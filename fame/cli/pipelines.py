@@ -196,9 +196,12 @@ def add_record(commands: Commands) -> None:
     add_json(parser)
 
 
+_SILENT = "its topics were silent"
+
+
 def run_record(arguments: Namespace) -> int:
-    """Record until interrupted, or until the bag ends."""
-    from fame.errors import MissionError
+    """Record until interrupted, or until the bag ends; exit code 3 if an output lacks some of what came."""
+    from fame.errors import NOT_KNOWN, MissionError
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.recording import RecordingNode, record_bag
 
@@ -220,13 +223,25 @@ def run_record(arguments: Namespace) -> int:
     else:
         node = listen(arguments, make)
     rows, runs = node.rows, node.run + bool(node.rows)
+    left_out = node.subscriptions.left_out
     if not rows:
-        raise MissionError("nothing was recorded: its topics were silent")
+        raise MissionError(f"nothing was recorded: {'; '.join(each.text for each in left_out) or _SILENT}")
+    stored = list(zip(arguments.output, node.stored, strict=True))
     if arguments.json:
-        print_json({"status": "completed", "rows": rows, "runs": runs, "outputs": arguments.output})
+        print_json({
+            "status": "completed" if node.is_whole else "partial", "rows": rows, "runs": runs,
+            "outputs": arguments.output, "stored": [{"output": where, **each._asdict()} for where, each in stored],
+            "left_out": [each._asdict() for each in left_out],
+        })  # fmt: skip
     else:
         print(f"{', '.join(arguments.output)}: {rows} rows, {runs} {'run' if runs == 1 else 'runs'}")
-    return 0
+        for where, each in stored:
+            if not each.whole:
+                why = "; ".join(each.reasons) or "they do not fit its columns"
+                print(f"{where}: has {each.rows} rows, {each.missing} are missing: {why}")
+        for each_topic in left_out:
+            print(each_topic.text)
+    return 0 if node.is_whole else NOT_KNOWN
 
 
 def add_train(commands: Commands) -> None:

@@ -39,6 +39,10 @@ class OtherDevice(UnusableMessage):
     """A message that has names, but none of those that are wanted: it is of another device on the topic."""
 
 
+class Unwanted(OtherDevice):
+    """One that has none of the places that a path names: nothing of it was wanted."""
+
+
 def unusable(text: str, names: Sequence[str], wanted: Sequence[str]) -> UnusableMessage:
     """Return the error for a message with `names` where others are `wanted`."""
     return (OtherDevice if names and wanted and set(names).isdisjoint(wanted) else UnusableMessage)(text)
@@ -153,7 +157,8 @@ def _read_places(
         missing = [item for item in wanted if isinstance(item, str) and item not in names]
         if missing:
             text = f"{', '.join(missing)} is not among its names: {', '.join(names) or 'none'}"
-            raise unusable(text, names, [item for item in wanted if isinstance(item, str)])
+            none = bool(names) and len(missing) == len(wanted)
+            raise Unwanted(text) if none else UnusableMessage(text)
         return [names.index(item) if isinstance(item, str) else item for item in wanted]
 
     def read(message: Any) -> Any:

@@ -18,7 +18,7 @@ from fame.middleware.local import LocalMiddleware
 from fame.middleware.typesystem import STRING
 from fame.monitor.pipeline.configuration import Configuration, Port, load
 from fame.monitor.pipeline.elements import ElementFollower
-from fame.monitor.pipeline.sinks import BagWriter, CsvFile, Influx, Row
+from fame.monitor.pipeline.sinks import BagWriter, CsvFile, Influx, Row, RowsStored
 from fame.monitor.pipeline.subscriptions import LeftOut, Subscriptions, ThrottledReport, check_types
 from fame.robot.robot_state import EVENTS_TOPIC
 
@@ -33,6 +33,8 @@ EMPTY = "std_msgs/msg/Empty"
 
 
 class RowSink(Protocol):
+    @property
+    def stored(self) -> RowsStored: ...
     def put(self, row: Row) -> None: ...
     def flush(self) -> None: ...
     def close(self) -> None: ...
@@ -86,6 +88,7 @@ class RecordingNode:
         self._follower = ElementFollower() if elements else None
         self._sinks: list[RowSink] = []
         self._bags: list[BagWriter] = []
+        self._whole_messages: list[bool] = []  # whether each output is a bag
         try:
             self._open(configuration, outputs, topics, append)
             self.subscriptions = Subscriptions(
@@ -145,6 +148,19 @@ class RecordingNode:
         self.subscriptions.close()
         self._close_all()
 
+    @property
+    def stored(self) -> list[RowsStored]:
+        """What each output has, in their order, once the node is closed."""
+        sinks, bags = iter(self._sinks), iter(self._bags)
+        return [next(bags).stored if each else next(sinks).stored for each in self._whole_messages]
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every output has all that came: no row is missing, no message was left out but of joints that the
+        configuration does not name. Bags have messages that are left out of rows."""
+        lost = any(each.number > each.unwanted for each in self.subscriptions.left_out)
+        return all(each.whole for each in self.stored) and not (lost and self._sinks)
+
     def _close_all(self) -> None:
         self.node.close()
         for sink in self._sinks:
@@ -157,12 +173,13 @@ class RecordingNode:
     ) -> None:
         for output in outputs:
             path = Path(output)
+            self._whole_messages.append("://" not in str(output) and path.suffix in ("", ".mcap"))
             if "://" in str(output):
                 place = re.sub(
                     r"\W+", "_", str(output).partition("://")[2]
                 )  # what waits for one must not go to another
                 spool = configuration.folder / f".{configuration.name}_influx_{place}"
-                self._sinks.append(Influx(str(output), spool, configuration.name, partial(self.report, "influx")))
+                self._sinks.append(Influx(str(output), spool, configuration.name, self.report.always))
             elif path.suffix == ".csv":
                 self._sinks.append(CsvFile(
                     path, configuration.inputs, self.report, self._now, append=append, follower=self._follower

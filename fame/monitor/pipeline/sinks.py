@@ -53,6 +53,18 @@ class Row(NamedTuple):
     names: Sequence[tuple[str, ...]]
 
 
+class RowsStored(NamedTuple):
+    """How many rows an output has, and what it lacks: how many rows are `missing`, and why."""
+
+    rows: int
+    missing: int
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        return not self.missing and not self.reasons
+
+
 def columns_of(row: Row) -> list[str]:
     found: list[str] = []
     for port, value, names in zip(row.ports, row.values, row.names, strict=True):
@@ -105,6 +117,7 @@ class CsvFile:
         self._waiting: list[Row] | None = []
         self._places: dict[str, tuple[list[str], str]] = {}  # topic -> its columns, and the format of a line
         self._lines: list[str] = []
+        self._taken, self._silent = 0, list[str]()  # rows, and topics without columns
         self.first_run, self._header = 0, ""
         if append and path.exists():
             self._header, self.first_run = _recover(path)
@@ -115,6 +128,7 @@ class CsvFile:
 
     def put(self, row: Row) -> None:
         """Write a row. Raises ConfigError if the file to continue has other columns."""
+        self._taken += 1
         if self._waiting is None:
             self._write(row)
             return
@@ -124,6 +138,13 @@ class CsvFile:
         spoken = {each.ports[0].topic for each in self._waiting}
         if len(spoken) == len(self._topics) or self._now() - self._since > PATIENCE:
             self._begin()
+
+    @property
+    def stored(self) -> RowsStored:
+        """What the file has of the rows, to be asked once it is closed."""
+        return RowsStored(
+            self.rows, self._taken - self.rows, tuple(f"{topic} has no columns" for topic in self._silent)
+        )
 
     def flush(self) -> None:
         """Write what is complete, in whole lines."""
@@ -149,6 +170,7 @@ class CsvFile:
         of_topics = {topic: first[topic] for topic in self._topics if topic in first}
         for topic in self._topics:
             if topic not in of_topics:
+                self._silent.append(topic)
                 self._report(f"silent column {topic}", f"{topic}: silent for {PATIENCE:g} s; it has no columns")
         element = [ELEMENT] if self._follower is not None else []
         header = _header([*(name for names in of_topics.values() for name in names), *element])
@@ -240,6 +262,11 @@ class BagWriter:
         self._writer.write(self._connections[topic], round(stamp * SECOND), codec.serialize(message))
         self.count += 1
 
+    @property
+    def stored(self) -> RowsStored:
+        """What the bag has: each message."""
+        return RowsStored(self.count, 0)
+
     def close(self) -> None:
         """Finish the bag."""
         self._writer.close()
@@ -250,9 +277,15 @@ class BagWriter:
 
 
 class Influx:
-    """Writes rows to ``http://host:8086/database``. `spool` is the path without ending of its files."""
+    """Writes rows to ``http://host:8086/database``. `spool` is the path without ending of its files.
+
+    Of the lines, also those that an earlier process left, `sent` were taken and `refused` not; once it is closed,
+    `waiting` are on disk.
+    """
 
     sent: int
+    refused: int
+    waiting: int
     rows: int
 
     def __init__(
@@ -271,7 +304,8 @@ class Influx:
         self._lines, self._done, self._refused = (spool.with_suffix(end) for end in (".lines", ".sent", ".refused"))
         self._spool = self._lines.open("ab", buffering=0)
         _truncate_partial_line(self._lines)
-        self.sent, self.rows, self._unreachable, self._database_exists = 0, 0, False, False
+        self.sent = self.refused = self.waiting = self.rows = self._told = 0
+        self._unreachable = self._database_exists = False
         self._pending: list[str] = []
         self._wake, self._ending = threading.Event(), False
         self._thread = threading.Thread(target=self._work, daemon=True)
@@ -301,11 +335,24 @@ class Influx:
         self._thread.join(timeout)
         self._spool.close()
         left = self._lines.stat().st_size - self._offset()
+        with self._lines.open("rb") as stream:
+            stream.seek(self._offset())
+            self.waiting = sum(line.endswith(b"\n") for line in stream)
+        if self.refused > self._told:
+            self._report(f"the server has refused {self.refused} lines in all; kept in {self._refused}")
         if left:
             self._report(f"{left} bytes wait in {self._lines}: recording to the same database again sends them")
         else:
             self._done.unlink(missing_ok=True)  # first: killed in between, lines are sent twice, never skipped
             self._lines.unlink(missing_ok=True)
+
+    @property
+    def stored(self) -> RowsStored:
+        """What the database has of the rows, to be asked once it is closed."""
+        found = ((self.refused, "refused by the server"), (self.waiting, "waiting on disk"))
+        return RowsStored(
+            self.sent, self.refused + self.waiting, tuple(f"{count} are {what}" for count, what in found if count)
+        )
 
     # ---- the thread --------------------------------------------------------------------------------------------------
 
@@ -350,7 +397,10 @@ class Influx:
                 return self._report_unreachable(f"HTTP {error.code}")
             with self._refused.open("ab") as stream:
                 stream.write(batch)
-            self._report(f"the server refuses {batch.count(10)} lines (HTTP {error.code}); kept in {self._refused}")
+            if not self.refused:
+                self._told = batch.count(10)
+                self._report(f"the server refuses {self._told} lines (HTTP {error.code}); kept in {self._refused}")
+            self.refused += batch.count(10)
         except (OSError, http.client.HTTPException) as error:
             return self._report_unreachable(str(getattr(error, "reason", error)) or type(error).__name__)
         if self._unreachable:

@@ -21,6 +21,7 @@ import numpy as np
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import MessageError
 from fame.middleware.interface import Middleware, Node
+from fame.monitor.pipeline import fields
 from fame.monitor.pipeline.configuration import Port
 from fame.monitor.pipeline.fields import OtherDevice, Read, UnusableMessage, has_stamp, reader, stamp_of, unusable
 from fame.monitor.pipeline.processor import Samples
@@ -107,7 +108,8 @@ class LeftOut(NamedTuple):
     """Messages of a topic that were left out.
 
     inputs  names of the inputs of the topic
-    number  of these messages; `others` of them are of other devices; `taken` is that of the messages that were used
+    number  of these messages; `others` of them are of other devices, of which `unwanted` have nothing that the
+            configuration names; `taken` is that of the messages that were used
     unseen  how long (s) messages came before the first one that was taken, and after the last one
     reason  of the last one
     """
@@ -119,6 +121,7 @@ class LeftOut(NamedTuple):
     taken: int
     unseen: float
     reason: str
+    unwanted: int = 0
 
     @property
     def text(self) -> str:
@@ -151,6 +154,7 @@ class _Stream:
     counted: int
     left_out: int
     others: int
+    unwanted: int
     reason: str
     arrived: tuple[float, float]
     taken: tuple[float, float]
@@ -166,7 +170,7 @@ class _Stream:
         self.names: list[tuple[str, ...]] = [() for _ in ports]  # of the channels
         self.forget()
         self.last, self.begin, self.quickest = -np.inf, -np.inf, np.inf
-        self.count = self.counted = self.left_out = self.others = 0
+        self.count = self.counted = self.left_out = self.others = self.unwanted = 0
         self.reason, self.arrived, self.taken = "", (np.inf, -np.inf), (np.inf, -np.inf)
         self.latest: list[Any] = []  # the values of the last message that was taken
 
@@ -224,6 +228,7 @@ class Subscriptions:
             LeftOut(
                 each.topic, tuple(port.name for port in each.ports), each.left_out, each.others, each.count,
                 each.taken[0] - each.arrived[0] + each.arrived[1] - each.taken[1] if each.count else 0.0, each.reason,
+                each.unwanted,
             )
             for each in self.streams if each.left_out
         )  # fmt: skip
@@ -262,6 +267,7 @@ class Subscriptions:
                 stream.forget()
             stream.left_out += 1
             stream.others += isinstance(reason, OtherDevice)
+            stream.unwanted += isinstance(reason, fields.Unwanted)
             stream.reason = str(reason)
             self._report(f"unusable {topic} {reason}", f"{topic}: a message is left out: {reason}")
             return
