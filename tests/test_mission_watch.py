@@ -25,7 +25,7 @@ FAILED = '<errorEventDefinition errorRef="E"/>'
 
 def watched(field: Field, sent: Deployment, seconds: float) -> tuple[MissionWatch, list[str]]:
     """What is said until the end, at most some seconds."""
-    watch, lines = MissionWatch(sent.id, tuple(sent.robots)), list[str]()
+    watch, lines = MissionWatch(sent.id, sent.pools), list[str]()
     until = field.scheduler.now + seconds * SECOND
     while not watch.over and field.scheduler.now < until:
         field.pass_time(0.05)
@@ -60,13 +60,13 @@ def test_a_mission_that_waits_is_not_over():
 def test_another_process_and_an_engine_that_leaves_are_failures():
     field = Field("p")
     sent = field.deploy(patrol(1))
-    watch = MissionWatch(sent.id, tuple(sent.robots))
+    watch = MissionWatch(sent.id, sent.pools)
     assert watch.look(sent.reports, field.scheduler.now) == []
     field.deploy(patrol(2), "d2", 2)
     assert watch.look(sent.reports, field.scheduler.now) == ["p: another process has replaced this one"]
     other = Field("p")
     sent = other.deploy(patrol(1))
-    watch = MissionWatch(sent.id, tuple(sent.robots))
+    watch = MissionWatch(sent.id, sent.pools)
     other.pass_time(3)
     watch.look(sent.reports, other.scheduler.now)
     reports = sent.reports
@@ -82,7 +82,7 @@ def test_another_process_and_an_engine_that_leaves_are_failures():
 def test_an_engine_that_is_heard_again_has_not_failed() -> None:
     field = Field("p")
     sent = field.deploy(mission(60))
-    watch, lines, reports = MissionWatch(sent.id, tuple(sent.robots)), list[str](), dict(sent.reports)
+    watch, lines, reports = MissionWatch(sent.id, sent.pools), list[str](), dict(sent.reports)
     begun = field.scheduler.now
     while not watch.over and field.scheduler.now < 120 * SECOND:
         field.pass_time(0.05)
@@ -91,3 +91,33 @@ def test_an_engine_that_is_heard_again_has_not_failed() -> None:
         lines += watch.look(reports, field.scheduler.now)
     said = ["its engine has been silent for 5 s", "its engine is heard again", "the mission has ended"]
     assert (lines, watch.failures) == ([f"p: {text}" for text in said], {})
+
+
+OPTIONAL = (
+    '<extensionElements><c:properties xmlns:c="http://camunda.org/schema/1.0/bpmn">'
+    '<c:property name="optional" value="true"/></c:properties></extensionElements>'
+)
+
+
+def pair(properties: str = "") -> str:
+    """A ends without the signal that starts B."""
+    starts = '<startEvent id="sb"><signalEventDefinition signalRef="S"/></startEvent>'
+    return definitions(
+        '<signal id="S" name="go"/><collaboration id="c"><participant id="A" name="A" processRef="pa"/>'
+        '<participant id="B" name="B" processRef="pb"/></collaboration>',
+        process("pa", '<startEvent id="sa"/><endEvent id="ea"/>', ("sa", "ea")),
+        process("pb", f'{properties}{starts}<endEvent id="eb"/>', ("sb", "eb")),
+    )
+
+
+def test_a_required_pool_that_never_started_is_a_failure():
+    field = Field("A", "B")
+    watch, lines = watched(field, field.deploy(pair()), 60)
+    why = "nothing has started: no robot of pool B ran its process"
+    assert (watch.over, lines, watch.failures) == (True, ["A: the mission has ended", f"B: {why}"], {"B": why})
+
+
+def test_an_optional_pool_need_not_start():
+    field = Field("A", "B")
+    watch, lines = watched(field, field.deploy(pair(OPTIONAL)), 60)
+    assert (lines, watch.failures) == (["A: the mission has ended", "B: nothing has started"], {})

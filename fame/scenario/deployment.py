@@ -29,16 +29,16 @@ _SETTLED = 2 * SECOND
 
 
 class MissionWatch:
-    """Finds failures and the end of a deployment's missions in the reports of its `robots`.
+    """Finds failures and the end of a deployment's missions in the reports of its `robots`, each with its pool.
 
-    failures  of missions that failed, engines that left, and robots that got another process, by robot
-    over      whether nothing runs any more, or never began
+    failures  by robot: its mission failed or never started, its engine left, or it got another process
+    over      whether nothing runs any more
     """
 
     failures: dict[str, str]
     over: bool
 
-    def __init__(self, deployment: str, robots: Collection[str]) -> None:
+    def __init__(self, deployment: str, robots: Mapping[str, Pool]) -> None:
         self._deployment, self._robots = deployment, robots
         self._last: dict[str, tuple[Report, int]] = {}  # of this deployment, and when it came
         self._begun: set[str] = set()
@@ -74,9 +74,17 @@ class MissionWatch:
         self._quiet = (now if self._quiet is None else self._quiet) if idle else None
         self.over = self._quiet is not None and now - self._quiet >= _SETTLED
         if self.over:
-            begun = ("nothing has started", "the mission has ended")
-            lines += [f"{robot}: {begun[robot in self._begun]}" for robot in self._robots if robot not in self.failures]
+            self._end(lines)
         return lines
+
+    def _end(self, lines: list[str]) -> None:
+        """Say how it has ended for each robot; a pool that has to start, and of which no robot has, is a failure."""
+        begun = {self._robots[robot].name for robot in self._begun}
+        for robot, pool in self._robots.items():
+            if pool.name not in begun and not pool.process.optional:
+                self._fail(lines, robot, f"nothing has started: no robot of pool {pool.name} ran its process")
+            elif robot not in self.failures:
+                lines.append(f"{robot}: {'the mission has ended' if robot in self._begun else 'nothing has started'}")
 
     def _ended(self, robot: str, now: int) -> bool:
         report, since = self._last[robot]
@@ -140,7 +148,7 @@ class Sending:
 
         Returns the failures by robot.
         """
-        watch = MissionWatch(deployment.id, tuple(deployment.robots))
+        watch = MissionWatch(deployment.id, deployment.pools)
         until = None if seconds is None else self.scheduler.now + round(seconds * SECOND)
         while not watch.over and (until is None or self.scheduler.now < until):
             self.scheduler.run(self.scheduler.now + SECOND // 20)
