@@ -76,6 +76,35 @@ def test_an_error_is_one(hold_errors: bool, state: str) -> None:
     assert "division by zero" in message
 
 
+@pytest.mark.parametrize(
+    ("after", "state", "level"), [('<endEvent id="ask"/>', "failed", ERROR), ('<userTask id="ask"/>', "running", WARN)]
+)
+def test_a_failed_instance_is_not_forgotten_when_a_later_one_completes_or_runs(
+    after: str, state: str, level: int
+) -> None:
+    timer = "<timerEventDefinition><timeDuration>PT{}S</timeDuration></timerEventDefinition>"
+    content = (
+        f'<startEvent id="one">{timer.format(1)}</startEvent><scriptTask id="bad"><script>1 / 0</script></scriptTask>'
+        f'<startEvent id="two">{timer.format(2)}</startEvent>{after}'
+    )
+    found, message, values = Robot().run(definitions(process("p", content, ("one", "bad"), ("two", "ask"))))
+    assert (found, values["state"], values["failed"]) == (level, state, "1")
+    assert message.startswith("1 of 2 instances failed: ")
+    assert "division by zero" in message
+
+
+def test_an_older_instance_that_fails_while_a_younger_one_runs_is_told() -> None:
+    timer = "<timerEventDefinition><timeDuration>PT{}S</timeDuration></timerEventDefinition>"
+    content = (
+        f'<startEvent id="s"/><intermediateCatchEvent id="wait">{timer.format(2)}</intermediateCatchEvent>'
+        '<scriptTask id="bad"><script>1 / 0</script></scriptTask>'
+        f'<startEvent id="two">{timer.format(1)}</startEvent><userTask id="ask"/>'
+    )
+    model = definitions(process("p", content, ("s", "wait"), ("wait", "bad"), ("two", "ask")))
+    level, message, _ = Robot().run(model)
+    assert (level, message.partition(": ")[0]) == (WARN, "1 of 2 instances failed")
+
+
 def test_a_mission_that_somebody_suspends_is_a_warning_with_the_name() -> None:
     robot = Robot()
     robot.run(WAITS)

@@ -136,6 +136,8 @@ def test_a_clock_is_fine_only_where_that_is_known(trip: float, ahead: float, ver
     [
         ({"state": "running"}, "ok", "running"),
         ({"state": "failed", "error": "division by zero"}, "wrong", "failed: division by zero"),
+        ({"state": "failed", "failed": 1, "started": 2, "error": "why"}, "wrong", "1 of 2 instances failed: why"),
+        ({"state": "running", "failed": 1, "started": 2, "error": "why"}, "warning", "1 of 2 instances failed: why"),
         ({"state": "incident", "incidents": [{"element": "Go", "text": "no way"}]}, "wrong", "Go: no way"),
         ({"state": "suspended", "suspended": {"by": "ann"}}, "warning", "suspended by ann"),
         ({"state": "running", "absent": {"DINGO": 4.0}}, "warning", "misses DINGO of its team"),

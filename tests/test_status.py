@@ -62,6 +62,11 @@ def test_a_robot_of_the_team_whose_engine_is_gone_is_reported_by_the_others_with
     field.engines["A"].close()
 
 
+def test_a_failed_instance_is_told_beside_the_tokens_of_those_that_run():
+    report = Report(robot="A", state="running", waits=[{"element": "t"}], started=3, failed=1, error="gripper broken")
+    assert [row[6] for row in rows("A", report)] == ["", "1 of 3 instances failed: gripper broken"]
+
+
 def test_silent_are_those_who_are_missed_or_there_without_a_word():
     report = Report(robot="A", state="running", absent={"B": 9.0, "C": 4.0})
     reports = {"A": report, "C": replace(report, robot="C", absent={})}

@@ -190,8 +190,10 @@ def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
         head = ("", "", "", "")
     if report.offers:
         yield (*head, "", "", f"fame activate {robot}: {', '.join(report.offers)}", "")
-    elif head[0]:
-        yield (*head, "", "", report.error, "")
+        head = ("", "", "", "")
+    error = report.failures or report.error
+    if error or head[0]:
+        yield (*head, "", "", error, "")
     for text in report.warnings:
         yield ("", "", "", "", "", "", f"warning: {text}", "")
 

@@ -32,12 +32,13 @@ class DiagnosticsPublisher:
 
 def diagnostic_status(report: Report) -> dict[str, Any]:
     """The fields of a diagnostic_msgs/msg/DiagnosticStatus: the mission of one robot."""
+    past = report.state == "running" and report.failures
     doubts = [*report.warnings, *(f"misses {robot} of its team" for robot in sorted(report.absent))]
     return {
         "level": ERROR
-        if report.state in _ERRORS or report.error
+        if report.state in _ERRORS or (report.error and not past)
         else WARN
-        if report.state in _WARNINGS or doubts
+        if report.state in _WARNINGS or doubts or past
         else OK,
         "name": f"{report.robot}: mission",
         "message": next(_messages(report, doubts)),
@@ -49,7 +50,9 @@ def diagnostic_status(report: Report) -> dict[str, Any]:
 def _messages(report: Report, doubts: list[str]) -> Iterator[str]:
     """What there is to say, the gravest first."""
     yield from (f"{each['element']}: {each['text']}" for each in report.incidents)
-    if report.error:
+    if report.failures:
+        yield report.failures
+    elif report.error:
         yield f"{report.state}: {report.error}"
     if report.suspended:
         yield f"suspended by {report.suspended.get('by', '')}"

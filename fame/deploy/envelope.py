@@ -77,6 +77,8 @@ _TOKENS = fields.sequence(fields.record(_TOKEN))
 _MIGRATION: dict[str, fields.FieldCheck] = {
     "hash": fields.text(64), "tokens": _TOKENS, "gone": _TOKENS, "state": fields.is_object,
 }  # fmt: skip
+_AT_WORK = ("running", "incident", "idle", "failed")
+"""States in which the `error` of a `Report` is that of an instance."""
 STATES = ("waiting", "loading", "ready", "holding", "running", "suspended", "incident", "idle", "failed")
 
 
@@ -157,6 +159,7 @@ class Report:
     state   ``waiting`` (for its first process), ``loading``, ``ready``, ``holding`` (ready, its sender is
             silent), ``running``, ``suspended`` (by a person, or its
             state cannot be written), ``incident`` (holds until somebody repairs it), ``idle`` (no instance), ``failed``
+            (no instance runs, and one of this process has failed)
     instances, started, completed, failed      of this process: how many run now, have started, completed, failed
     deployed   the deployment that its process came with, `hash` the model
     candidate  the deployment that is to replace it, while it is loading, ready or holding
@@ -176,6 +179,7 @@ class Report:
     offers     the elements of open ad-hoc sub-processes that can be activated
     suspended  by which person its mission is suspended: `by`, `since` (s), `holder` (who steers it, or empty)
     incidents  elements that have failed and wait for somebody: `element`, `code`, `text`
+    error      why it is suspended, or why the last of the instances that have failed did, whatever runs since
     errors     of the last instances that have failed: `code`, `element`, `name`, `file`, `line`, `text`
     warnings   of the middleware, of lost messages and of clocks that jump, the latest last
     absent     robots of its team that have no engine any more, and for how long (s)
@@ -225,6 +229,13 @@ class Report:
     def engine(self) -> str:
         """Identifies this run of this engine."""
         return f"{self.born} {self.key}"
+
+    @property
+    def failures(self) -> str:
+        """How many instances have failed, and why the last one, if others have started; else nothing."""
+        if not self.failed or self.started < 2 or self.state not in _AT_WORK:
+            return ""
+        return ": ".join(filter(None, (f"{self.failed} of {self.started} instances failed", self.error)))
 
     def to_json(self, key: Any = None) -> str:
         """The JSON text that is sent, signed with a private key if one is given."""

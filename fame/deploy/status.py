@@ -248,9 +248,9 @@ def state_of(process: RobotNode | None) -> str:
         return "incident"
     if process.suspension.by:
         return "suspended"
-    if any(instance.status == "failed" for instance in process.instances[-1:]):
-        return "failed"
-    return "running" if process.engine.instances else "idle"
+    if process.engine.instances:
+        return "running"
+    return "failed" if process.failed else "idle"
 
 
 def progress(process: RobotNode | None) -> dict[str, Any]:
@@ -264,7 +264,7 @@ def progress(process: RobotNode | None) -> dict[str, Any]:
 
 
 def _described(process: RobotNode) -> dict[str, Any]:
-    last = process.instances[-1].error if process.instances else None
+    errors = [instance.error for instance in process.instances if instance.error is not None]
     waiting = process.waiting_tokens(WAITS)
     return {
         "instances": len(process.engine.instances),
@@ -287,12 +287,8 @@ def _described(process: RobotNode) -> dict[str, Any]:
         "more_waits": max(0, process.waiting.count(process.engine) - WAITS) if len(waiting) >= WAITS else 0,
         "untaken": process.untaken(),
         "offers": process.offers(),
-        "error": str(last) if last is not None else "",
+        "error": str(errors[-1]) if errors else "",
         "suspended": process.suspension.to_json(),
         "incidents": [{"element": id, "code": code, "text": text} for id, code, text in process.incidents[:WAITS]],
-        "errors": [
-            {**instance.error.to_json(), "name": instance.error.name}
-            for instance in process.instances
-            if instance.error is not None
-        ],
+        "errors": [{**error.to_json(), "name": error.name} for error in errors],
     }
