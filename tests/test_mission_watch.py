@@ -1,5 +1,7 @@
 """``fame deploy`` watches what it has deployed: failures, the end, engines that leave."""
 
+from dataclasses import replace
+
 import pytest
 from deployment_field import Field, definitions, patrol, process
 
@@ -121,3 +123,51 @@ def test_an_optional_pool_need_not_start():
     field = Field("A", "B")
     watch, lines = watched(field, field.deploy(pair(OPTIONAL)), 60)
     assert (lines, watch.failures) == (["A: the mission has ended", "B: nothing has started"], {})
+
+
+JOB = definitions(
+    '<signal id="S" name="job"/><error id="E" errorCode="broken"/><collaboration id="c">'
+    '<participant id="A" name="A" processRef="pa"/><participant id="B" name="B" processRef="pb"/></collaboration>',
+    process(
+        "pa",
+        '<startEvent id="sa"/><intermediateCatchEvent id="t"><timerEventDefinition><timeDuration>PT15S</timeDuration>'
+        '</timerEventDefinition></intermediateCatchEvent><endEvent id="ea"><signalEventDefinition signalRef="S"/>'
+        "</endEvent>",
+        ("sa", "t"),
+        ("t", "ea"),
+    ),
+    process(
+        "pb",
+        '<startEvent id="sb"/><endEvent id="eb"/>'
+        '<startEvent id="job"><signalEventDefinition signalRef="S"/></startEvent>'
+        '<endEvent id="cut"><errorEventDefinition errorRef="E"/></endEvent>',
+        ("sb", "eb"),
+        ("job", "cut"),
+    ),
+)
+"""B has run once; A ends after 15 s, and starts B again, which fails."""
+
+
+@pytest.mark.parametrize("wakes", ["with what it has done", "with a report of before"])
+def test_a_robot_that_is_not_heard_since_the_others_ended_has_not_ended(wakes: str):
+    field = Field("A", "B")
+    sent = field.deploy(JOB)
+    watch, lines, old = MissionWatch(sent.id, sent.pools), list[str](), sent.reports["B"]
+    frozen, until = field.scheduler.now + SECOND, field.scheduler.now + 7 * SECOND
+    while not watch.over and field.scheduler.now < 60 * SECOND:
+        field.pass_time(0.05)
+        now, reports = field.scheduler.now, sent.reports
+        if frozen < now < until:
+            reports["B"] = old
+        elif wakes == "with a report of before" and until <= now < until + SECOND:
+            reports["B"] = replace(old, time=old.time + 1)
+        elif now <= frozen:
+            old = reports["B"]
+        lines += watch.look(reports, now)
+    assert lines == [
+        "B: its engine has been silent for 5 s",
+        "B: its engine is heard again",
+        "B: the mission has failed: cut (team.bpmn:1): error broken was not caught",
+        "A: the mission has ended",
+    ]
+    assert list(watch.failures) == ["B"]

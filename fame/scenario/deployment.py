@@ -16,6 +16,7 @@ from fame.deploy.sender import Sender
 from fame.errors import ConfigError, DeploymentError
 from fame.middleware.interface import Middleware
 from fame.scenario.process import run_until_signal
+from fame.scenario.quiescence import QuiescenceDetector
 
 _FINDING = SECOND // 2
 """Extra time for discovering further engines (ns)."""
@@ -24,8 +25,9 @@ _FINDING = SECOND // 2
 _SILENT, _LEFT = 5 * SECOND, 15 * SECOND
 """An engine without a report for as long is told, and has left (ns): a robot that roams is heard again."""
 _SILENCE = f"its engine has been silent for {_SILENT // SECOND} s"
-_SETTLED = 2 * SECOND
-"""A team in which nothing runs for as long has ended: a message on its way would have started something (ns)."""
+_SETTLED = 3 * SECOND // 2
+"""A team whose robots say for as long that nothing runs has ended: a message on its way would have started something
+(ns)."""
 
 
 class MissionWatch:
@@ -42,7 +44,7 @@ class MissionWatch:
         self._deployment, self._robots = deployment, robots
         self._last: dict[str, tuple[Report, int]] = {}  # of this deployment, and when it came
         self._begun: set[str] = set()
-        self._quiet: int | None = None
+        self._quiescence = QuiescenceDetector(_SETTLED)
         self.failures, self.over = {}, False
 
     def look(self, reports: Mapping[str, Report], now: int) -> list[str]:
@@ -70,9 +72,7 @@ class MissionWatch:
                 ]  # fmt: skip
             elif last is not None:
                 self._fail(lines, robot, "another process has replaced this one")
-        idle = self._begun and all(robot in self._last and self._ended(robot, now) for robot in self._robots)
-        self._quiet = (now if self._quiet is None else self._quiet) if idle else None
-        self.over = self._quiet is not None and now - self._quiet >= _SETTLED
+        self.over = self._is_over(now)
         if self.over:
             self._end(lines)
         return lines
@@ -86,13 +86,21 @@ class MissionWatch:
             elif robot not in self.failures:
                 lines.append(f"{robot}: {'the mission has ended' if robot in self._begun else 'nothing has started'}")
 
-    def _ended(self, robot: str, now: int) -> bool:
-        report, since = self._last[robot]
+    def _is_over(self, now: int) -> bool:
+        there = [robot for robot in self._robots if not self._has_gone(robot, now)]
+        if not self._begun or any(robot not in self._last for robot in there):
+            return False
+        last = {robot: self._last[robot] for robot in there}
+        runs = any(report.instances or report.ahead for report, _ in last.values())
+        done = None if runs else sum(report.started + report.elements for report, _ in last.values())
+        return self._quiescence.look({robot: arrival for robot, (_, arrival) in last.items()}, done, now)
+
+    def _has_gone(self, robot: str, now: int) -> bool:
+        """Whether nothing is to be expected of a robot any more."""
         failure = self.failures.get(robot, "")
         if failure == _SILENCE:
-            return now - since > _LEFT
-        gone = failure != "" and not failure.startswith("the mission")
-        return gone or not (report.instances or report.ahead)
+            return now - self._last[robot][1] > _LEFT
+        return failure != "" and not failure.startswith("the mission")
 
     def _fail(self, lines: list[str], robot: str, text: str, *, again: bool = False) -> None:
         if again or robot not in self.failures:
