@@ -121,6 +121,21 @@ def test_a_team_is_judged_while_it_runs(judged: Judged) -> None:
     assert close.text.startswith("a bound is within the doubt of the clocks (0.0")
 
 
+def test_what_a_lost_mission_would_have_done_is_not_known(tmp_path: Path) -> None:
+    made = properties(end="B completes", order="B throws /done only after A throws /go")
+    judged = Judged(tmp_path / "run.mcap", made, team(TEAM))
+    with closing(judged):
+        judged.deploy("A", "B")
+        judged.field.run(1)
+        judged.field.engines.pop(1).close()
+        judged.field.engine("B")
+        judged.field.run(8)
+        assert judged.verdicts() == {"end": "not known", "order": "not known"}
+        assert {each.text for each in judged.judging.judgements} == {
+            "the engine of B restarted, and its mission is lost"
+        }
+
+
 def test_a_deadline_runs_on_while_a_person_suspends_its_robot(tmp_path: Path) -> None:
     model = tmp_path / "sign.bpmn"
     model.write_text(process(f'<userTask id="Sign">{deadline(deadline="PT5S")}</userTask>'))

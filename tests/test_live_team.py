@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import pytest
 
 from fame.clock import EPOCH, SECOND, Scheduler, date_text
 from fame.closing import Closing
-from fame.deploy import EngineNode
+from fame.deploy import STATUS_QOS, EngineNode, Report
 from fame.deploy.options import EngineOptions
 from fame.log import Recording
 from fame.log.channels import CLOCKS, EVENTS, KEY, VARIABLES, WAITING
@@ -19,6 +20,8 @@ from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
+from fame.robot.journal import StateDirectory
+from fame.robot.robot_state import RobotState
 from tests.bpmn_text import process
 
 COUNTING = process("""
@@ -268,3 +271,91 @@ def test_what_is_no_batch_is_ignored(field: Field) -> None:
     field.run(1)
     assert not field.told
     team.close()
+
+
+RESTARTED = "its engine restarted; its mission is lost"
+
+
+def reports_of(field: Field) -> list[str]:
+    """What was told of robots besides their events."""
+    marks = [
+        mark for topic, _, data in field.told if topic == EVENTS for each in data["events"] for mark in each["marks"]
+    ]
+    return [str(mark[2]) for mark in marks if mark[1] == "report"]
+
+
+def test_a_mission_is_lost_with_its_engine_though_another_one_has_its_name(field: Field) -> None:
+    field.engine("REX")
+    team = field.watch()
+    field.run(1)
+    field.deploy("REX")
+    field.run(2)
+    assert team.state.robots["REX"].tokens
+    field.engines.pop(0).close()
+    field.engine("REX")
+    field.run(8)
+    assert reports_of(field) == [RESTARTED]
+    assert list(team.restarted) == ["REX"]
+    state = team.state.robots["REX"]
+    assert state == RobotState()
+    (at,) = (time for topic, time, data in field.told if topic == EVENTS and "restarted" in str(data))
+    assert 5 < at / SECOND < 8  # when it was noticed, not when the last batch came
+    field.deploy("REX")
+    field.run(2)
+    team.close()
+    assert not team.restarted
+    assert team.state.robots["REX"].tokens
+    assert reports_of(field) == [RESTARTED]
+
+
+def test_a_mission_that_another_engine_replaces_at_once_is_lost_too(field: Field) -> None:
+    field.engine("REX")
+    team = field.watch()
+    field.run(1)
+    field.deploy("REX")
+    field.run(2)
+    field.engines.pop(0).close()
+    field.engine("REX")
+    field.run(0.5)
+    field.deploy("REX")
+    field.run(2)
+    team.close()
+    assert reports_of(field) == [RESTARTED]
+    assert team.state.robots["REX"].counts["Count"]["leave"] < 25  # those of the new one alone
+    assert not team.restarted
+
+
+def test_an_engine_that_continues_its_mission_has_lost_nothing(field: Field, tmp_path: Path) -> None:
+    team = field.watch()
+    with closing(StateDirectory(tmp_path)) as folder:
+        field.engine("REX", state=folder)
+        field.run(1)
+        field.deploy("REX")
+        field.run(2)
+        field.engines.pop(0).close()
+    field.run(6)
+    with closing(StateDirectory(tmp_path)) as folder:
+        engine = field.engine("REX", state=folder)
+        field.run(8)
+        assert engine.state == "running"
+        field.engines.pop(0).close()
+    team.close()
+    assert RESTARTED not in reports_of(field)
+    assert team.state.robots["REX"].tokens
+    assert not team.restarted
+
+
+def test_a_second_engine_of_a_name_does_not_take_the_mission_of_the_first(field: Field) -> None:
+    engine = field.engine("REX")
+    team = field.watch()
+    field.run(1)
+    field.deploy("REX")
+    field.run(2)
+    other = Report(robot="REX", state="waiting", born=engine.born + 1, time=9.0).to_json()
+    statuses = field.middleware.node("other", "REX").publisher("bpmn_status", "std_msgs/msg/String", STATUS_QOS)
+    for _ in range(8):
+        statuses.publish(messages.create("std_msgs/msg/String", other))
+        field.run(1)
+    team.close()
+    assert not reports_of(field)
+    assert team.state.robots["REX"].tokens

@@ -298,6 +298,28 @@ def test_a_robot_that_has_left_is_named_until_it_is_back(field: Field) -> None:
     assert field.view.mission()["notices"] == []
 
 
+def test_a_robot_whose_engine_restarted_without_its_mission_is_lost_and_waits_for_nobody(field: Field) -> None:
+    field.engine("REX")
+    field.run(1)
+    field.deploy("REX")
+    field.run(3)
+    assert field.waiting() == {("REX", "Sign")}
+    field.engines.pop(0).close()
+    field.engine("REX")
+    field.run(8)
+    assert field.waiting() == set()
+    assert not field.view._packer.state.tokens
+    assert list(field.view._lost()) == ["REX"]
+    assert field.view.mission()["notices"] == ["REX: its engine restarted; its mission is lost"]
+    assert field.view._running("REX") == ""
+    told = [str(detail) for block in field.view._packer.blocks for detail in block.details.values()]
+    assert "its engine restarted; its mission is lost" in told
+    field.deploy("REX")
+    field.run(2)
+    assert field.waiting() == {("REX", "Sign")}
+    assert (field.view._lost(), field.view.mission()["notices"]) == ({}, [])
+
+
 def test_a_robot_on_the_network_has_its_battery_and_is_lost_if_it_says_nothing_for_five_seconds(field: Field) -> None:
     field.engine("REX")
     battery = field.middleware.node("base").publisher("/REX/battery_state", "sensor_msgs/msg/BatteryState")

@@ -313,7 +313,11 @@ class TeamJudge:
         """What was lost, and robots that were in the middle of their missions when the recording began."""
         for robot, lost in data.get("gaps", {}).items():
             state = RobotState.from_key(data["robots"][robot])
-            if (lost or robot in self._taken_up) and self._missed(robot, state):
+            known = self._robots.get(robot, RobotState())
+            if not state.process and runs(TeamState(robots={robot: known})):
+                why = f"the engine of {robot} restarted, and its mission is lost"
+                self.judge.lose(robot, why, self._heard.get(robot, 0))
+            elif (lost or robot in self._taken_up) and self._missed(robot, state):
                 why = f"{lost} batches of {robot} were lost" if lost else f"{robot} was not watched for a while"
                 self.judge.lose(robot, why, self._heard.get(robot, 0))
             self._taken_up.pop(robot, None)

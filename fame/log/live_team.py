@@ -3,7 +3,8 @@
 Batches of several robots come in any order. They wait for a while (half a second unless a page wants them earlier), so
 that what `put` gets is in the order of time. A robot that is new, or of which a batch was lost, gives everything
 with a later batch: then a message of ``/fame/key`` comes, with the state of the whole team and with ``gaps``, and what
-was lost is counted and reported.
+was lost is counted and reported. An engine that waits for a process says so on ``bpmn_status`` alone: if it took the
+place of one that ran a mission, that mission is lost, and the robot has an empty state from then on.
 """
 
 from __future__ import annotations
@@ -33,6 +34,12 @@ _DISCOVERY = SECOND // 2
 """Interval of the search for robots (ns)."""
 _STRANGE = (ValueError, TypeError, LookupError, AttributeError)
 """Errors raised by a foreign message that is not a batch."""
+RESTARTED = "its engine restarted; its mission is lost"
+"""What is reported of a robot whose engine does not know the mission of the one before."""
+_TAKEN = 3 * SECOND
+"""For how long an engine has to be silent until another one of the same name is believed to be in its place (ns)."""
+_SETTLED = 1.0
+"""After how long an engine that waits for a process does not continue one from its folder (s)."""
 _CHANNELS = {"events": EVENTS, "variables": VARIABLES, "waiting": WAITING}
 
 
@@ -46,6 +53,9 @@ class _Source:
     until: int = 0  # the same since the team's epoch
     synchronised: bool = False
     lost: int = 0  # batches since it was
+    heard: int = 0  # when its engine was heard last: a batch or a status of the session (ns of the scheduler)
+    batched: int = 0  # when the last batch came (the same)
+    successor: int = -1  # the session of an engine in its place that has no process
     ends: list[Any] = field(default_factory=list)
 
 
@@ -57,9 +67,11 @@ class LiveTeam(Closing):
     models    what each robot runs, as its ``bpmn_model`` says
     gaps      how many batches of each robot were lost
     gone      robots that have left the network
+    restarted robots whose engine restarted and lost their mission, until they get another one, and since when (ns)
 
     `on_model` gets the name of a robot and what it runs, whenever that changes. What comes late has the time `floor` at
-    least. Without `node`, batches are given to `feed`.
+    least. `now` gives the time of the mission (ns since `epoch`) where a simulation says it. Without `node`, batches
+    are given to `feed`.
     """
 
     def __init__(
@@ -73,15 +85,17 @@ class LiveTeam(Closing):
         robots: frozenset[str] = frozenset(),
         delay: int = DELAY,
         floor: Callable[[], int] = lambda: 0,
+        now: Callable[[], int | None] = lambda: None,
     ) -> None:
         self._node, self._middleware, self._scheduler, self._floor = node, middleware, scheduler, floor
-        self._on_model, self._wanted = on_model, robots
+        self._on_model, self._wanted, self._now = on_model, robots, now
         self.delay: int = delay
         self._writer = KeyWriter(put)
         self.epoch: datetime | None = None
         self.models: dict[str, Mapping[str, Any]] = {}
         self.gaps: dict[str, int] = {}
         self.gone: Set[str] = set()
+        self.restarted: dict[str, int] = {}
         self._sources: dict[str, _Source] = {}
         self._waiting: list[tuple[int, int, Callable[[int], object]]] = []  # time, number, what to do then
         self._numbers = count()
@@ -123,9 +137,11 @@ class LiveTeam(Closing):
             if not self._wanted or robot in self._wanted:
                 source = self._sources[robot] = _Source()
                 on_batch, on_model = partial(self._on_batch, robot), partial(self._on_model_message, robot)
+                on_status = partial(self._on_status, robot, source)
                 source.ends = [
                     self._node.subscription(there[robot], STRING, on_batch),
                     self._node.subscription(f"/{robot}/{MODEL_TOPIC}", STRING, on_model, LATCHED),
+                    self._node.subscription(f"/{robot}/bpmn_status", STRING, on_status, LATCHED),
                 ]
         self.gone = self._sources.keys() - there.keys()
 
@@ -136,19 +152,41 @@ class LiveTeam(Closing):
                 self.models[robot] = model
                 self._on_model(robot, model)
 
+    def _on_status(self, robot: str, source: _Source, message: AnyMessage) -> None:
+        """Notice that another engine, which has no process, is in the place of the one whose batches came."""
+        with suppress(*_STRANGE):
+            report = read_json(message.data, MAX_MESSAGE_SIZE)
+            if report["robot"] == robot and source.session >= 0:
+                self._compare(robot, source, int(report["born"]), report["state"], float(report["time"]))
+
+    def _compare(self, robot: str, source: _Source, born: int, state: str, age: float) -> None:
+        """Compare the engine that was `born` then and reports a state, at an `age` (s), to that of the batches."""
+        now = self._scheduler.now
+        if born == source.session:
+            source.heard = now
+        elif (
+            born > source.session
+            and (state, source.successor) == ("waiting", -1)
+            and age >= _SETTLED
+            and now - source.heard > _TAKEN
+        ):
+            source.successor, simulated = born, self._now()
+            time = source.until + now - source.batched if simulated is None else simulated
+            self.enter(time, partial(self._restart, robot))
+
     def _on_batch(self, robot: str, message: AnyMessage) -> None:
         with suppress(*_STRANGE):
             self.feed(robot, read_json(message.data, MAX_MESSAGE_SIZE))
 
     def _take(self, robot: str, source: _Source, batch: Mapping[str, Any]) -> None:
-        if not (_is_time(batch["time"]) and type(batch["batch"]) is int):
+        if not (_is_time(batch["time"]) and type(batch["batch"]) is type(batch["session"]) is int):
             raise ValueError
-        date = parse_datetime(str(batch["epoch"]))
+        date, before = parse_datetime(str(batch["epoch"])), source.session
         if self.epoch is None:
             self.epoch = date
         shift = nanoseconds_between(self.epoch, date)
         if batch["session"] != source.session:
-            source.session, source.synchronised = batch["session"], False
+            source.session, source.synchronised, source.successor = batch["session"], False, -1
             back = self._writer.last - (batch["time"] + shift + self._ahead)
             if batch["time"] + shift < source.until and back > SECOND:  # its simulated time begins again
                 self._ahead += back
@@ -157,10 +195,13 @@ class LiveTeam(Closing):
             source.synchronised = False
             source.lost += max(1, batch["batch"] - source.batch - 1)
         source.batch, source.time, source.until = batch["batch"], batch["time"], batch["time"] + shift
+        source.heard = source.batched = self._scheduler.now
         ahead = shift + self._ahead
         if "begins" in batch:
             source.synchronised = True
             first = min((time for _, time, _ in batch["changes"]), default=batch["time"])
+            if before != source.session:
+                self.enter(first + shift, partial(self._restart, robot))
             self.enter(first + shift, partial(self._begin, robot, str(batch["begins"])))
         if source.synchronised:
             for channel, time, content in batch["changes"]:
@@ -204,12 +245,27 @@ class LiveTeam(Closing):
 
     def _begin(self, robot: str, process: str, time: int) -> None:
         """Note that a robot starts a process, perhaps after another: its batches are complete from now on."""
+        self.restarted.pop(robot, None)
         gaps = {robot: 0} if robot in self.state.robots else None
         self.state.robots[robot] = RobotState(process=process)
         self._writer.key(max(time, self._writer.last + 1), gaps)
 
+    def _restart(self, robot: str, time: int) -> None:
+        """Note that the engine of a robot restarted, and does not know what the one before ran."""
+        known = self.state.robots.get(robot, RobotState())
+        if known == RobotState():
+            return
+        self.state.robots[robot] = RobotState()
+        time = max(time, self._writer.last + 1)
+        self._writer.key(time, {robot: 0})
+        if known.tokens or any(status == "running" for _, status in known.instances.values()):  # it had not ended
+            self.restarted[robot] = time
+            report = {"instance": 0, "scope": 0, "marks": [["", "report", RESTARTED]]}
+            self._change(EVENTS, {"robot": robot, "events": [report]}, time)
+
     def _synchronise(self, robot: str, key: Mapping[str, Any], lost: int, time: int) -> None:
         """Replace the state of a robot, of which `lost` batches have not arrived."""
+        self.restarted.pop(robot, None)
         self.state.robots[robot] = RobotState.from_key(key)
         time = max(time, self._writer.last + 1)  # changes of the last instant are included already
         self._writer.key(time, {robot: lost})

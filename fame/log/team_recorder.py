@@ -88,6 +88,7 @@ class TeamRecorder(Closing):
             robots=robots,
             delay=delay,
             floor=lambda: judging.now if judging is not None else 0,
+            now=lambda: self._clock,
         )
         self._node.subscription(CLOCK, CLOCK_TYPE, self._on_clock, QoS(reliability="best_effort", depth=1))
         self._node.subscription(WORLD_SCENE, STRING, partial(self._on_scene, WORLD))

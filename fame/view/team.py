@@ -26,6 +26,7 @@ from fame.deploy.requests import ACTS, TaskClient, TaskRequest
 from fame.deploy.sender import Sender
 from fame.errors import FameError, ModelError
 from fame.log.live_judge import LiveJudge
+from fame.log.live_team import RESTARTED
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware.interface import AnyMessage, Middleware, Publisher, QoS, resolve
 from fame.text import read_json
@@ -139,9 +140,10 @@ class TeamView(PageSink, Closing):
                 self._packer.message(self._packer.end, topic, robot, {"percentage": charge})
 
     def _lost(self) -> dict[str, int]:
-        """The robots that have left the network, or said nothing for some time, and since when (ns)."""
-        silent, gone = self._scheduler.now - _SILENCE, self._recorder.team.gone
-        return {robot: end for robot, (heard, end) in self._heard.items() if robot in gone or heard < silent}
+        """The robots that left the network, said nothing for some time, or lost their mission, and since when (ns)."""
+        silent, team = self._scheduler.now - _SILENCE, self._recorder.team
+        lost = {robot: end for robot, (heard, end) in self._heard.items() if robot in team.gone or heard < silent}
+        return {**team.restarted, **lost}
 
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         """Add the model that a robot runs."""
@@ -171,6 +173,7 @@ class TeamView(PageSink, Closing):
                 chips=[("live", "live", "what the engines on the network tell")],
                 notices=[
                     *(f"{robot} has left the network: what it did last is shown" for robot in sorted(team.gone)),
+                    *(f"{robot}: {RESTARTED}" for robot in sorted(team.restarted)),
                     *(f"{count} batches of {robot} were lost" for robot, count in team.gaps.items()),
                 ],
                 blocks=packer.index(),
@@ -192,7 +195,9 @@ class TeamView(PageSink, Closing):
             lost = self._lost()
             status = {"type": "run", "time": self._packer.end, "over": False, "breakpoints": [], "lost": lost}
             team = self._recorder.team
-            return self.growth(known, status, (self._missions, *team.gaps.items(), *sorted(team.gone)))
+            return self.growth(
+                known, status, (self._missions, *team.gaps.items(), *sorted(team.gone), *team.restarted.items())
+            )
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if not self._control:
@@ -250,7 +255,8 @@ class TeamView(PageSink, Closing):
 
     def _running(self, robot: str) -> str:
         """The file that a robot runs, with all that it calls; empty if it runs nothing."""
-        models = self._recorder.team.models.get(robot, {}).get("models", ())
+        team = self._recorder.team
+        models = team.models.get(robot, {}).get("models", ()) if robot not in team.restarted else ()
         return str(models[0]["xml"]) if models else ""
 
     def _deploy(
