@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from bpmn_text import document, process, properties
+from collaborations import text_of
 
 import fame
 from fame.cli import main
@@ -338,3 +339,11 @@ def test_a_broken_file_of_a_type_is_named_where_the_type_is_needed(tmp_path: Pat
     path.write_text("model: m.bpmn\ncomputers: [P]\ntypes: [nowhere]\n")
     assert main(["run", str(path)]) == 2
     assert "s.yaml:3: types[0]: there is no .msg, .srv or .action file at" in capsys.readouterr().err
+
+
+def test_what_an_instance_changes_in_a_variable_of_the_scenario_no_other_one_sees(tmp_path):
+    steps = {"A": ["start go", "run seen.append(1); assert seen == [1]"], "B": ["throw go", "timer PT1S", "throw go"]}
+    (tmp_path / "m.bpmn").write_text(text_of(steps))
+    (tmp_path / "s.yaml").write_text("model: m.bpmn\nvariables: {A: {seen: []}}\n")
+    result = run(tmp_path / "s.yaml")
+    assert (result.status, result.robots[0].instances) == ("completed", 2)

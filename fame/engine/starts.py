@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any
 
 from fame.bpmn import model
@@ -27,7 +28,7 @@ def open_instance(engine: EngineState, entry: Node, values: dict[str, Any] | Non
     """Make an instance with its first token at `entry`."""
     variables = engine.new_variables()
     if engine.parameters:
-        variables.update(engine.parameters)
+        variables.update({name: _own(value) for name, value in engine.parameters.items()})
     if values:
         variables.update(values)
     instance = Instance(engine.new_key(), engine.program, variables)
@@ -40,6 +41,11 @@ def open_instance(engine: EngineState, entry: Node, values: dict[str, Any] | Non
     engine.ready.append((entry, root))
     scopes.arm_scope(engine, root)
     return instance
+
+
+def _own(value: Any) -> Any:
+    """A value that no other instance changes."""
+    return deepcopy(value) if isinstance(value, list | dict | set) else value
 
 
 def trigger(engine: EngineState, node: Node, message: Any) -> None:
