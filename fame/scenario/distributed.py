@@ -41,12 +41,14 @@ from fame.scenario.process import (
     scheduler_for,
     signals_call,
 )
+from fame.scenario.quiescence import QuiescenceDetector
 from fame.scenario.result import (
     Result,
     RobotResult,
     Status,
     TeamStatus,
     alike,
+    at_rest,
     is_over,
     never_started,
     reported_result,
@@ -63,6 +65,11 @@ if TYPE_CHECKING:
 _CHECK = SECOND // 5  # ns between two checks of the processes
 RESTARTS = 3
 """Maximum number of restarts of an engine that keeps its mission."""
+_SETTLED = SECOND // 2
+"""A team whose robots say for as long that nothing runs has ended: a message on its way would have started something
+(ns)."""
+_SILENT = 5 * SECOND
+"""A robot without a report for as long is not known to have ended (ns)."""
 _DISCOVERY = 45.0  # s until all engines must have been discovered; a machine with much to do starts them slowly
 
 
@@ -107,6 +114,8 @@ class DistributedTeam:
         self.middleware: Middleware = connect(backend, self.scheduler)
         self._recorder = logs.recorder(self.middleware, self.scheduler) if logs is not None else None
         self.reports: dict[str, Report] = {}
+        self._arrivals: dict[str, int] = {}  # when the last report of each robot came
+        self._quiescence = QuiescenceDetector(_SETTLED)
         self.world: Mapping[str, Any] | None = None
         self._children = Subprocesses(lambda name, line: self.scheduler.soon(lambda: self._on_output(name, line)))
         self._status: Status | None = None  # overrides the status that follows from the reports
@@ -118,6 +127,7 @@ class DistributedTeam:
         self._ends_with_next_state = False
         self._over = False
         self._until = math.inf  # s, when the duration is over
+        self._overdue: int | None = None  # since when it is, while it is not known whether the mission has ended
 
     def run(self) -> Result:
         """Start all processes, deploy, wait until no process instance runs or the duration is over, end all."""
@@ -217,10 +227,29 @@ class DistributedTeam:
             self._fail(*lost)
             return
         self._on_status(TeamStatus(self._time, self.reports, self._pids))
-        if self._time >= self._until and not self._over:
-            self.scheduler.stop()
+        if self._time >= self._until and not self._over and not self._is_to_be_confirmed():
+            self._expire()
         else:
             self.scheduler.after(_CHECK, self._check, Kind.TIMER)
+
+    def _is_to_be_confirmed(self) -> bool:
+        """Whether nothing runs by the last reports, and newer ones will tell whether that is so."""
+        now, robots = self.scheduler.now, self._robots()
+        self._overdue = overdue = now if self._overdue is None else self._overdue
+        older = any(arrival < overdue for arrival in self._arrivals.values())
+        return at_rest(robots) and (older or self._seems_over(robots)) and now - overdue < _SILENT
+
+    def _expire(self) -> None:
+        """End the run: its duration is over."""
+        now = self.scheduler.now
+        silent = {robot: now - arrival for robot, arrival in self._arrivals.items() if now - arrival >= _SILENT}
+        unknown = "its engine has been silent for {:.0f} s: it is not known what it does"
+        if silent:
+            self._fail(*(f"{robot}: {unknown.format(time / SECOND)}" for robot, time in silent.items()))
+            return
+        if self._seems_over(self._robots()):
+            self._status = "timeout"
+        self.scheduler.stop()
 
     def _restart(self, name: str, text: str) -> bool:
         """Start an engine again that keeps its mission. Returns whether it could be."""
@@ -278,6 +307,7 @@ class DistributedTeam:
         if report is None:
             return
         robot = reader.robot
+        self._arrivals[robot] = self.scheduler.now
         self.reports[robot] = report if self._deployment is None else self._deployment.source_map(robot).report(report)
         if self._deployment is None and len(self.reports) == len(self.scenario.cast) and self._world_is_there():
             self._deploy()
@@ -350,13 +380,12 @@ class DistributedTeam:
         self._on_line(robot or "outside", event_text(event))
 
     def _check_over(self) -> None:
-        """If the mission seems over, confirm it after a delay: the last messages may still be in flight."""
-        if not self._over and not self._due and is_over(self._robots()):
-            self._over = True
-            self.scheduler.after(SECOND // 2, self._confirm_over, Kind.TIMER)
-
-    def _confirm_over(self) -> None:
-        self._over = not self._due and is_over(self._robots())
+        """End the run if all robots confirm that the mission is over: the last messages may still be in flight."""
+        if self._over:
+            return
+        robots = self._robots()
+        done = sum(robot.instances + robot.elements for robot in robots) if self._seems_over(robots) else None
+        self._over = self._quiescence.look(self._arrivals, done, self.scheduler.now)
         if not self._over:
             return
         if self.scenario.world is None:
@@ -364,6 +393,9 @@ class DistributedTeam:
         else:  # with the next state of the world, in which robots have come to rest
             self._ends_with_next_state = True
             self.scheduler.after(SECOND, self.scheduler.stop, Kind.TIMER)
+
+    def _seems_over(self, robots: Sequence[RobotResult]) -> bool:
+        return not self._due and is_over(robots)
 
     def _expect_all(self) -> None:
         missing = [robot for robot in self.scenario.cast if robot not in self.reports]
