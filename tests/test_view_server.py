@@ -131,16 +131,20 @@ def test_a_command_is_never_a_get(server: Server) -> None:
     assert ask(server, "/control")[0] == 405
 
 
-def upgrade(server: Server, **headers: str) -> bytes:
-    """The first line of the answer to a WebSocket."""
-    lines = {
+def handshake(server: Server) -> dict[str, str]:
+    """The headers that ask for a WebSocket."""
+    return {
         "Host": f"127.0.0.1:{server.port}",
         "Upgrade": "websocket",
         "Connection": "Upgrade",
         "Sec-WebSocket-Key": "x3JJHMbDL1EzLkh9GBhXDw==",
         "Sec-WebSocket-Version": "13",
-        **headers,
     }
+
+
+def upgrade(server: Server, **headers: str) -> bytes:
+    """The first line of the answer to a WebSocket."""
+    lines = handshake(server) | headers
     with socket.create_connection(("127.0.0.1", server.port), timeout=10) as stream:
         text = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
         stream.sendall(f"GET /{server.token}/live HTTP/1.1\r\n{text}\r\n".encode())
@@ -162,6 +166,19 @@ def test_what_was_refused_is_in_the_logs_of_the_robots_but_does_not_fill_them(se
 def test_a_websocket_of_another_origin_is_refused(server: Server) -> None:
     assert b"101" in upgrade(server, Origin=f"http://127.0.0.1:{server.port}")
     assert b"403" in upgrade(server, Origin="http://evil.example")
+
+
+def test_a_page_without_news_gets_a_beat(server: Server) -> None:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as stream:
+        lines = [
+            f"GET /{server.token}/live HTTP/1.1",
+            *(f"{name}: {value}" for name, value in handshake(server).items()),
+        ]
+        stream.sendall("\r\n".join([*lines, "", ""]).encode())
+        received = b""
+        while received.count(b'{"type":"beat"}') < 2:
+            received += stream.recv(4096)
+    assert received.index(b"hello") < received.index(b"beat")
 
 
 def test_a_port_in_use_is_refused_in_one_line() -> None:

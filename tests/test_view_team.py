@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from view_page import opened, until
+from view_page import beyond, opened, shot, until, violations
 
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.deploy import EngineNode
@@ -485,6 +485,38 @@ def test_people_retry_set_and_move_with_the_buttons_of_the_page(chromium: Browse
     finally:
         field.scheduler.stop()
         thread.join(60)
+        field.close()
+
+
+def test_the_page_says_that_nothing_comes_any_more_though_its_connection_is_open(
+    chromium: Browser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goes_on = threading.Event()
+    field = Field(Scheduler())
+    field.engine("REX")
+    field.run(1)
+    field.deploy("REX")
+    field.run(3)
+    try:
+        with opened(chromium, field.view, tab="team") as page:
+            page.wait_for_timeout(6000)  # nothing new, but beats
+            assert page.locator("#chips").inner_text() == "live"
+            monkeypatch.setattr(
+                field.view, "news", lambda known: (goes_on.wait(60), TeamView.news(field.view, known))[1]
+            )
+            until(page, "document.getElementById('top').classList.contains('gone')")
+            shot(page, "gone")
+            assert "The page shows the last state" in page.locator("#notices").inner_text()
+            assert "The page shows the last state" in page.locator("#toast").inner_text()
+            assert page.locator("#chips").inner_text() == "not live"
+            assert beyond(page) == []
+            assert violations(page) == []
+            goes_on.set()
+            until(page, "!document.getElementById('top').classList.contains('gone')")
+            assert page.locator("#chips").inner_text() == "live"
+            assert page.locator("#notices").inner_text() == ""
+    finally:
+        goes_on.set()
         field.close()
 
 

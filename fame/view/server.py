@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 POLL = 0.04
 """Seconds between two looks at what is new, for each page."""
+BEAT = 1.0
+"""Seconds without news after which a page gets a beat: without any it knows that what it shows is old."""
 LONGEST = 1_000_000
 """Bytes of a command, at most."""
 RARE = 10.0
@@ -436,10 +438,14 @@ async def _send_news(socket: WebSocket, source: PageSource) -> None:
     """Send what is new until the page goes away."""
     async with _until_gone(socket) as gone:
         known: Any = None
+        time, sent = asyncio.get_running_loop().time, 0.0
         while not gone.is_set():
             known, news = await asyncio.to_thread(source.news, known)
+            if not news and time() - sent >= BEAT:
+                news = [{"type": "beat"}]
             for one in news:
                 await socket.send_text(json_bytes(one).decode())
+                sent = time()
             with suppress(TimeoutError):
                 await asyncio.wait_for(gone.wait(), POLL)
 

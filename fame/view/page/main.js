@@ -21,6 +21,7 @@ const PATIENCE = 250; // ms until the page says that it loads a part of the run
 const REST = 150; // ms after the cursor was moved in which nothing else is loaded
 const PAINT = 40; // ms in which the browser paints what a jump has changed
 const SOON = 200; // ms until what was loaded elsewhere is seen
+const SILENCE = 5000; // ms without a message, of which one comes each second, after which what is live is not known
 
 class App {
   constructor() {
@@ -51,6 +52,7 @@ class App {
     this.timer = null; // redraws at `due`
     this.due = Infinity;
     this.missing = null; // since when the state at the cursor is being loaded (ms)
+    this.gone = ""; // what has become of the connection, if nothing comes by it
   }
 
   async fetch(path) {
@@ -113,9 +115,11 @@ class App {
     const { mission } = this, chip = (text, cls = "", title = "") => h("span", { cls: `chip ${cls}`, title }, text);
     byId("title").textContent = mission.title;
     document.title = `${mission.title} · fame view`;
-    if (mission.person) mission.chips = [...mission.chips, [`${mission.person.user} (${mission.person.role})`, "completed", "who uses this page"]];
-    show(byId("chips"), mission.chips.map(([text, cls, title]) => chip(text, cls, title)));
-    show(byId("notices"), (mission.notices ?? []).map((text) => h("span", { cls: "notice", title: text }, text)));
+    const person = mission.person ? [[`${mission.person.user} (${mission.person.role})`, "completed", "who uses this page"]] : [];
+    const chips = mission.chips.map(([text, cls, title]) => (this.gone && cls === "live" ? ["not live", "failed", this.gone] : [text, cls, title]));
+    show(byId("chips"), [...chips, ...person].map(([text, cls, title]) => chip(text, cls, title)));
+    byId("top").classList.toggle("gone", this.gone !== "");
+    show(byId("notices"), [...(this.gone && mission.kind === "live" ? [this.gone] : []), ...(mission.notices ?? [])].map((text) => h("span", { cls: "notice", title: text }, text)));
   }
 
   isLive() {
@@ -147,14 +151,31 @@ class App {
     const address = new URL("live", base);
     address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(address);
-    socket.onmessage = ({ data }) => this.news(JSON.parse(data));
+    let heard = performance.now();
+    const watch = setInterval(() => {
+      if (this.mission.kind === "live" && !this.gone && performance.now() - heard > SILENCE) this.disconnected("Nothing comes from fame view any more. The page shows the last state.");
+    }, 1000);
+    socket.onmessage = ({ data }) => {
+      heard = performance.now();
+      if (this.gone) this.disconnected("");
+      this.news(JSON.parse(data));
+    };
     socket.onclose = () => {
-      byId("top").classList.add("gone");
-      if (this.mission.kind !== "recording" || this.mission.reading < 1) this.toast("The connection to fame view has ended. The page shows the last state.", true);
+      clearInterval(watch);
+      this.disconnected("The connection to fame view has ended. The page shows the last state.");
     };
   }
 
+  /** Say that what is shown may have changed since; or nothing any more: the connection is there again. */
+  disconnected(text) {
+    this.gone = text;
+    this.heading();
+    if (!text) byId("toast").hidden = true;
+    else if (this.mission.kind !== "recording" || this.mission.reading < 1) this.toast(text, true);
+  }
+
   news(news) {
+    if (news.type === "beat") return;
     if (news.type === "mission") this.load(news.mission).then(() => this.prefetch());
     else if (news.type === "index") {
       this.store.index(news.blocks, news.end);
