@@ -3,18 +3,23 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from domains import PROCESSES
 
 from fame.cli import doctor, main
 from fame.cli.doctor import Finding
+from fame.cli.network import interface_of
 from fame.deploy import Report
+from fame.deploy.signing import Identity, new_identity, read_identity, read_private
 from fame.imports import fame_version
 from fame.log.clocks import ClockAnswer
 
@@ -49,17 +54,59 @@ def test_an_interface_that_is_down_or_without_multicast_is_wrong(
     monkeypatch.setattr(doctor, "_RECEIVED", tmp_path / "rmem_max")
     (tmp_path / "wlan0").mkdir()
     (tmp_path / "rmem_max").write_text("212992\n")
+    monkeypatch.setattr(doctor, "interface_of", {"wlan0": "wlan0", "10.0.0.5": "wlan0", "eth9": "eth9"}.get)
     for state, flags, middleware, expected in (
         ("up", "0x1003", "dds", ["ok", "warning"]),  # a small buffer
-        ("down", "0x1003", "dds", ["ok", "wrong", "warning"]),
-        ("up", "0x3", "dds", ["ok", "wrong", "warning"]),
+        ("down", "0x1003", "dds", ["wrong", "warning"]),
+        ("up", "0x3", "dds", ["wrong", "warning"]),
         ("unknown", "0x9", "dds", ["ok", "warning"]),  # loopback
         ("up", "0x3", "zenoh", ["ok"]),
     ):
         (tmp_path / "wlan0" / "operstate").write_text(f"{state}\n")
         (tmp_path / "wlan0" / "flags").write_text(f"{flags}\n")
-        asked = Namespace(network="wlan0", middleware=middleware)
-        assert verdicts(doctor.network(asked)) == expected, (state, flags, middleware)
+        for name in ("wlan0", "10.0.0.5"):
+            asked = Namespace(network=name, middleware=middleware)
+            assert verdicts(doctor.network(asked)) == expected, (name, state, flags, middleware)
+    for name in ("10.0.0.6", "eth9"):  # no interface has it; the system says nothing of it
+        assert verdicts(doctor.network(Namespace(network=name, middleware="dds"))) == ["not known", "warning"]
+
+
+def test_the_interface_of_an_address_is_found() -> None:
+    assert [interface_of(name) for name in ("lo", "127.0.0.1", "::1")] == ["lo"] * 3
+    assert interface_of("192.0.2.1") is None  # of no machine (RFC 5737)
+
+
+@pytest.mark.processes
+def test_an_interface_without_multicast_is_wrong_also_by_its_address_and_one_that_is_down_is_not_asked() -> None:
+    veth = "ip link set lo up && ip link add dum0 type veth peer name dum1 && ip addr add 10.9.9.1/24 dev dum0"
+    made = f"mount -t sysfs sysfs /sys && {veth} && ip link set dum0 multicast off"
+    up = f"{made} && ip link set dum0 up && ip link set dum1 up"
+    fame = f"{sys.executable} -m fame doctor --network 10.9.9.1 --wait 0.5 --json"
+    found = {}
+    for name, before in (("up", up), ("down", made)):
+        words = ["unshare", "-nm", "sh", "-c", f"{before} || exit 77; exec {fame}"]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=100, check=False)
+        if not done.stdout:
+            pytest.skip(f"no network of one's own: {done.stderr}")
+        found[name] = json.loads(done.stdout)["findings"]
+        assert done.returncode == 1
+    for name, text in (("up", "has no multicast"), ("down", "is down")):
+        (first, *_) = (each for each in found[name] if each["check"] == "network")
+        assert first["verdict"] == "wrong"
+        assert ", 10.9.9.1 (dum0): " in first["text"]
+        assert text in first["text"]
+
+
+@pytest.mark.processes
+@pytest.mark.zenoh
+def test_a_router_that_nobody_runs_is_wrong() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+    words = [sys.executable, "-m", "fame", "doctor", "--middleware", "zenoh", "--router", f"127.0.0.1:{port}"]
+    done = subprocess.run([*words, "--wait", "1", "--json"], capture_output=True, text=True, timeout=100, check=False)
+    (found,) = (each for each in json.loads(done.stdout)["findings"] if each["check"] == "network")
+    assert (found["verdict"], done.returncode) == ("wrong", 1)
+    assert f"127.0.0.1:{port}: no router answers there" in found["text"]
 
 
 def test_a_middleware_that_is_not_installed_or_not_that_of_ros_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,6 +193,28 @@ def test_a_clock_is_fine_only_where_that_is_known(trip: float, ahead: float, ver
 def test_a_robot_is_fine_only_if_its_mission_is(fields: dict, verdict: str, text: str) -> None:
     found = doctor.reported(Report(robot="REX", **fields))
     assert (found.verdict, found.text) == (verdict, text)
+
+
+def test_a_robot_that_proves_nothing_to_the_trusted_keys_is_not_known(tmp_path: Path) -> None:
+    """Its key is its own, or another team's key vouches for it: who knows whether it takes missions of this team."""
+    for name in ("team", "other"):
+        assert main(["keys", "new", str(tmp_path / name)]) == 0
+    asked = Namespace(trust=[tmp_path / "team.pub"], key=None)
+    found, team = [], doctor._Team(asked, Mock(), Mock())
+    for robot, key in (("", ""), ("REX", "other"), ("DINGO", "team"), ("REX", "team")):
+        identity = Identity.new()
+        if robot:
+            path = tmp_path / key / f"{robot}.key"
+            path.parent.mkdir(exist_ok=True)
+            new_identity(robot, read_private(tmp_path / f"{key}.key"), path)
+            identity = read_identity(path, robot)
+        report = Report(robot="REX", state="waiting", key=identity.key, voucher=identity.voucher)
+        found += verdicts(team._vouched(report))
+        failed = replace(report, state="failed", error="division by zero")
+        assert verdicts(team._vouched(failed))[-1] == "wrong"
+    assert found == ["not known", "not known", "not known", "ok"]
+    asked.trust = []
+    assert verdicts(team._vouched(report)) == ["ok"]
 
 
 def test_another_version_is_told() -> None:

@@ -26,7 +26,7 @@ from fame.cli.arguments import (
     private_key,
     trusted_keys,
 )
-from fame.cli.network import add_network, connected, wait_until
+from fame.cli.network import add_network, connected, interface_of, wait_until
 from fame.cli.output import note, print_json
 from fame.errors import NOT_KNOWN, ConfigError, FameError, UnavailableError
 
@@ -102,7 +102,8 @@ def examine(arguments: Namespace) -> Iterator[Finding]:
     """What there is to say of this machine, then of the team."""
     yield from packages(arguments.middleware)
     yield clock()
-    yield from network(arguments)
+    of_network = list(network(arguments))
+    yield from of_network
     of_keys = list(keys(arguments))
     yield from of_keys
     yield from types(arguments)
@@ -114,7 +115,9 @@ def examine(arguments: Namespace) -> Iterator[Finding]:
     try:
         with connected(arguments) as (scheduler, middleware):
             yield from _Team(arguments, scheduler, middleware).findings()
-    except UnavailableError as error:
+    except FameError as error:
+        if not isinstance(error, UnavailableError) and all(finding.verdict == "ok" for finding in of_network):
+            raise  # a wrong request
         yield Finding("robots", "not known", f"no connection: {error}")
 
 
@@ -168,23 +171,51 @@ def clock() -> Finding:
 
 
 def network(arguments: Namespace) -> Iterator[Finding]:
-    """Whether robots can find each other by the network that was asked for."""
+    """Whether robots can find each other by the network that was asked for; routers are looked for later."""
+    from fame.scenario.process import Router
+
     name, dds = arguments.network, arguments.middleware != "zenoh"
     domain = f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}" if dds else "Zenoh"
     if name is None:
         yield Finding("network", "ok", f"{domain}, this machine only: other machines need --network or --router")
         return
-    yield Finding("network", "ok", f"{domain}, {name}")
-    place = _NET / str(name)
-    if place.is_dir():
-        if (state := (place / "operstate").read_text().strip()) == "down":
-            yield Finding("network", "wrong", f"{name} is {state}", f"ip link set {name} up")
-        if dds and not int((place / "flags").read_text(), 16) & (_MULTICAST | _LOOPBACK):
-            text = f"{name} has no multicast, by which robots find each other"
-            yield Finding("network", "wrong", text, f"ip link set {name} multicast on, or --middleware zenoh")
+    if isinstance(name, Router):
+        return
+    yield from _interface(str(name), domain, multicast=dds)
     if dds and _RECEIVED.exists() and (size := int(_RECEIVED.read_text())) < _BUFFER:
         text = f"the kernel keeps {size} bytes of what arrives: large messages lose parts, and are sent again"
         yield Finding("network", "warning", text, f"sysctl -w net.core.rmem_max={_BUFFER}")
+
+
+def _interface(name: str, domain: str, *, multicast: bool) -> Iterator[Finding]:
+    """Whether an interface, by its name or address, is up and has `multicast`; only then it is fine."""
+    interface = interface_of(name)
+    text = f"{domain}, {name}" if interface in (name, None) else f"{domain}, {name} ({interface})"
+    place = _NET / str(interface)
+    if interface is None or not place.is_dir():
+        text += ": its interface was not found, so whether it is up and has multicast is not known"
+        yield Finding("network", "not known", text, "--network with the name of an interface, as ip link shows it")
+        return
+    wrong = []
+    if (place / "operstate").read_text().strip() == "down":
+        wrong.append(Finding("network", "wrong", f"{text}: is down", f"ip link set {interface} up"))
+    if multicast and not int((place / "flags").read_text(), 16) & (_MULTICAST | _LOOPBACK):
+        mend = f"ip link set {interface} multicast on, or --middleware zenoh"
+        wrong.append(Finding("network", "wrong", f"{text}: has no multicast, by which robots find each other", mend))
+    yield from wrong or [Finding("network", "ok", text)]
+
+
+def routed(router: str, middleware: Any) -> Finding:
+    """Whether a router of Zenoh is connected; a configuration file may name peers instead."""
+    info = middleware.session.info
+    routers, peers = len(info.routers_zid()), len(info.peers_zid())
+    if routers:
+        return Finding("network", "ok", f"Zenoh, {router}: {routers} router{'s' * (routers > 1)} connected")
+    if router.startswith("/"):
+        text = f"Zenoh, {router}: no router is connected, and {peers} other sessions are"
+        return Finding("network", "not known", text, "look at its connect/endpoints; fame router there")
+    mend = "fame router there; no firewall between"
+    return Finding("network", "wrong", f"Zenoh, {router}: no router answers there", mend)
 
 
 def keys(arguments: Namespace) -> Iterator[Finding]:
@@ -245,11 +276,14 @@ class _Team:
     def findings(self) -> Iterator[Finding]:
         """What there is to say of each robot, after a while."""
         from fame.deploy import engines
+        from fame.scenario.process import Router
 
         wanted = set(self._arguments.robots)
         note(f"looking for robots, for {self._arguments.wait:g} s{' at most' if wanted else ''}")
         wait_until(self._scheduler, lambda: wanted and wanted <= set(engines(self._middleware)), self._arguments.wait)
         robots = sorted(engines(self._middleware))
+        if isinstance(self._arguments.network, Router):
+            yield routed(self._arguments.network, self._middleware)
         self._ask(robots)
         for robot in robots:
             yield from self._robot(robot)
@@ -296,12 +330,26 @@ class _Team:
             signed = " that a trusted key vouches for" if self._arguments.trust else ""
             yield Finding(robot, "wrong", f"has an engine, but no report{signed}", f"look at the engine of {robot}")
         else:
-            yield reported(report)
+            yield from self._vouched(report)
         if answer is None:
             text = "did not answer the question for its time"
             yield Finding(robot, "not known", text, "it may be busy, or have an older FAME")
         else:
             yield from answered(robot, answer)
+
+    def _vouched(self, report: Report) -> Iterator[Finding]:
+        """The state of a mission; with keys it is fine only of a robot whose name one of them vouches for."""
+        from fame.deploy.authentication import proves_name
+
+        found, robot, trusted = reported(report), report.robot, trusted_keys(self._arguments)
+        proved = not trusted or proves_name(report, robot, trusted)
+        if not proved:
+            text = "signs with a key of its own: neither its name nor which team's key it trusts is proved"
+            key = self._arguments.key or Path(self._arguments.trust[0]).with_suffix(".key")
+            mend = f"fame keys robot {robot} --key {key}; give its engine --identity {robot}.key"
+            yield Finding(robot, "not known", f"{text} (it says: {found.text})", mend)
+        if proved or found.verdict != "ok":
+            yield found
 
 
 def reported(report: Report) -> Finding:

@@ -91,6 +91,45 @@ def interface(text: str) -> str:
     return text
 
 
+def interface_of(name: str) -> str | None:
+    """The name of the network interface that has a name or an address; None if it is not found."""
+    names = [name for _, name in socket.if_nameindex()]
+    if name in names:
+        return name
+    with suppress(ValueError):
+        address = ipaddress.ip_address(name)
+        if address.is_loopback:
+            return "lo"
+        known = _addresses_4() if address.version == 4 else _addresses_6()
+        return known.get(address)
+    return None
+
+
+def _addresses_4() -> dict[ipaddress.IPv4Address | ipaddress.IPv6Address, str]:
+    """The IPv4 addresses of this machine, and the name of the interface of each."""
+    import fcntl
+    from array import array
+
+    size = struct.calcsize("16sPPP")  # of struct ifreq <linux/if.h>
+    room = array("B", bytes(256 * size))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end, suppress(OSError):
+        asked = struct.pack("iP", len(room), room.buffer_info()[0])
+        length = struct.unpack("iP", fcntl.ioctl(end, _GET_ADDRESSES, asked))[0]
+        rows = [room[at : at + size].tobytes() for at in range(0, length, size)]
+        return {ipaddress.IPv4Address(row[20:24]): row[:16].split(b"\0")[0].decode().split(":")[0] for row in rows}
+    return {}
+
+
+_GET_ADDRESSES = 0x8912  # SIOCGIFCONF of <linux/sockios.h>
+_INET6 = Path("/proc/net/if_inet6")
+
+
+def _addresses_6() -> dict[ipaddress.IPv4Address | ipaddress.IPv6Address, str]:
+    """The same, of IPv6."""
+    rows = [line.split() for line in _INET6.read_text().splitlines()] if _INET6.exists() else []
+    return {ipaddress.IPv6Address(bytes.fromhex(row[0])): row[-1] for row in rows}
+
+
 def router(text: str) -> str:
     """Addresses of Zenoh's routers."""
     from fame.scenario.process import Router
