@@ -155,7 +155,7 @@ class DeploymentError(FameError):
     """A robot refused its process, or did not answer.
 
     ``cause`` is what refusals of different text have in common: ``size``, ``syntax``, ``robot``, ``clock``, ``hash``,
-    ``signature``, ``replay``, or empty.
+    ``signature``, ``replay``, ``rival``, or empty.
     """
 
     exit_code = 1

@@ -272,6 +272,7 @@ class _Team:
         self._arguments, self._scheduler, self._middleware = arguments, scheduler, middleware
         self._reports: dict[str, Report] = {}
         self._answers: dict[str, ClockAnswer] = {}
+        self._rivals: set[str] = set()
 
     def findings(self) -> Iterator[Finding]:
         """What there is to say of each robot, after a while."""
@@ -308,6 +309,8 @@ class _Team:
         def on_report(reader: ReportReader, message: Any) -> None:
             if (report := reader.read(message.data)) is not None:
                 self._reports[reader.robot] = report
+            if reader.rival:
+                self._rivals.add(reader.robot)
 
         def on_answer(robot: str, answer: ClockAnswer) -> None:
             if robot not in self._answers or answer.trip < self._answers[robot].trip:
@@ -326,6 +329,8 @@ class _Team:
 
     def _robot(self, robot: str) -> Iterator[Finding]:
         report, answer = self._reports.get(robot), self._answers.get(robot)
+        if robot in self._rivals:
+            yield Finding(robot, "wrong", "two engines have this name", f"end fame engine {robot} on one computer")
         if report is None:
             signed = " that a trusted key vouches for" if self._arguments.trust else ""
             yield Finding(robot, "wrong", f"has an engine, but no report{signed}", f"look at the engine of {robot}")

@@ -70,12 +70,15 @@ def run_status(arguments: Namespace) -> int:
     from fame.errors import DeploymentError
 
     reports: dict[str, Report] = {}
+    rivals: set[str] = set()
     trusted = trusted_keys(arguments)
 
     def on_message(reader: ReportReader, message: Any) -> None:
         report = reader.read(message.data)
         if report is not None:
             reports[reader.robot] = report
+        if reader.rival:
+            rivals.add(reader.robot)
 
     with connected(arguments) as (scheduler, middleware):
         scheduler.run(scheduler.now + SECOND)
@@ -89,10 +92,14 @@ def run_status(arguments: Namespace) -> int:
     if not reports and not silent:
         raise DeploymentError("no engine was found")
     if arguments.json:
-        print_json({"robots": {name: asdict(report) for name, report in sorted(reports.items())}, "silent": silent})
+        states = {name: asdict(report) for name, report in sorted(reports.items())}
+        print_json({"robots": states, "silent": silent, "rivals": sorted(rivals)})
     else:
         lines = {name: list(rows(name, report)) for name, report in reports.items()}
         lines |= {name: [(name, "silent", "", "", "", f"{s:.0f} s", "", "")] for name, s in silent.items()}
+        for name in rivals:
+            text = f"warning: two engines have this name; end fame engine {name} on one computer"
+            lines.setdefault(name, []).append(("", "", "", "", "", "", text, ""))
         print(table(HEADS, [row for name in sorted(lines) for row in lines[name]]))
     return 0
 

@@ -34,7 +34,8 @@ class ReportReader:
     signed    whether keys are used; then `trusted` are the public keys that vouch for names
     vouched   the `Report.engine` for which its deployment vouches: only that, and later ones with its key, are believed
     patience  how long the engine that is believed may be silent before another one takes its place (s)
-    rival     whether another engine, no better proved, claims to be this robot
+    rival     whether another engine, no better proved, claims to be this robot; without keys: whether an older one
+              was heard after a younger one, so that it has not been replaced
     """
 
     robot: str
@@ -62,6 +63,7 @@ class ReportReader:
         self._key, self._proved = "", False
         self._last = (-1, -math.inf)  # `born` and `time` of the newest report: older ones may have been recorded
         self._received = 0.0
+        self._youngest = 0  # `born` of what was read without keys
 
     @classmethod
     def of_sender(cls, robot: str, key: Any, patience: float = math.inf) -> ReportReader:
@@ -74,6 +76,8 @@ class ReportReader:
         if report is None or not self._is_vouched(report):
             return None
         if not self.signed:
+            self.rival = self.rival or 0 < report.born < self._youngest
+            self._youngest = max(self._youngest, report.born)
             return report
         if (
             report.robot != self.robot

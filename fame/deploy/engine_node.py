@@ -297,6 +297,8 @@ class EngineNode:
             self._verifier.verify_deployment(envelope)
             if envelope.phase in ("load", "run") and self.running is not None and self.running.suspension.holder:
                 raise DeploymentError(f"{self.running.suspension.holder} steers the robot", cause="steered")
+            if envelope.phase in ("load", "run") and self.status.is_contested:
+                raise DeploymentError(f"another engine has the name {self.robot!r}: end one of them", cause="rival")
             if envelope.phase == "run" and not self._is_active:
                 raise DeploymentError(f"it {self._asleep}, and a bare model would start at once", cause="lifecycle")
             self._protocol.handle(Received(envelope))

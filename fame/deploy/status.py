@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.deploy.authentication import proves_presence
+from fame.deploy.authentication import GONE, proves_presence
 from fame.deploy.envelope import STRING, Problem, Report
 from fame.deploy.machine import boundary
 from fame.deploy.signing import Identity
@@ -104,12 +104,68 @@ _OTHERS = 100
 """How many other engines of the same name are remembered."""
 
 
+@dataclass(slots=True)
+class _Namesake:
+    """Another engine of the name: when it was heard first and last (ns), whether it counts, and is `proved`."""
+
+    first: int
+    last: int
+    proved: bool
+    text: str
+    counts: bool = False
+
+
+class Namesakes:
+    """Finds other engines that have the name of this one, as when a network that was split is whole again."""
+
+    def __init__(self, robot: str, born: int) -> None:
+        self._robot, self._born = robot, born
+        self._heard: dict[str, _Namesake] = {}
+
+    def hear(self, other: Report, proved: bool, now: int) -> str:
+        """Take a report of another engine at `now` (ns); return a text when it counts for the first time.
+
+        A younger one that runs nothing counts only if it has not left after `GONE` s.
+        """
+        if other.engine not in self._heard:
+            self._heard = {name: each for name, each in self._heard.items() if _is_there(each, now)}
+            if len(self._heard) >= _OTHERS:
+                return ""
+            self._heard[other.engine] = _Namesake(now, now, proved, self._text(other, proved))
+        found = self._heard[other.engine]
+        found.last, found.proved, before = now, proved, found.counts
+        lasts = now - found.first > GONE * SECOND
+        found.counts = before or lasts or other.born < self._born or other.state != "waiting"
+        return found.text if found.counts and not before else ""
+
+    def _text(self, other: Report, proved: bool) -> str:
+        if not proved:
+            why = "cannot tell it from a stranger: it does not prove its name"
+        else:
+            why = "runs a process" if other.born < self._born else "is older"
+        age = "an older" if other.born < self._born else "another"
+        return f"{age} engine has the name {self._robot!r}; this one continues, because it {why}"
+
+    def texts(self, now: int) -> list[str]:
+        """What there is to say of those that are there `now` (ns), each once."""
+        return list(dict.fromkeys(each.text for each in self._heard.values() if each.counts and _is_there(each, now)))
+
+    def is_contested(self, now: int) -> bool:
+        """Whether another one is there `now` (ns) that proves the name."""
+        return any(each.counts and each.proved and _is_there(each, now) for each in self._heard.values())
+
+
+def _is_there(namesake: _Namesake, now: int) -> bool:
+    return now - namesake.last <= GONE * SECOND
+
+
 class StatusPublisher:
     """The publisher of a robot's reports.
 
     `progress` gives what a `Report` has beside the answer. It reports messages of another type on `topic`, and listens
-    to its own status: of two engines with one name the younger leaves, unless it runs something. Where keys are used
-    (`trusted`) reports are signed by `identity`, and only an engine that proves its name ends another.
+    to its own status: of two engines with one name the younger leaves, unless it runs something; while both are there
+    each warns of the other. Where keys are used (`trusted`) reports are signed by `identity`, and only an engine that
+    proves its name ends another.
     `on_refusal` gets reason, deployment (empty if it is not an answer) and cause of each refusal; `note` gets other
     texts, `on_report` each report without an answer.
     Refusals without a waiting sender are reported once a second for each cause.
@@ -135,7 +191,7 @@ class StatusPublisher:
         self._on_report = on_report
         self._identity, self._trusted, self._wall_time, self._note = identity, trusted, wall_time, note
         self._key = identity.key if identity is not None else ""
-        self._met_others: set[str] = set()
+        self._namesakes = Namesakes(robot, born)
         self._robot, self._topic, self._born, self._progress = robot, topic, born, progress
         self._scheduler, self._on_refusal, self._warnings = scheduler, on_refusal, warnings
         self._garbage = RateLimiter(scheduler, lambda reason: self._publish_refusal("", reason, None, ""))
@@ -184,6 +240,7 @@ class StatusPublisher:
         problem: Problem | None,
         migration: Mapping[str, Any] | None = None,
     ) -> None:
+        found = self._progress()
         report = Report(
             robot=self._robot,
             deployment=deployment,
@@ -195,7 +252,7 @@ class StatusPublisher:
             time=self._scheduler.now / SECOND,
             key=self._key,
             voucher=self._identity.voucher if self._identity is not None else "",
-            **self._progress(),
+            **{**found, "warnings": [*self._namesakes.texts(self._scheduler.now), *found.get("warnings", ())]},
         )
         if not answer:
             self._on_report(report)
@@ -214,15 +271,18 @@ class StatusPublisher:
     def _on_own_status(self, message: Any) -> None:
         """Raise FameError if an older engine proves that it is this robot, and nothing runs here."""
         other = Report.from_json(message.data)
-        if other is None or not 0 < other.born < self._born:
+        if other is None or not other.born or other.engine == f"{self._born} {self._key}":
             return
         proved = proves_presence(other, self._robot, self._trusted, self._wall_time())
-        if proved and self._progress()["state"] == "waiting":
+        if proved and other.born < self._born and self._progress()["state"] == "waiting":
             raise FameError(f"there is an engine {self._robot!r} already")
-        if other.engine not in self._met_others and len(self._met_others) < _OTHERS:
-            self._met_others.add(other.engine)
-            why = "runs a process" if proved else "cannot tell it from a stranger: it does not prove its name"
-            self._note(f"an older engine has the name {self._robot!r}; this one continues, because it {why}")
+        if text := self._namesakes.hear(other, proved, self._scheduler.now):
+            self._note(text)
+
+    @property
+    def is_contested(self) -> bool:
+        """Whether another engine is there that proves to be this robot."""
+        return self._namesakes.is_contested(self._scheduler.now)
 
 
 class Absences:
