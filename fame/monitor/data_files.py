@@ -316,7 +316,9 @@ def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP, elemen
 
 def _written_in_seconds(line: str, separator: str, names: Sequence[str], stamp: str) -> bool:
     """Whether the stamp of the first row is a date, or one of `fame monitor record`, which writes ns as decimals."""
-    cells = next(csv.reader([line], delimiter=separator), [])
+    cells = list[str]()
+    with suppress(csv.Error):  # a field that is too long is refused as a number
+        cells = next(csv.reader([line], delimiter=separator), [])
     cell = cells[names.index(stamp)] if stamp in names and len(cells) == len(names) else ""
     return _is_date(cell) or (tuple(names[:2]) == (STAMP, RUN) and bool(re.fullmatch(r"-?\d+\.\d{9}", cell)))
 
