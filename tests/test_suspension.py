@@ -246,3 +246,50 @@ def test_while_somebody_steers_no_deployment_is_accepted_and_nobody_steers_durin
     field.pass_time(1)
     assert field.engine.state == "ready"
     assert ask(field, "take_over", lease="2").reason == "a deployment is under way: nobody takes the robot over"
+
+
+@pytest.fixture
+def holding(tmp_path: Path) -> Iterator[Durable]:
+    """A robot of which one branch has failed, for which it holds, and the other one waits for a person."""
+    made = Durable(tmp_path / "state", hold_errors=True)
+    made.deploy(
+        definitions(
+            POOL,
+            process(
+                "p",
+                '<startEvent id="s"/><parallelGateway id="f"/><scriptTask id="bad"><script>raise ValueError("no")'
+                '</script></scriptTask><userTask id="u" name="Release"/><endEvent id="e"/>',
+                *(("s", "f"), ("f", "bad"), ("f", "u"), ("bad", "e"), ("u", "e")),
+            ),
+        )
+    )
+    yield made
+    for engine in made.engines.values():
+        engine.close()
+
+
+def test_a_robot_that_holds_for_an_incident_does_not_continue_and_says_what_ends_that(holding: Durable) -> None:
+    ask(holding, "suspend")
+    report = ask(holding, "continue")
+    assert report.answer == "no longer suspended"
+    assert report.reason == (
+        "no person suspends it, but it still holds for an incident at bad (fame retry A bad, or fame skip)"
+    )
+    holding.pass_time(2)
+    assert (holding.said[-1].state, holding.said[-1].suspended) == ("incident", {})
+
+
+def test_a_task_completed_meanwhile_waits_for_nobody_and_goes_on_when_the_robot_does(holding: Durable) -> None:
+    report = ask(holding, "complete", "u")
+    assert (report.answer, report.reason) == ("completed", "u; it goes on when what suspends it ends")
+    holding.pass_time(2)
+    node = holding.engine.running
+    (shown,) = [wait for wait in holding.said[-1].waits if wait["element"] == "u"]
+    assert shown["suspended"] == "has been completed; goes on when the robot continues"
+    assert shown["for"] == "the end of its suspension: it has been completed"
+    (wait,) = [wait for wait in next(iter(node.engine.instances.values())).waits() if wait.node.id == "u"]
+    assert node.waiting.details(wait)["kind"] == "due"
+    again = ask(holding, "complete", "u")
+    assert (again.answer, again.reason) == ("refused", "u: has been completed; it goes on when what suspends it ends")
+    assert ask(holding, "skip", "bad").answer == "skipped"
+    assert holding.said[-1].completed == 1

@@ -342,7 +342,9 @@ def take_over(arguments: Namespace) -> int:
 
 def _tell(arguments: Namespace, report: Report) -> int:
     """Print the answer of a robot; the exit code."""
-    done = report.answer != "refused"
+    from fame.deploy.requests import STILL_HELD
+
+    done = report.answer not in ("refused", STILL_HELD)
     if arguments.json:
         status = "completed" if done else "failed"
         print_json({"status": status, "robot": arguments.robot, "element": arguments.element, "reason": report.reason})

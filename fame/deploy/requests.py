@@ -40,6 +40,8 @@ _DONE = {
     "restart": "restarted", "fail": "made to fail", "note": "noted",
 }  # fmt: skip
 ACTS = tuple(_DONE)
+STILL_HELD = "no longer suspended"
+"""The answer to ``continue`` if something else holds the robot: its mission does not go on."""
 _ANSWERS = 100
 """How many answers a robot remembers."""
 
@@ -164,6 +166,8 @@ class TaskServer:
                     node.suspension.take_over(who, request.lease)
                 case "continue":
                     node.suspension.go_on(who, request.lease)
+                    if holds := node.suspension.other_holds():
+                        return STILL_HELD, f"no person suspends it, but it still holds for {holds}"
                 case "restart":
                     node.restart(request.element, who=who)
                 case "fail":
@@ -171,9 +175,11 @@ class TaskServer:
                 case "note":
                     node.note(request.element, f"{request.to} by {who}")
                 case _:
-                    node.complete(request.element, request.values)
+                    goes_on = node.complete(request.element, request.values)
                     if request.who:
                         node.note(request.element, f"completed by {who}")
+                    if not goes_on:
+                        return _DONE[request.act], f"{request.element}; it goes on when what suspends it ends"
         except FameError as error:
             return "refused", str(error)
         except Exception as error:

@@ -132,8 +132,11 @@ class Engine(EngineState):
             tasks.script_ended(self, self.waits[key], error)
         self.run()
 
-    def complete_task(self, element: str, values: dict[str, Any] | None = None, instance: int | None = None) -> None:
-        """Complete a user, manual or receive task. Raises MissionError if none waits there."""
+    def complete_task(self, element: str, values: dict[str, Any] | None = None, instance: int | None = None) -> bool:
+        """Complete a user, manual or receive task. Returns whether its token goes on at once, not after a suspension.
+
+        Raises MissionError if none waits there.
+        """
         for candidate in self.instances.values():
             if instance not in (None, candidate.key):
                 continue
@@ -142,9 +145,13 @@ class Engine(EngineState):
                     for name, value in (values or {}).items():
                         wait.scope.variables[name] = value
                     waiting.fire(self, wait)
+                    goes_on = not wait.due
                     self.stepped()
-                    return
-        waits = sorted({wait.node.id for item in self.instances.values() for wait in item.waits()})
+                    return goes_on
+        waiting_now = [wait for item in self.instances.values() for wait in item.waits()]
+        if any(wait.node.id == element and wait.due for wait in waiting_now):
+            raise MissionError("has been completed; it goes on when what suspends it ends", element=element)
+        waits = sorted({wait.node.id for wait in waiting_now if not wait.due})
         raise MissionError(f"is not waiting; currently waiting: {', '.join(waits) or 'nothing'}", element=element)
 
     def activate(self, element: str) -> None:

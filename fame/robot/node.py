@@ -261,10 +261,14 @@ class RobotNode:
 
     # ---- stimuli -----------------------------------------------------------------------------------------------------
 
-    def complete(self, element: str, values: Mapping[str, Any] | None = None) -> None:
-        """Complete a user, manual or receive task, and set variables. Raises MissionError if none waits there."""
-        self.engine.complete_task(element, dict(values or {}))
+    def complete(self, element: str, values: Mapping[str, Any] | None = None) -> bool:
+        """Complete a user, manual or receive task, and set variables. Raises MissionError if none waits there.
+
+        Returns whether its token goes on at once, not after a suspension.
+        """
+        goes_on = self.engine.complete_task(element, dict(values or {}))
         self.runner.poll()
+        return goes_on
 
     def activate(self, element: str) -> None:
         """Start an element of an open ad-hoc sub-process. Raises MissionError if it is not in one."""

@@ -27,6 +27,13 @@ TAKEN_OVER = "taken_over"
 """The code of an error that a person raises in place of what a robot did; also the topic."""
 LEASE = 3 * SECOND
 """For how long a person steers a robot after each request (ns)."""
+_HOLDS = {
+    "incident": "an incident",
+    "deployment": "a deployment that is about to start",
+    "disk": "its state, which cannot be written (free space on its disk)",
+    "promise": "what it had promised to start, which is lost (deploy again)",
+}
+"""Other reasons, in words."""
 _BOOL = "std_msgs/msg/Bool"
 
 
@@ -79,6 +86,16 @@ class Suspension:
         self._check_continues(who, lease)
         self._end(f"continued by {who}")
         self._node.release(SUSPENDED)
+
+    def other_holds(self) -> str:
+        """What else holds the robot, and what ends that; empty if nothing does."""
+        node = self._node
+        places = list(dict.fromkeys(wait.node.id for wait in node.engine.incidents))
+        repairs = f"fame retry {node.name} {places[0]}, or fame skip" if places else ""
+        texts = {"incident": f"an incident at {', '.join(places)} ({repairs})"} if places else {}
+        return ", and ".join(
+            texts.get(reason, _HOLDS.get(reason, reason)) for reason in sorted(node.holds - {SUSPENDED})
+        )
 
     def deactivate(self) -> None:
         """Suspend the mission for the manager of a node's lifecycle."""

@@ -137,7 +137,7 @@ class WaitingTokens:
         """A value that is cheap to compare: `details` differ only if it does."""
         key, runner = wait.key, self._runner
         server = runner.server_silence(key), runner.server_mismatch(key)
-        return wait.paused, self.person, runner.request(key), self.uncorrelated.get(key), *server
+        return wait.paused, wait.due, self.person, runner.request(key), self.uncorrelated.get(key), *server
 
     def last_miss(self, wait: Wait) -> tuple[int, str] | None:
         """When (ns) the last message came that a token waits for, and why it did not count; None if none came."""
@@ -203,6 +203,9 @@ class WaitingTokens:
         if not wait.paused:
             return ""
         handler, since = suspender(wait), ""
+        if wait.due:
+            end = f"{self._label(handler)} has ended" if handler is not None else "the robot continues"
+            return f"{_came_due(wait)}; goes on when {end}"
         begun = self._suspended.get(handler.key) if handler is not None else self.person[1] if self.person[0] else None
         if begun is not None:
             since = f" since {(now - begun) / SECOND:.3g} s"
@@ -359,6 +362,8 @@ class _Describer:
     def wait(self, wait: Wait) -> str:
         """What a token waits for."""
         catch, variables = wait.catch, wait.scope.variables
+        if wait.due:
+            return f"the end of its suspension: it {_came_due(wait)}"
         if catch.trigger is INCIDENT:
             return _REPAIR
         if catch.timer:
@@ -429,8 +434,12 @@ _ANY_TOPIC = _AnyTopic()
 
 
 def _kind(wait: Wait) -> str:
-    """What moves a token: ``timer``, ``user``, ``incident``, ``alternatives``, ``topic``, ``condition``, ``script``."""
+    """What moves a token: ``timer``, ``user``, ``incident``, ``alternatives``, ``topic``, ``condition``, ``script``, or
+    the end of its suspension: ``due``.
+    """
     catch = wait.catch
+    if wait.due:
+        return "due"
     if catch.trigger is INCIDENT:
         return "incident"
     if catch.timer:
@@ -442,6 +451,11 @@ def _kind(wait: Wait) -> str:
     if catch.topic:
         return "topic"
     return "condition" if catch.trigger is waiting.CONDITION else "script"
+
+
+def _came_due(wait: Wait) -> str:
+    """Why a suspended token goes on as soon as it is no longer suspended."""
+    return "has been completed" if wait.catch.trigger in (USER, waiting.MESSAGE) else "has come due"
 
 
 def _topic_text(topic: str, publishers: Mapping[str, Collection[str]]) -> str:

@@ -1,6 +1,9 @@
 """A host may hold all that runs, and release it: as a suspension of all, whatever is suspended in it already."""
 
+import pytest
 from engine_models import Run, catch, end, handler, path, script, signal, start, throw, timer, user
+
+from fame.errors import MissionError
 
 
 def test_scripts_are_cancelled_and_start_again_with_the_variables_as_they_are() -> None:
@@ -29,6 +32,10 @@ def test_what_somebody_completes_meanwhile_goes_on_afterwards() -> None:
     run = Run(start() + user("u") + end() + path("s u e")).run()
     run.node.hold()
     assert run.complete("u").status == "running"
+    with pytest.raises(MissionError, match="u: has been completed; it goes on when what suspends it ends"):
+        run.complete("u")
+    with pytest.raises(MissionError, match="is not waiting; currently waiting: nothing"):
+        run.complete("other")
     run.node.release()
     assert run.run().status == "completed"
 
