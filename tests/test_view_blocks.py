@@ -15,7 +15,7 @@ from fame.view import LiveRun, RunControl
 from fame.view.blocks import COLUMNS, Block, Packer
 from fame.view.catalogue import Catalogue
 from fame.view.replay import Replay
-from fame.view.state import CANCELLED, COMPLETED, FAILED, WHATS, RunState, ScopeInfo, TokenKey
+from fame.view.state import CANCELLED, COMPLETED, END, FAILED, WHATS, RunState, ScopeInfo, TokenKey
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 MODELS = Path(__file__).parent.parent / "models"
@@ -43,8 +43,12 @@ def replayed(block: Block) -> RunState:
         state.counts[robot, element] = list(counts)
     for robot, scope, instance, parent, opener, depth in (*key["scopes"], *block.lists["scopes"]):
         state.scopes[robot, scope] = ScopeInfo(instance, 0, parent, opener, depth)
-    for time, robot, instance, scope, element, what in zip(*(block.columns[name] for name in COLUMNS), strict=True):
+    state.ends = {robot: tuple(ends) for robot, *ends in key["ends"]}
+    rows = zip(*(block.columns[name] for name in COLUMNS), strict=True)
+    for at, (time, robot, instance, scope, element, what) in enumerate(rows):
         state.event(time, TokenKey(robot, instance, scope, element), what)
+        if what == END:
+            state.end(robot, str(block.details.get(at, "completed")), time)
     return state
 
 
@@ -57,6 +61,7 @@ def test_a_block_alone_leads_to_the_next(recording: Path) -> None:
             state = replayed(block).to_json()
             assert sorted(state["tokens"]) == sorted(following.key["tokens"])
             assert sorted(state["counts"]) == sorted(following.key["counts"])
+            assert sorted(state["ends"]) == sorted(following.key["ends"])
             assert block.end < following.start
 
 

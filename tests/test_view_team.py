@@ -42,6 +42,15 @@ SIGNING = process("""
   <intermediateCatchEvent id="Rest" name="a rest"><incoming>f1</incoming>
     <timerEventDefinition id="t"><timeDuration>PT1H</timeDuration></timerEventDefinition></intermediateCatchEvent>""")
 
+TWICE = process("""
+  <startEvent id="Bad"><outgoing>f0</outgoing>
+    <timerEventDefinition id="t0"><timeDuration>PT1S</timeDuration></timerEventDefinition></startEvent>
+  <sequenceFlow id="f0" sourceRef="Bad" targetRef="Grip" />
+  <scriptTask id="Grip" scriptFormat="python"><incoming>f0</incoming>
+    <script>raise ValueError("no grip")</script></scriptTask>
+  <startEvent id="Good">
+    <timerEventDefinition id="t1"><timeDuration>PT2S</timeDuration></timerEventDefinition></startEvent>""")
+
 DIAGRAM = """<bpmndi:BPMNDiagram id="diagram"><bpmndi:BPMNPlane id="plane" bpmnElement="P">
   <bpmndi:BPMNShape id="shape" bpmnElement="Sign"><dc:Bounds x="9" y="9" width="99" height="80" /></bpmndi:BPMNShape>
 </bpmndi:BPMNPlane></bpmndi:BPMNDiagram>"""
@@ -486,6 +495,30 @@ def test_people_retry_set_and_move_with_the_buttons_of_the_page(chromium: Browse
         field.scheduler.stop()
         thread.join(60)
         field.close()
+
+
+def test_a_robot_of_whose_instances_one_failed_is_failed_whatever_completed_after_it(
+    chromium: Browser, field: Field
+) -> None:
+    field.engine("REX")
+    field.run(1)
+    field.deploy("REX", TWICE)
+    field.run(1.5)
+    assert [ends[:3] for ends in field.view._packer.state.ends.values()] == [(1, 1, "failed")]
+    field.run(3)
+    assert [ends[:3] for ends in field.view._packer.state.ends.values()] == [(2, 1, "completed")]
+    with TeamView(field.middleware, field.scheduler) as late:
+        field.run(8)
+        assert late._packer.blocks[-1].key["ends"] == [[0, 2, 1, "completed", -1]]
+        for view in (field.view, late):
+            with opened(chromium, view, tab="team") as page:
+                until(page, "fame.team.rows.length === 1")
+                assert page.locator(".robot .state").inner_text().split("\n") == ["failed", "1 of 2 instances failed"]
+                shot(page, "failed")
+                assert violations(page) == []
+    field.deploy("REX")
+    field.run(2)
+    assert not field.view._packer.state.ends
 
 
 def test_the_page_says_that_nothing_comes_any_more_though_its_connection_is_open(

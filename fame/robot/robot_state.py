@@ -6,6 +6,7 @@ later message, in order: recorders, engines that are watched, and readers all fo
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -38,6 +39,7 @@ class RobotState:
     tokens     key of a token that waits -> what it waits for, as in ``/fame/waiting``
     scopes     number of a scope -> its own variables
     counts     id of an element -> how often a token entered, left ... it
+    ended      status -> how many instances have ended with it; `instances` has the last of them only
     """
 
     process: str = ""
@@ -45,12 +47,14 @@ class RobotState:
     tokens: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     scopes: dict[int, ScopeState] = field(default_factory=dict)
     counts: dict[str, dict[str, int]] = field(default_factory=dict)
+    ended: dict[str, int] = field(default_factory=dict)
 
     @classmethod
     def from_key(cls, data: Mapping[str, Any]) -> RobotState:
         """The state that a key message has for one robot."""
         state = cls(process=data["process"], counts={id: dict(each) for id, each in data["counts"].items()})
         state.instances = {each["instance"]: (each["process"], each["status"]) for each in data["instances"]}
+        state.ended = ended_of(data)
         state.tokens = {token["key"]: token for token in data["tokens"]}
         for change in data["variables"]:
             state._change_scope(change)
@@ -70,6 +74,7 @@ class RobotState:
                 for key, scope in self.scopes.items()
             ],
             "counts": {id: dict(each) for id, each in self.counts.items()},
+            "ended": dict(self.ended),
         }
 
     def apply(self, topic: str, data: Mapping[str, Any]) -> None:
@@ -103,6 +108,7 @@ class RobotState:
             self.instances[instance] = element, "running"
         elif what == "end":
             self.instances[instance] = element, str(mark[2])
+            self.ended[str(mark[2])] = self.ended.get(str(mark[2]), 0) + 1
             ended = [key for key, (_, status) in self.instances.items() if status != "running"]
             for key in ended[:-_ENDED]:
                 del self.instances[key]
@@ -117,3 +123,12 @@ class RobotState:
         scope.values.update(change.get("set", {}))
         for name in change.get("unset", ()):
             scope.values.pop(name, None)
+
+
+def ended_of(key: Mapping[str, Any]) -> dict[str, int]:
+    """How many instances of a robot have ended with each status, by its part of a key message.
+
+    Keys of older recordings have only the last ones.
+    """
+    over = Counter(each["status"] for each in key["instances"] if each["status"] != "running")
+    return {status: int(number) for status, number in key.get("ended", over).items()}

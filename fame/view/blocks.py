@@ -17,6 +17,7 @@ from fame.bpmn.model import CallActivity, SubProcess
 from fame.log.channels import EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
 from fame.log.recording import scene_values
 from fame.robot.plain_values import plain
+from fame.robot.robot_state import ended_of
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.state import END, START, WHATS, RunState, ScopeInfo, TokenKey, scope_row
 
@@ -219,6 +220,8 @@ class Packer:
             s.append(scope)
             e.append(place)
             w.append(what)
+            if what == END:
+                state.end(number, str(block.details.get(len(t) - 1, "completed")), time)
             if START < what <= END:
                 state.event(time, TokenKey(number, instance, scope, place), what)
 
@@ -249,6 +252,10 @@ class Packer:
             number = self._place_token(robot, token, known, unknown)
             state.waits.setdefault(robot, {})[token["key"]] = {**token, "e": number}
         over = all(instance["status"] != "running" for instance in data["instances"])
+        statuses = [instance["status"] for instance in data["instances"] if instance["status"] != "running"]
+        if statuses:
+            ended = ended_of(data)
+            state.ends[robot] = sum(ended.values()), ended.get("failed", 0), statuses[-1], -1
         for id, counts in data["counts"].items():
             state.counts[robot, self._number_in(robot, id, NOWHERE)] = _outcomes(counts, over=over)
 

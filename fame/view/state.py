@@ -48,6 +48,8 @@ class RunState:
     scopes     (robot, scope) -> what is known of it
     variables  (robot, scope) -> name -> [value, since when]
     waits      robot -> key of a waiting token -> what it waits for
+    ends       robot -> how many of its instances have ended and failed, how and when (ns) the last one ended; -1 if
+               that is not known
     poses      robot -> its last pose; ``world``: name -> what changed
     """
 
@@ -56,6 +58,7 @@ class RunState:
     scopes: dict[tuple[int, int], ScopeInfo] = field(default_factory=dict)
     variables: dict[tuple[int, int], dict[str, list[Any]]] = field(default_factory=dict)
     waits: dict[int, dict[str, Any]] = field(default_factory=dict)
+    ends: dict[int, tuple[int, int, str, int]] = field(default_factory=dict)
     poses: dict[int, Mapping[str, Any]] = field(default_factory=dict)
     world: dict[str, Any] = field(default_factory=dict)
 
@@ -105,6 +108,11 @@ class RunState:
         for place in [place for place, info in self.scopes.items() if (place[0], info.instance) == key[:2]]:
             del self.scopes[place]
 
+    def end(self, robot: int, status: str, time: int) -> None:
+        """An instance ended with a status."""
+        ended, failed, _, _ = self.ends.get(robot, (0, 0, "", -1))
+        self.ends[robot] = ended + 1, failed + (status == "failed"), status, time
+
     def forget(self, robot: int) -> None:
         """Drop everything about the mission of a robot."""
         by_robot: tuple[dict[Any, Any], ...] = self.tokens, self.counts, self.scopes, self.variables
@@ -112,6 +120,7 @@ class RunState:
             for key in [key for key in known if key[0] == robot]:
                 del known[key]
         self.waits.pop(robot, None)
+        self.ends.pop(robot, None)
 
     def move(self, robot: int, element: Callable[[int], int], file: Callable[[int], int]) -> None:
         """Move everything about the mission of a robot to other elements and files, as these functions say."""
@@ -149,6 +158,7 @@ class RunState:
             "scopes": [scope_row(place, info) for place, info in self.scopes.items()],
             "variables": [[*place, dict(values)] for place, values in self.variables.items()],
             "waits": [[robot, list(waits.values())] for robot, waits in self.waits.items()],
+            "ends": [[robot, *ends] for robot, ends in self.ends.items()],
             "poses": [[robot, pose] for robot, pose in self.poses.items()],
             "world": dict(self.world),
         }

@@ -1,7 +1,5 @@
 // What each robot of the team does at an instant, in the words of the diagram, and who needs somebody.
 
-import { END } from "./store.js";
-
 /** The states of a robot, those that need somebody first. */
 export const STATES = ["incident", "lost", "failed", "waiting", "suspended", "running", "idle", "completed", "cancelled"];
 export const STATE_WORDS = { incident: "incident", lost: "lost", failed: "failed", waiting: "waits for a person", suspended: "suspended", running: "running",
@@ -16,32 +14,27 @@ const PROGRESS = [["distance_remaining", (m) => `${m.toFixed(1)} m to go`], ["nu
 /** The people that have to do something at a token: it waits for somebody to complete it, or to repair it. */
 export const needsSomebody = (wait) => wait.kind === "incident" || (wait.kind === "user" && !wait.suspended);
 
-/** A row for each robot: {r, name, state, doing, progress, since, battery, open: tokens that need somebody, missed}. */
+/** A row for each robot: {r, name, state, doing, progress, since, battery, open: tokens that need somebody, missed, failed: how many of its instances did}. */
 export function roster(app, state, time) {
   const rows = app.mission.robots.map(({ name }, r) => ({ r, name, tokens: [], waits: [...(state.waits.get(r)?.values() ?? [])] }));
   for (const token of state.tokens.values()) rows[token.r]?.tokens.push(token);
-  const said = reports(state), lost = app.lost(time);
-  for (const row of rows) describe(app, state, time, row, said, lost.get(row.name));
+  const lost = app.lost(time);
+  for (const row of rows) describe(app, state, time, row, lost.get(row.name));
   const longest = (a, b) => (WANTED.has(a.state) ? a.since - b.since : 0); // the others keep their places while they work
   return rows.sort((a, b) => STATES.indexOf(a.state) - STATES.indexOf(b.state) || longest(a, b) || byName.compare(a.name, b.name));
 }
 
-/** The last end of an instance of each robot that has none under way, in this block. */
-function reports({ block, position }) {
-  const found = new Map(), { r, t, w } = block.columns;
-  for (let at = position - 1; at >= 0; at -= 1) if (w[at] === END && !found.has(r[at])) found.set(r[at], [String(block.details.get(at) ?? "completed"), t[at]]);
-  return found;
-}
-
-function describe(app, state, time, row, said, lost) {
-  const [ended, at] = said.get(row.r) ?? ["idle", -1];
+function describe(app, state, time, row, lost) {
+  const [ended, failed, last, at] = state.ends.get(row.r) ?? [0, 0, "idle", -1];
   occupy(app, state, row, at);
+  row.failed = failed && (ended > 1 || row.tokens.length) ? `${failed} of ${ended} instances failed` : "";
   const suspended = row.waits.find((wait) => wait.suspended);
   if (lost !== undefined) Object.assign(row, { state: "lost", since: lost });
   else if (row.open.some((wait) => wait.kind === "incident")) row.state = "incident";
   else if (row.open.length) row.state = "waiting";
   else if (suspended) row.state = "suspended";
-  else row.state = row.tokens.length ? "running" : ended in STATE_WORDS ? ended : "completed";
+  else if (row.tokens.length) row.state = "running";
+  else row.state = failed ? "failed" : last in STATE_WORDS ? last : "completed"; // one that failed stays, whatever completed after it
   row.by = suspended?.by ?? "";
   if (row.open.length) row.since = Math.min(...row.open.map((wait) => wait.since));
   row.battery = battery(app, state, row, time);

@@ -33,6 +33,7 @@ export class State {
     this.scopes = new Map(key.scopes.map(scopeFrom));
     this.variables = new Map();
     this.waits = new Map(key.waits.map(([r, tokens]) => [r, new Map(tokens.map((token) => [token.key, token]))]));
+    this.ends = new Map((key.ends ?? []).map(([r, ...ends]) => [r, ends])); // robot -> [ended, failed, how and when the last one ended]
     this.poses = new Map(key.poses);
     this.world = new Map(Object.entries(key.world));
     for (const [r, i, s, e, n, since] of key.tokens) this.tokens.set(`${r}/${i}/${s}/${e}`, { r, i, s, e, n, since });
@@ -53,7 +54,10 @@ export class State {
   apply(time) {
     const { t, r, i, s, e, w } = this.block.columns, end = t.length;
     let at = this.position;
-    for (; at < end && t[at] <= time; at += 1) this.event(t[at], r[at], i[at], s[at], e[at], w[at]);
+    for (; at < end && t[at] <= time; at += 1) {
+      this.event(t[at], r[at], i[at], s[at], e[at], w[at]);
+      if (w[at] === END) this.end(r[at], String(this.block.details.get(at) ?? "completed"), t[at]);
+    }
     this.position = at;
     this.list("variables", time, (row) => this.variable(row));
     this.list("waits", time, (row) => this.wait(row));
@@ -101,6 +105,11 @@ export class State {
         this.tokens.delete(key);
       }
     }
+  }
+
+  end(r, status, time) {
+    const [ended, failed] = this.ends.get(r) ?? [0, 0];
+    this.ends.set(r, [ended + 1, failed + (status === "failed" ? 1 : 0), status, time]);
   }
 
   variable([time, r, s, values, gone]) {

@@ -90,7 +90,7 @@ export class Team {
     const hand = app.acts.can("take_over") && HELD.has(row.state) && app.steer.held?.r !== row.r, small = (text) => (text ? h("small", null, text) : null);
     return [
       [`${row.name} ${row.element} ${isDark()}`, () => h("button", { cls: "who", title: `Show ${row.name} in its diagram`, onclick: () => app.goTo(row.r, row.element) }, swatch(row.r), row.name)],
-      [row.state + by, () => [h("span", { cls: "glyph" }, icon(SIGNS[row.state])), STATE_WORDS[row.state], small(by)]],
+      [row.state + by + row.failed, () => [h("span", { cls: "glyph" }, icon(SIGNS[row.state])), STATE_WORDS[row.state], small(by), small(row.failed)]],
       [`${row.doing} ${row.more} ${row.progress}`, () => [row.doing, small(row.more ? `and ${row.more} more` : ""), small(row.progress)]],
       [since, () => [since]],
       [String(row.battery), () => [this.battery(row.battery)]],
