@@ -135,7 +135,7 @@ def test_status_and_doctor_tell_that_there_are_two(
         yield field.scheduler, field.middleware
 
     monkeypatch.setattr(robots, "connected", connected)
-    arguments = Namespace(why=None, trust=[], json=False, robots=["p"], wait=1.0)
+    arguments = Namespace(why=None, trust=[], json=False, network=None, robots=["p"], wait=1.0)
     robots.run_status(arguments)
     assert "warning: two engines have this name" in capsys.readouterr().out
     robots.run_status(Namespace(**vars(arguments) | {"json": True}))

@@ -66,7 +66,7 @@ from fame.deploy.robot_state import (
     resumed,
 )
 from fame.deploy.signing import Identity
-from fame.deploy.status import Absences, EngineWarnings, RateLimiter, StatusPublisher, progress, state_of
+from fame.deploy.status import Absences, EngineWarnings, LostEnds, RateLimiter, StatusPublisher, progress, state_of
 from fame.deploy.termination import Ready, Silence
 from fame.errors import DeploymentError, FameError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
@@ -138,7 +138,7 @@ class EngineNode:
         self._protocol: ProtocolMachine[RobotDeployment, RobotEvent, RobotAction] = ProtocolMachine(
             RobotDeployment(robot, born=self.born), step, self._perform
         )
-        self._absences = Absences()
+        self._absences, self._lost_ends = Absences(), LostEnds()
         self._end_report: Entry | None = None
         self._end_reported = -_END_PERIOD
         self._stopped = False
@@ -241,6 +241,9 @@ class EngineNode:
         """The part of a `Report` beside the answer."""
         protocol = self._protocol.state
         team = protocol.running.team if protocol.running is not None else ()
+        mission = progress(self.running)
+        lost = self._lost_ends.texts(protocol.running, self.robot, self.scheduler.now, self.middleware.graph)
+        waits = mission.get("instances") or mission.get("waits")
         return {
             "state": self.state,
             "hash": self.hash,
@@ -248,9 +251,9 @@ class EngineNode:
             "sequence": protocol.newest[0],
             "candidate": protocol.candidate.envelope.deployment if protocol.candidate is not None else "",
             "absent": self._absences.seen(team, self.scheduler.now, lambda: engines(self.middleware)),
-            "warnings": self.warn.lines(),
+            "warnings": [*(lost if waits else ()), *self.warn.lines()],
             "now": self._time.now / SECOND,
-            **progress(self.running),
+            **mission,
             **({"error": self._why_suspended} if self._why_suspended else {}),
         }
 

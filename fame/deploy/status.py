@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.authentication import GONE, proves_presence
-from fame.deploy.envelope import STRING, Problem, Report
+from fame.deploy.envelope import STRING, Envelope, Problem, Report
 from fame.deploy.machine import boundary
 from fame.deploy.signing import Identity
 from fame.errors import FameError
 from fame.middleware import messages
-from fame.middleware.interface import LATCHED, EndpointWarning, Middleware, Node
+from fame.middleware.interface import LATCHED, EndpointWarning, Middleware, Node, TopicInfo
 
 if TYPE_CHECKING:
     from fame.robot import RobotNode
@@ -298,6 +298,56 @@ class Absences:
             self._polled, there = now, engines()
             self._since = {robot: self._since.get(robot, now) for robot in team if robot not in there}
         return {robot: (now - since) / SECOND for robot, since in self._since.items() if robot in team}
+
+
+_PATIENCE = 5.0
+"""For how long a promised end of a topic may be gone before that is told (s): a robot that resumes takes a while."""
+
+
+class LostEnds:
+    """Finds promised ends of topics that are gone: their robots came back without the mission, or got another one."""
+
+    def __init__(self) -> None:
+        self._deployment, self._polled = "", -1
+        self._since: dict[str, int] = {}
+        self._robots: dict[str, list[str]] = {}  # who was seen at a topic
+
+    def texts(
+        self, envelope: Envelope | None, robot: str, now: int, graph: Callable[[], Sequence[TopicInfo]]
+    ) -> list[str]:
+        """What to say at `now` (ns) of the ends that `robot` was promised; `graph` is called once a heartbeat."""
+        if envelope is None or not envelope.promises:
+            return []
+        if envelope.deployment != self._deployment:
+            self._deployment, self._polled, self._since, self._robots = envelope.deployment, -1, {}, {}
+        if self._polled < 0 or now - self._polled >= HEARTBEAT * SECOND:
+            self._polled = now
+            there = {info.name: info for info in graph() if info.name in envelope.promises}
+            for topic, end in envelope.promises.items():
+                self._look(topic, _others(there.get(topic), end, robot), now)
+        return [
+            self._text(topic, envelope.promises[topic])
+            for topic, since in self._since.items()
+            if now - since > _PATIENCE * SECOND
+        ]
+
+    def _look(self, topic: str, robots: list[str], now: int) -> None:
+        if robots:
+            self._robots[topic] = robots
+            self._since.pop(topic, None)
+        else:
+            self._since.setdefault(topic, now)
+
+    def _text(self, topic: str, end: str) -> str:
+        does = "publishes it" if end == "publisher" else "subscribes to it"
+        known = ", ".join(self._robots.get(topic, ()))
+        return f"{topic}: {known} no longer {does}" if known else f"{topic}: no other robot {does}"
+
+
+def _others(info: TopicInfo | None, end: str, robot: str) -> list[str]:
+    """The robots, or nodes, beside `robot` that have an end of a topic."""
+    names = () if info is None else info.publishers if end == "publisher" else info.subscribers
+    return sorted({name.strip("/").partition("/")[0] for name in names if not name.startswith(f"/{robot}/")})
 
 
 def state_of(process: RobotNode | None) -> str:
