@@ -25,6 +25,7 @@ import fame.scenario
 from fame.clock import SECOND
 from fame.deploy import STATUS_QOS, STRING, Report
 from fame.deploy.splitter_node import DIAGRAM, STATUS
+from fame.log import Recording
 from fame.middleware import messages
 from fame.middleware.dds import DdsMiddleware, DdsScheduler, wire
 from fame.middleware.interface import ENGINE, LATCHED, Publisher
@@ -451,8 +452,14 @@ def test_in_mid_mission_one_tractor_is_called_home_the_others_go_on_also_without
 def test_a_mission_in_many_processes_completes(tmp_path, field):
     path = tmp_path / "ping.bpmn"
     path.write_text(PING_PONG)
-    code, said = field.fame("run", str(path), "--middleware", "dds", "--duration", "20")
+    (tmp_path / "ping.properties.yaml").write_text("properties: {ends: A completes}\n")
+    logs = tmp_path / "run.mcap", tmp_path / "run.xes"
+    words = [word for log in logs for word in ("--log", str(log))]
+    code, said = field.fame("run", str(path), "--middleware", "dds", "--duration", "20", *words)
     assert (code, said["status"]) == (0, "completed"), said
+    with Recording(logs[0]) as recording:
+        assert (recording.warnings, recording.verdicts) == ([], said["properties"])
+    assert '<string key="property:ends" value="holds">' in logs[1].read_text()
     assert {name: robot["completed"] for name, robot in said["robots"].items()} == {"A": 1, "B": 1}
     here = fame.scenario.Scenario.load(path).run().to_json()
     assert said.keys() == here.keys()

@@ -9,6 +9,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ from fame.errors import ConfigError
 if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
     from fame.log import About
+    from fame.properties import Judgement
     from fame.robot.events import Observer
     from fame.scenario import Result, Scenario, TeamStatus
 
@@ -239,25 +241,23 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
                 key=arguments.key,
             ).run()
         if logs is not None:
-            logs.finish()
-        result = _judged(arguments, result, scenario, files)
+            judge = partial(_judgements, arguments, scenario)
+            result = replace(result, judgements=tuple(logs.finish(judge)))
         with progress_line(sys.stderr, wanted=not quiet) as line:
             _draw(arguments, files, line)
     return _print_result(arguments, result, reports=False)
 
 
-def _judged(arguments: Namespace, result: Result, scenario: Scenario, files: Sequence[Path]) -> Result:
-    """The result with the judgements about the recording of the team: nobody sees all of it while it runs."""
-    recording = next((path for path in files if path.suffix.lower() == ".mcap" and path.exists()), None)
-    if not scenario.properties or recording is None:
-        return result
+def _judgements(arguments: Namespace, scenario: Scenario, recording: Path) -> list[Judgement]:
+    """The judgements about the recording of a team: nobody sees all of it while it runs."""
+    if not scenario.properties:
+        return []
     from fame.clock import SECOND
     from fame.log.judge import judge_log
     from fame.scenario.judging import team_vocabulary
 
     apart = round(_APART * (arguments.speed or 1.0) * SECOND)
-    found = judge_log(recording, scenario.properties, team=team_vocabulary(scenario), apart=apart)
-    return replace(result, judgements=tuple(found))
+    return judge_log(recording, scenario.properties, team=team_vocabulary(scenario), apart=apart)
 
 
 def _seen(sight: TeamStatus) -> str:

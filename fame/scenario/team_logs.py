@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+import json
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from shutil import copyfile
@@ -17,11 +18,25 @@ from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.log.writing import RECORDING, new_file
 from fame.middleware.interface import Middleware
-from fame.properties import Judge, Vocabulary, compile
+from fame.properties import Judge, Judgement, Vocabulary, compile
 from fame.text import wrong_ending
 
 if TYPE_CHECKING:
     from fame.scenario.plan import Plan
+
+
+class _Recording(RecordingFile):
+    """A recording that is complete when it has been judged."""
+
+    def finish(self) -> None:
+        """Let it be read. It has no index yet."""
+        self.flush()
+
+    def complete(self, judgements: Sequence[Judgement]) -> None:
+        """Write the judgements, and the index."""
+        if judgements:
+            self.describe({"properties": json.dumps([each.to_json() for each in judgements])})
+        super().finish()
 
 
 class TeamLogs:
@@ -31,6 +46,7 @@ class TeamLogs:
         self._scenario, self._path, self._logs, self._about, self._topics = scenario, path, logs, about, topics
         self._stack = ExitStack()
         self._begin = self._stack.enter_context(new_file(path))
+        self._file: _Recording | None = None
 
     def recorder(self, middleware: Middleware, scheduler: Scheduler) -> TeamRecorder:
         """The node that records the team."""
@@ -50,23 +66,29 @@ class TeamLogs:
         )
 
     def _open(self) -> RecordingFile:
-        file = RecordingFile(self._begin())
+        file = self._file = _Recording(self._begin())
         for name, media_type, data in (*model_attachments(self._scenario.closures()), *self._about.attachments):
             file.attach(name, media_type, data)
         return file
 
-    def finish(self) -> None:
-        """Close the recording and write the logs."""
-        self._stack.close()
-        if not self._path.exists():  # no robot sent an event
-            return
+    def finish(self, judge: Callable[[Path], Sequence[Judgement]]) -> Sequence[Judgement]:
+        """Judge the recording, close it with what `judge` has found, and write the logs. Returns the judgements."""
+        if self._file is None:  # no robot sent an event
+            self.close()
+            return ()
+        found = judge(self._path)
+        self.close(found)
         for log in self._logs:
             if log != self._path and log.suffix.lower() == RECORDING:
                 copyfile(self._path, log)
             elif log != self._path:
                 convert(self._path, log)
+        return found
 
-    def close(self) -> None:
+    def close(self, judgements: Sequence[Judgement] = ()) -> None:
+        if self._file is not None:
+            self._file.complete(judgements)
+            self._file = None
         self._stack.close()
 
 
