@@ -60,6 +60,39 @@ TEAM = definitions(
 )
 
 
+ERROR = '<errorEventDefinition errorRef="E"/>'
+"""Ends a process of `job` in an error."""
+
+
+def timer(id: str, seconds: float) -> str:
+    duration = f"<timerEventDefinition><timeDuration>PT{seconds}S</timeDuration></timerEventDefinition>"
+    return f'<intermediateCatchEvent id="{id}">{duration}</intermediateCatchEvent>'
+
+
+def job(waits: int, works: float, end: str = "") -> str:
+    """B has run once; A waits (s), ends, and starts B again, which works (s) and ends, perhaps in `ERROR`."""
+    return definitions(
+        '<signal id="S" name="job"/><error id="E" errorCode="broken"/><collaboration id="c">'
+        '<participant id="A" name="A" processRef="pa"/><participant id="B" name="B" processRef="pb"/></collaboration>',
+        process(
+            "pa",
+            f'<startEvent id="sa"/>{timer("t", waits)}'
+            '<endEvent id="ea"><signalEventDefinition signalRef="S"/></endEvent>',
+            ("sa", "t"),
+            ("t", "ea"),
+        ),
+        process(
+            "pb",
+            '<startEvent id="sb"/><endEvent id="eb"/>'
+            '<startEvent id="job"><signalEventDefinition signalRef="S"/></startEvent>'
+            f'{timer("work", works)}<endEvent id="cut">{end}</endEvent>',
+            ("sb", "eb"),
+            ("job", "work"),
+            ("work", "cut"),
+        ),
+    )
+
+
 class Field:
     """Robots with engines, a plain publisher, and all that the robots have said."""
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from deployment_field import definitions, process
+from deployment_field import ERROR, job
 
 from fame import Scenario
 from fame.clock import SECOND, Scheduler
@@ -15,34 +15,6 @@ from fame.deploy.options import EngineOptions
 from fame.deploy.signing import read_trusted
 from fame.middleware.local import LocalMiddleware
 from fame.scenario import DistributedTeam, Result, distributed
-
-JOB = definitions(
-    '<signal id="S" name="job"/><error id="E" errorCode="broken"/><collaboration id="c">'
-    '<participant id="A" name="A" processRef="pa"/><participant id="B" name="B" processRef="pb"/></collaboration>',
-    process(
-        "pa",
-        '<startEvent id="sa"/><intermediateCatchEvent id="t"><timerEventDefinition><timeDuration>PT4S</timeDuration>'
-        '</timerEventDefinition></intermediateCatchEvent><endEvent id="ea"><signalEventDefinition signalRef="S"/>'
-        "</endEvent>",
-        ("sa", "t"),
-        ("t", "ea"),
-    ),
-    process(
-        "pb",
-        '<startEvent id="sb"/><endEvent id="eb"/>'
-        '<startEvent id="job"><signalEventDefinition signalRef="S"/></startEvent>{0}'
-        '<endEvent id="cut">{1}</endEvent>',
-        ("sb", "eb"),
-        ("job", "work"),
-        ("work", "cut"),
-    ),
-)
-"""B has run once; A ends after 4 s, and starts B again."""
-WORKS = (
-    '<intermediateCatchEvent id="work"><timerEventDefinition><timeDuration>PT{}S</timeDuration>'
-    "</timerEventDefinition></intermediateCatchEvent>"
-)
-FAILS = '<errorEventDefinition errorRef="E"/>'
 
 
 class Engines:
@@ -67,7 +39,7 @@ class Engines:
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
-    """Runs `JOB` with a team that does not hear B between two times after the start (s)."""
+    """Runs a `job` with a team that does not hear B between two times after the start (s)."""
 
     def run_it(work: float, end: str, *, deaf: tuple[float, float] = (0, 0), duration: float = 60) -> Result:
         scheduler = Scheduler()
@@ -83,7 +55,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result
                     super()._on_report(reader, message)
 
         path = tmp_path / "team.bpmn"
-        path.write_text(JOB.replace("{0}", WORKS.format(work)).replace("{1}", end))
+        path.write_text(job(4, work, end))
         return Team(Scenario.load(path, duration=duration), "dds").run()
 
     return run_it
@@ -101,17 +73,17 @@ def test_a_robot_that_works_on_without_a_report_of_it_yet_has_not_ended(run: Cal
 
 
 def test_a_robot_that_is_not_heard_since_the_others_ended_has_not_ended(run: Callable[..., Result]) -> None:
-    result = run(1, FAILS, deaf=(2, 9))
+    result = run(1, ERROR, deaf=(2, 9))
     assert (result.status, result.exit_code) == ("failed", 1)
     assert result.messages[0].endswith("team.bpmn:1): error broken was not caught")
 
 
 def test_of_a_robot_that_is_not_heard_until_the_duration_is_over_nothing_is_known(run: Callable[..., Result]) -> None:
-    result = run(1, FAILS, deaf=(2, 1000), duration=30)
+    result = run(1, ERROR, deaf=(2, 1000), duration=30)
     assert (result.status, result.exit_code) == ("failed", 1)
     assert result.messages[0].startswith("B: its engine has been silent for ")
 
 
 def test_what_seems_over_when_the_duration_is_over_is_confirmed_first(run: Callable[..., Result]) -> None:
     assert run(1, "", duration=5.2).status == "completed"
-    assert run(1, FAILS, deaf=(2, 6), duration=4.6).status == "failed"
+    assert run(1, ERROR, deaf=(2, 6), duration=4.6).status == "failed"

@@ -163,6 +163,22 @@ def test_a_script_that_asks_may_fail_as_a_service_does(text: str, code: str, unc
     assert judged(goes(script(text), boundary(), first=ASK), sentence).verdict == caught
 
 
+def test_a_script_of_another_file_with_the_same_id_hides_no_failure(tmp_path: Path) -> None:
+    inner = (
+        f'<process id="Inner" isExecutable="true"><startEvent id="S1"/>{flow("S1", "Go")}{script("x = 1")}'
+        f'{flow("Go", "T")}<endEvent id="T"><signalEventDefinition id="Td" signalRef="S"/></endEvent></process>'
+    )
+    (tmp_path / "inner.bpmn").write_text(document(ROOT + inner))
+    outer = (
+        f'<process id="P" isExecutable="true"><startEvent id="Start"/>{flow("Start", "Go")}{script(ACT)}'
+        f'{flow("Go", "Call")}<callActivity id="Call" calledElement="Inner"/></process>'
+    )
+    text = document(f'{ROOT}<collaboration id="Team">{POOLS}</collaboration>{outer}{OTHERS}')
+    model, made = read_text(text, file="m.bpmn"), parse("P completes", NOWHERE, "p")
+    (found,) = explore(model, properties=[made], library=[tmp_path]).properties
+    assert (found.verdict, found.text) == ("not known", '"Go there" (Go) may fail, and nothing catches it')
+
+
 def test_its_error_event_can_be_entered() -> None:
     """It was said never to be."""
     for text in (ACT, ASKS):

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from deployment_field import Field, definitions, patrol, process
+from deployment_field import ERROR, Field, definitions, job, patrol, process, timer
 
 from fame.clock import SECOND
 from fame.deploy import Deployment
@@ -12,17 +12,10 @@ from fame.scenario.deployment import MissionWatch
 
 def mission(seconds: int, end: str = "") -> str:
     """A robot that waits for some seconds and then ends, perhaps in an error."""
-    timer = f"<timerEventDefinition><timeDuration>PT{seconds}S</timeDuration></timerEventDefinition>"
-    content = (
-        f'<startEvent id="s"/><intermediateCatchEvent id="t">{timer}</intermediateCatchEvent>'
-        f'<endEvent id="e" name="no way">{end}</endEvent>'
-    )
+    content = f'<startEvent id="s"/>{timer("t", seconds)}<endEvent id="e" name="no way">{end}</endEvent>'
     return definitions(
         '<error id="E" name="unreachable" errorCode="unreachable"/>', process("p", content, ("s", "t"), ("t", "e"))
     )
-
-
-FAILED = '<errorEventDefinition errorRef="E"/>'
 
 
 def watched(field: Field, sent: Deployment, seconds: float) -> tuple[MissionWatch, list[str]]:
@@ -38,7 +31,7 @@ def watched(field: Field, sent: Deployment, seconds: float) -> tuple[MissionWatc
 @pytest.mark.parametrize("seconds", [0, 1, 60])
 def test_a_mission_that_fails_after_its_start_is_told_with_its_reason(seconds: int):
     field = Field("p")
-    sent = field.deploy(mission(seconds, FAILED))
+    sent = field.deploy(mission(seconds, ERROR))
     assert sent.robots["p"].state == "started"
     watch, lines = watched(field, sent, 120)
     assert watch.over
@@ -125,33 +118,10 @@ def test_an_optional_pool_need_not_start():
     assert (lines, watch.failures) == (["A: the mission has ended", "B: nothing has started"], {})
 
 
-JOB = definitions(
-    '<signal id="S" name="job"/><error id="E" errorCode="broken"/><collaboration id="c">'
-    '<participant id="A" name="A" processRef="pa"/><participant id="B" name="B" processRef="pb"/></collaboration>',
-    process(
-        "pa",
-        '<startEvent id="sa"/><intermediateCatchEvent id="t"><timerEventDefinition><timeDuration>PT15S</timeDuration>'
-        '</timerEventDefinition></intermediateCatchEvent><endEvent id="ea"><signalEventDefinition signalRef="S"/>'
-        "</endEvent>",
-        ("sa", "t"),
-        ("t", "ea"),
-    ),
-    process(
-        "pb",
-        '<startEvent id="sb"/><endEvent id="eb"/>'
-        '<startEvent id="job"><signalEventDefinition signalRef="S"/></startEvent>'
-        '<endEvent id="cut"><errorEventDefinition errorRef="E"/></endEvent>',
-        ("sb", "eb"),
-        ("job", "cut"),
-    ),
-)
-"""B has run once; A ends after 15 s, and starts B again, which fails."""
-
-
 @pytest.mark.parametrize("wakes", ["with what it has done", "with a report of before"])
 def test_a_robot_that_is_not_heard_since_the_others_ended_has_not_ended(wakes: str):
     field = Field("A", "B")
-    sent = field.deploy(JOB)
+    sent = field.deploy(job(15, 0, ERROR))
     watch, lines, old = MissionWatch(sent.id, sent.pools), list[str](), sent.reports["B"]
     frozen, until = field.scheduler.now + SECOND, field.scheduler.now + 7 * SECOND
     while not watch.over and field.scheduler.now < 60 * SECOND:

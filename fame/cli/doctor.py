@@ -270,6 +270,7 @@ class _Team:
 
     def __init__(self, arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> None:
         self._arguments, self._scheduler, self._middleware = arguments, scheduler, middleware
+        self._trusted = trusted_keys(arguments)
         self._reports: dict[str, Report] = {}
         self._answers: dict[str, ClockAnswer] = {}
         self._rivals: set[str] = set()
@@ -304,7 +305,7 @@ class _Team:
         from fame.log.clocks import ClockQuestions
         from fame.log.live_team import now_since
 
-        trusted, node, begun = trusted_keys(self._arguments), self._middleware.node("_fame_doctor"), datetime.now(UTC)
+        trusted, node, begun = self._trusted, self._middleware.node("_fame_doctor"), datetime.now(UTC)
 
         def on_report(reader: ReportReader, message: Any) -> None:
             if (report := reader.read(message.data)) is not None:
@@ -346,8 +347,8 @@ class _Team:
         """The state of a mission; with keys it is fine only of a robot whose name one of them vouches for."""
         from fame.deploy.authentication import proves_name
 
-        found, robot, trusted = reported(report), report.robot, trusted_keys(self._arguments)
-        proved = not trusted or proves_name(report, robot, trusted)
+        found, robot = reported(report), report.robot
+        proved = not self._trusted or proves_name(report, robot, self._trusted)
         if not proved:
             text = "signs with a key of its own: neither its name nor which team's key it trusts is proved"
             key = self._arguments.key or Path(self._arguments.trust[0]).with_suffix(".key")

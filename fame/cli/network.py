@@ -265,23 +265,15 @@ def _run_router(arguments: Namespace) -> int:
 def _address(interface: str) -> str:
     with suppress(ValueError):
         return str(ipaddress.ip_address(interface))
-    import fcntl
-
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
-        try:
-            found = fcntl.ioctl(end, _GET_ADDRESS, struct.pack("256s", interface.encode()[:15]))
-        except OSError:
-            raise FameError(f"--network {interface}: this interface has no IPv4 address; name an address") from None
-    return socket.inet_ntoa(found[20:24])
-
-
-_GET_ADDRESS = 0x8915  # SIOCGIFADDR of <linux/sockios.h>
+    found = [address for address, name in _addresses_4().items() if name == interface]
+    if not found:
+        raise FameError(f"--network {interface}: this interface has no IPv4 address; name an address")
+    return str(found[0])
 
 
 def person() -> str:
     """Return the user of this command as ``user@host``, unverified."""
     import getpass
-    import socket
 
     try:
         user = getpass.getuser()

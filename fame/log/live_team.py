@@ -101,7 +101,7 @@ class LiveTeam(Closing):
         self._numbers = count()
         self._arrived: dict[int, int] = {}  # number of what waits -> when it came
         self._ahead = 0  # what is added to all times (ns), since simulated time began again
-        self._discovery: Entry = scheduler.soon(self._discover if node is not None else lambda: None)
+        self._discovery: Entry = scheduler.soon(self._discover)
         self._release: Entry | None = None
 
     @property
@@ -260,8 +260,7 @@ class LiveTeam(Closing):
         self._writer.key(time, {robot: 0})
         if known.tokens or any(status == "running" for _, status in known.instances.values()):  # it had not ended
             self.restarted[robot] = time
-            report = {"instance": 0, "scope": 0, "marks": [["", "report", RESTARTED]]}
-            self._change(EVENTS, {"robot": robot, "events": [report]}, time)
+            self._report(robot, RESTARTED, time)
 
     def _synchronise(self, robot: str, key: Mapping[str, Any], lost: int, time: int) -> None:
         """Replace the state of a robot, of which `lost` batches have not arrived."""
@@ -271,8 +270,11 @@ class LiveTeam(Closing):
         self._writer.key(time, {robot: lost})
         if lost:
             text = f"{lost} batch{'es' * (lost > 1)} of events lost: what happened before is not recorded"
-            report = {"instance": 0, "scope": 0, "marks": [["", "report", text]]}
-            self._change(EVENTS, {"robot": robot, "events": [report]}, time)
+            self._report(robot, text, time)
+
+    def _report(self, robot: str, text: str, time: int) -> None:
+        report = {"instance": 0, "scope": 0, "marks": [["", "report", text]]}
+        self._change(EVENTS, {"robot": robot, "events": [report]}, time)
 
     def _change(self, topic: str, content: Mapping[str, Any], time: int) -> None:
         self._writer.change(time, topic, content)

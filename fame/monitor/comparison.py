@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fame.errors import NOT_KNOWN, ConfigError
-from fame.monitor.judge import JudgedRun, JudgedRuns, without_known
+from fame.monitor.judge import JudgedRun, JudgedRuns, mark_known
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ def compared(old: JudgedRuns, new: JudgedRuns) -> ModelComparison:
     Raises ConfigError if they have read other runs.
     """
     known = [run.number for judged in (old, new) for run in judged.runs if run.known]
-    return ModelComparison(*(replace(each, runs=without_known(each.runs, known)) for each in (old, new)))
+    return ModelComparison(*(replace(each, runs=mark_known(each.runs, known)) for each in (old, new)))
 
 
 def right(run: JudgedRun) -> bool | None:

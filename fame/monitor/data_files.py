@@ -297,21 +297,20 @@ def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP, elemen
     first = 2 if header else 1
     if len(lines) < first:
         raise ConfigError("has no rows of numbers", file=str(path))
-    if element not in names:
-        numbers = _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp)
-        return CsvTable(names, numbers, first, (), _written_in_seconds(lines[first - 1], separator, names, stamp))
-    place, width, elements = names.index(element), len(names), list[str]()
-    for number, line in enumerate(lines[first - 1 :], start=first):
-        row = _row(line, path, number, separator)
-        if len(row) != width:
-            raise ConfigError(f"expected {width} cells, got {len(row)}", file=str(path), line=number)
-        elements.append(row.pop(place).strip())
-        lines[number - 1] = separator.join(row)
-    del head[place]
-    kept = (*names[:place], *names[place + 1 :])
+    elements = list[str]()
+    if element in names:
+        place, width = names.index(element), len(names)
+        for number, line in enumerate(lines[first - 1 :], start=first):
+            row = _row(line, path, number, separator)
+            if len(row) != width:
+                raise ConfigError(f"expected {width} cells, got {len(row)}", file=str(path), line=number)
+            elements.append(row.pop(place).strip())
+            lines[number - 1] = separator.join(row)
+        del head[place]
+        names = (*names[:place], *names[place + 1 :])
     numbers = _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp)
-    sure = _written_in_seconds(lines[first - 1], separator, kept, stamp)
-    return CsvTable(kept, numbers, first, tuple(elements), sure)
+    sure = _written_in_seconds(lines[first - 1], separator, names, stamp)
+    return CsvTable(names, numbers, first, tuple(elements), sure)
 
 
 def _written_in_seconds(line: str, separator: str, names: Sequence[str], stamp: str) -> bool:

@@ -223,7 +223,7 @@ class JudgedRuns:
         return replace(self, runs=tuple(runs))
 
 
-def without_known(runs: Sequence[JudgedRun], numbers: Iterable[int]) -> tuple[JudgedRun, ...]:
+def mark_known(runs: Sequence[JudgedRun], numbers: Iterable[int]) -> tuple[JudgedRun, ...]:
     """Mark the runs of these numbers as those that a model has learned from."""
     note, known = "learned from: counts in no rate", set(numbers)
     return tuple(
@@ -323,7 +323,7 @@ def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str) -
             sums.append(monitor.sums)
     drifting = monitor.drifting if monitor is not None else ()
     known = _known(model, [run.samples.channels() if len(run.samples) else np.zeros((0, 0)) for run in runs])
-    return JudgedRuns(name, without_known(judged, known), drifting, np.array(sums))
+    return JudgedRuns(name, mark_known(judged, known), drifting, np.array(sums))
 
 
 def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
@@ -457,7 +457,7 @@ def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str 
             _without(left_out, _judge_recording(model, run, len(judged) + index, labelled=recording.labelled))
             for index, run in enumerate(recording)
         ]
-    return JudgedRuns(name, without_known(judged, learned), notes=tuple(dict.fromkeys(notes)))
+    return JudgedRuns(name, mark_known(judged, learned), notes=tuple(dict.fromkeys(notes)))
 
 
 def _without(left_out: Sequence[LeftOut], run: JudgedRun) -> JudgedRun:

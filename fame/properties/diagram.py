@@ -55,8 +55,8 @@ def drawn_properties(definitions: Definitions, library: Library, cast: Mapping[s
         for annotation in home.artifacts:
             if (made := annotated(annotation, home.file)) is not None:
                 if made.name in names:
-                    text = f"a second property of this name: the first one is at {_place(names[made.name])}"
-                    raise made.error(text)
+                    first = names[made.name].place
+                    raise made.error(f"a second property of this name: the first one is at {first.file}:{first.line}")
                 names[made.name] = made
     yield from names.values()
     taken = set(names)
@@ -65,7 +65,7 @@ def drawn_properties(definitions: Definitions, library: Library, cast: Mapping[s
             for file, element, id in _timed(home, process, library, root=process is pool.process):
                 yield _deadline(robot, element, id, file, _name(robot, element, id, taken))
     for participant in definitions.participants:
-        if _bound(participant):
+        if _deadline_text(participant):
             raise _pointless(participant, "this is a pool", definitions.file)
 
 
@@ -131,22 +131,22 @@ def _timed(home: Definitions, process: Process, library: Library, *, root: bool)
     The id is that of the element that is entered and left; empty: the instance of the process. Raises ModelError for a
     deadline where nothing waits.
     """
-    if root and _bound(process):
+    if root and _deadline_text(process):
         yield home.file, process, ""
     for body in process.body.bodies():
         for node in body.nodes:
             if isinstance(node, CallActivity) and node.called and not node.refused:
                 its, called = library.find(home, node)
-                if _bound(called):
+                if _deadline_text(called):
                     yield its.file, called, node.id
-            if _bound(node):
+            if _deadline_text(node):
                 yield from ((home.file, node, id) for id in _entered(body, node, home.file))
         for flow in body.flows:
-            if _bound(flow):
+            if _deadline_text(flow):
                 raise _pointless(flow, "a token takes a flow at once", home.file)
 
 
-def _bound(element: Element) -> str:
+def _deadline_text(element: Element) -> str:
     return element.properties.get(KEY, "").strip()
 
 
@@ -187,7 +187,7 @@ def _name(robot: str, element: Element, id: str, taken: set[str]) -> str:
 
 def _duration(element: Element, file: str) -> int:
     """The deadline of an element in ns. Raises ModelError for one that is no duration above 0."""
-    text = _bound(element)
+    text = _deadline_text(element)
     try:
         bound = nanoseconds_between(EPOCH, add(EPOCH, parse_duration(text)))
     except (ValueError, OverflowError):
@@ -202,7 +202,3 @@ def _deadline(robot: str, element: Element, id: str, file: str, name: str) -> Pr
     milliseconds = _duration(element, file) // _MILLISECOND
     sentence = f"after {robot} starts{what}, {robot} ends{what} within {milliseconds} ms"
     return parse(sentence, Location(file, element.line), name)
-
-
-def _place(made: Property) -> str:
-    return f"{made.place.file}:{made.place.line}"

@@ -109,7 +109,6 @@ class Judge:
         self._states: list[list[PartState]] = [list(one.initial) for one in monitors]
         self.now = 0
         self._doubts: dict[str, int | None] = {}
-        self._dirty: dict[_Place, None] = {}
         self._messages: dict[tuple[str, str], deque[Any]] = defaultdict(deque)
         self._unsure: dict[tuple[str, str], list[_Thrown]] = defaultdict(list)  # as `_messages`, for each event
         self._held: list[tuple[int, int, Happening, _Thrown]] = []  # number, time, event: until the instant is over
@@ -121,7 +120,6 @@ class Judge:
         self._curves: dict[_Place, tuple[int, float]] = {}  # when a condition was watched last, and its slack then
         self._on_violation, self._told = on_violation, set[int]()
         self._use(monitors)
-        self._dirty.update(dict.fromkeys(place for places in self._readers.values() for place in places))
 
     def _use(self, monitors: Sequence[Monitor]) -> None:
         self.monitors = monitors
@@ -134,6 +132,7 @@ class Judge:
         self._clocks: dict[_Place, tuple[int, int]] = {}
         for number, monitor in enumerate(monitors):
             self._index(number, monitor)
+        self._dirty = dict.fromkeys(place for places in self._readers.values() for place in places)
 
     def adopt(self, monitors: Sequence[Monitor]) -> None:
         """Go on with monitors of the same properties, in the same order, for a team that has more robots."""
@@ -148,7 +147,6 @@ class Judge:
             for table in (self._began, self._broken, self._curves):
                 self._move(table, number, moved)
         self._use(monitors)
-        self._dirty = dict.fromkeys(place for places in self._readers.values() for place in places)
 
     @staticmethod
     def _move(table: dict[_Place, Any], number: int, moved: Mapping[int, int | None]) -> None:
@@ -318,10 +316,10 @@ class Judge:
         """All instants before `time` (ns) are over."""
         if time <= self.now:
             return
-        while self._measured and (since := next(iter(self._measured.values()))) + STALE + 1 < time:
+        while self._measured and (lost := next(iter(self._measured.values())) + STALE + 1) < time:
             old = next(iter(self._measured))
             del self._measured[old]
-            self.sample(since + STALE + 1, old, None)
+            self.sample(lost, old, None)
         if self._held:
             self._release()
         if self._dirty:

@@ -158,7 +158,7 @@ class Abstraction:
             elif isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
                 if around or node.id in caught or may_raise(node.script):
                     self.caught.add(node.id)
-                self.asks[node.id] = frozenset(self._asked(node, body, around))
+                self.asks[node.id] = self.asks.get(node.id, frozenset()) | self._asked(node, body, around)
                 node = replace(node, script=self._script(node.script, node.id in self.caught))
             elif isinstance(node, model.Task) and node.kind == "service":
                 self.steps[step_name(home.file, node.id)] = self._service(node, body, around)
@@ -210,7 +210,7 @@ class Abstraction:
         """Of codes that nothing catches one, and those that properties name: all others do the same."""
         found = {*sorted(codes, key=lambda code: (code != "service", code))[:1], *named}
         self.unhandled |= {(node.id, code) for code in found}
-        return {*found}
+        return found
 
     def _with_aliases(self, names: Iterable[str]) -> set[str]:
         found = {*names}
@@ -269,18 +269,12 @@ def step_name(file: str, element: str) -> str:
     return f"{STEP}{file} {element}"
 
 
-def _caught_in(process: model.Process) -> Iterator[str]:
-    """The codes that the error events of a process catch."""
-    for node in process.body.walk():
-        if node.place in ("boundary", "start"):
-            yield from (one.code or "" for one in node.defined(model.ErrorDefinition))
-
-
-def _escalations_in(process: model.Process) -> Iterator[str]:
-    """The codes of escalations that a process catches."""
-    for node in process.body.walk():
-        if node.place in ("boundary", "start"):
-            yield from (one.code for one in node.defined(model.EscalationDefinition) if one.code)
+def _caught_in(
+    processes: Iterable[model.Process], kind: type[model.ErrorDefinition | model.EscalationDefinition]
+) -> frozenset[str]:
+    """The codes of errors or escalations that processes catch; "": any."""
+    nodes = (node for process in processes for node in process.body.walk() if node.place in ("boundary", "start"))
+    return frozenset(one.code or "" for node in nodes for one in node.defined(kind))
 
 
 def _fails(task: model.Task, catches: Set[str] | None) -> set[str]:
@@ -357,8 +351,8 @@ def abstraction(
     found.counted = _counted(processes.values()) - read
     found.unknown = frozenset() if given else _unknown(processes.values(), found.outside - thrown, parameters)
     found.called = frozenset(one.called for process in processes.values() for one in process.body.calls())
-    found.catches = frozenset(code for process in processes.values() for code in _caught_in(process))
-    found.escalations = frozenset(code for process in processes.values() for code in _escalations_in(process))
+    found.catches = _caught_in(processes.values(), model.ErrorDefinition)
+    found.escalations = _caught_in(processes.values(), model.EscalationDefinition) - {""}
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
     found.aliases = Aliases(body for process in processes.values() for body in process.body.bodies())
     found.needed = _needed(found, [body for inside in bodies.values() for body in inside])

@@ -86,11 +86,12 @@ class RecordingNode:
         check_types(middleware, list(zip(topics, (port.type for port in ports), strict=True)), [])
         self.node = middleware.node(name or f"{configuration.name}_recorder", namespace)
         self._follower = ElementFollower() if elements else None
-        self._sinks: list[RowSink] = []
-        self._bags: list[BagWriter] = []
-        self._whole_messages: list[bool] = []  # whether each output is a bag
+        self._outputs: list[RowSink | BagWriter] = []
         try:
-            self._open(configuration, outputs, topics, append)
+            for output in outputs:
+                self._outputs.append(self._open(configuration, output, topics, append))
+            self._sinks = [each for each in self._outputs if not isinstance(each, BagWriter)]
+            self._bags = [each for each in self._outputs if isinstance(each, BagWriter)]
             self.subscriptions = Subscriptions(
                 middleware, self.node, scheduler, ports, self.report, self._on_sample, ordered=ordered
             )
@@ -151,8 +152,7 @@ class RecordingNode:
     @property
     def stored(self) -> list[RowsStored]:
         """What each output has, in their order, once the node is closed."""
-        sinks, bags = iter(self._sinks), iter(self._bags)
-        return [next(bags).stored if each else next(sinks).stored for each in self._whole_messages]
+        return [each.stored for each in self._outputs]
 
     @property
     def is_whole(self) -> bool:
@@ -163,32 +163,23 @@ class RecordingNode:
 
     def _close_all(self) -> None:
         self.node.close()
-        for sink in self._sinks:
-            sink.close()
-        for bag in self._bags:
-            bag.close()
+        for output in self._outputs:
+            output.close()
 
     def _open(
-        self, configuration: Configuration, outputs: Sequence[str | Path], topics: Sequence[str], append: bool
-    ) -> None:
-        for output in outputs:
-            path = Path(output)
-            self._whole_messages.append("://" not in str(output) and path.suffix in ("", ".mcap"))
-            if "://" in str(output):
-                place = re.sub(
-                    r"\W+", "_", str(output).partition("://")[2]
-                )  # what waits for one must not go to another
-                spool = configuration.folder / f".{configuration.name}_influx_{place}"
-                self._sinks.append(Influx(str(output), spool, configuration.name, self.report.always))
-            elif path.suffix == ".csv":
-                self._sinks.append(CsvFile(
-                    path, configuration.inputs, self.report, self._now, append=append, follower=self._follower
-                ))  # fmt: skip
-            elif path.suffix in ("", ".mcap"):
-                self._bags.append(BagWriter(path, configuration.inputs, topics))
-            else:
-                text = f"expected .csv, .mcap, no ending (a bag) or http://, got {path.suffix!r}"
-                raise ConfigError(text, file=str(output))
+        self, configuration: Configuration, output: str | Path, topics: Sequence[str], append: bool
+    ) -> RowSink | BagWriter:
+        path, ports = Path(output), configuration.inputs
+        if "://" in str(output):
+            place = re.sub(r"\W+", "_", str(output).partition("://")[2])  # what waits for one must not go to another
+            spool = configuration.folder / f".{configuration.name}_influx_{place}"
+            return Influx(str(output), spool, configuration.name, self.report.always)
+        if path.suffix == ".csv":
+            return CsvFile(path, ports, self.report, self._now, append=append, follower=self._follower)
+        if path.suffix in ("", ".mcap"):
+            return BagWriter(path, ports, topics)
+        text = f"expected .csv, .mcap, no ending (a bag) or http://, got {path.suffix!r}"
+        raise ConfigError(text, file=str(output))
 
     def _now(self) -> float:
         return self._scheduler.now / SECOND

@@ -286,7 +286,6 @@ class Influx:
     sent: int
     refused: int
     waiting: int
-    rows: int
 
     def __init__(
         self, url: str, spool: Path, measurement: str, report: Callable[[str], object], pause: float = 1.0
@@ -304,7 +303,7 @@ class Influx:
         self._lines, self._done, self._refused = (spool.with_suffix(end) for end in (".lines", ".sent", ".refused"))
         self._spool = self._lines.open("ab", buffering=0)
         _truncate_partial_line(self._lines)
-        self.sent = self.refused = self.waiting = self.rows = self._told = 0
+        self.sent = self.refused = self.waiting = self._told = 0
         self._unreachable = self._database_exists = False
         self._pending: list[str] = []
         self._wake, self._ending = threading.Event(), False
@@ -316,7 +315,6 @@ class Influx:
             f"{_escape(name)}={value!r}" for name, value in zip(columns_of(row), cells_of(row), strict=True)
         )
         self._pending.append(f"{self._measurement} {fields},run={row.run}i {round(row.stamp * 1e9)}\n")
-        self.rows += 1
 
     def flush(self) -> None:
         """Put what is complete on disk, and let it be sent."""
