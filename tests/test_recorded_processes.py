@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -35,7 +36,10 @@ def test_a_run_over_dds_is_logged_drawn_and_recorded(tmp_path: Path) -> None:
         assert recording.metadata["lost_batches"] == "{}"
         events = list(recording.events(robots=["REX"]))
         assert events[0].what == "start"  # from the first step on
-        assert len(files[1].read_text().splitlines()) == len(events)
+        lines = [json.loads(line) for line in files[1].read_text().splitlines()]
+        verdicts = {each["detail"]["property"]: each["detail"]["verdict"] for each in lines[len(events) :]}
+        assert [line["what"] for line in lines] == [event.what for event in events] + ["verdict"] * len(verdicts)
+        assert verdicts == {"found_first": "holds", "answer": "not triggered", "apart": "holds"}
         entered = Counter(event.element for event in events if event.what == "enter")
         last = recording.state(recording.end).robots["REX"]
         assert {id: each["enter"] for id, each in last.counts.items() if "enter" in each} == entered
