@@ -329,6 +329,23 @@ def test_a_recording_that_was_cut_short_is_converted_and_drawn_as_far_as_it_is_w
         assert output.stat().st_size > 0
 
 
+def test_what_an_incomplete_recording_does_not_violate_is_not_known(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut, data = tmp_path / "cut.mcap", (run / "run.mcap").read_bytes()
+    cut.write_bytes(data[: len(data) // 2])
+    scenario = str(Path(__file__).parent.parent / "examples" / "agriculture.yaml")
+    assert main(["log", "judge", scenario, str(cut), "--json"]) == 3
+    (found,) = json.loads(capsys.readouterr().out)["runs"].values()
+    assert {one["verdict"] for one in found} == {"not known"}
+    assert all("the recording is incomplete after" in one["text"] for one in found)
+    for form in ("jsonl", "xes"):
+        log = str(tmp_path / f"run.{form}")
+        assert main(["log", "convert", str(cut), "-o", log]) == 0
+        assert main(["log", "judge", scenario, log]) == 2
+        assert "has only a part of its run (incomplete after" in capsys.readouterr().err
+
+
 def test_a_recording_is_not_merged_into_itself(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = run / "run.mcap"
     before = path.read_bytes()

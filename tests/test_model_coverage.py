@@ -128,6 +128,21 @@ def test_fame_test_has_the_exit_codes_of_fame(choice: Path, tmp_path: Path, caps
     assert fame_test(path, "--cov-model") == 2
 
 
+def test_tests_that_load_no_model_cover_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "test_nothing.py"
+    path.write_text("def test_nothing():\n    pass\n")
+    assert fame_test(path, "--cov-model", "--cov-fail-under", "1") == 1
+    assert "total: 0.0 %: no test has loaded a model" in capsys.readouterr().out
+
+
+def test_what_a_failed_test_covers_is_told(choice: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, report = write_test(tmp_path, "m.advance(1); assert False", "test_fails.py"), tmp_path / "cov.json"
+    assert fame_test(path, "--cov-model", f"--cov-json={report}") == 1
+    assert "covers, but has not passed: " in capsys.readouterr().out
+    ((test, outcome),) = json.loads(report.read_text())["not_passed"].items()
+    assert (test.rpartition("::")[2], outcome) == ("test_left", "failed")
+
+
 @pytest.mark.processes
 def test_the_workers_of_pytest_xdist_cover_together(
     choice: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

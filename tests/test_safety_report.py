@@ -82,6 +82,41 @@ def test_what_was_not_looked_at_is_not_called_none(tmp_path: Path) -> None:
     assert rows(page.read_text(), "Coverage by tests")[0][0] == "not given"
 
 
+def test_a_test_that_fails_covers_no_requirement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "choice.bpmn").write_text(process(CHOICE))
+    lines = ["    import pytest", "    pytest.skip('not today')"]
+    skipped = TESTS.replace("test_right", "test_later").replace("R5", "R7").replace("R6", "R8") + "\n".join(lines)
+    (tmp_path / "test_choice.py").write_text(f"{TESTS}    assert False\n{skipped.replace('import pytest', '', 1)}\n")
+    subprocess.run([sys.executable, "-m", "fame", "test", "--cov-json", "cov.json"], check=False)
+    assert main(["check", "--explore", "choice.bpmn", "--report", "page.html", "--coverage", "cov.json"]) == 3
+    page = (tmp_path / "page.html").read_text()
+    assert {id: status for id, *_, status in rows(page, "Requirements")} == dict.fromkeys(
+        ("R1", "R2", "R3", "R5", "R6", "R7", "R8"), "not covered"
+    )
+    left = dict(rows(page, "Not covered"))
+    assert left["requirement R6"] == "no property proves it, and a test of it has not passed"
+    assert left["test test_choice.py::test_right"] == "it was failed"
+    assert left["test test_choice.py::test_later"] == "it was skipped"
+
+
+@pytest.mark.parametrize("change", ["version", "other"])
+def test_coverage_of_another_model_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "choice.bpmn").write_text(process(CHOICE))
+    (tmp_path / "test_choice.py").write_text(TESTS)
+    subprocess.run([sys.executable, "-m", "fame", "test", "--cov-json", "cov.json"], check=True)
+    model = "choice.bpmn" if change == "version" else "new.bpmn"
+    (tmp_path / model).write_text(process(CHOICE.replace("Right", "Onward")))
+    main(["check", "--explore", model, "--report", "page.html", "--coverage", "cov.json"])
+    left = dict(rows((tmp_path / "page.html").read_text(), "Not covered"))
+    said = {
+        "version": "the coverage is that of another version of this file",
+        "other": "the coverage does not have this file",
+    }
+    assert left[f"by tests of {model}"] == said[change]
+
+
 PROCESS = '{"file": "f", "name": "n", "elements": {}, "flows": {}, "tests": {}, "missing": [], "excused": {}}'
 
 
@@ -92,9 +127,11 @@ PROCESS = '{"file": "f", "name": "n", "elements": {}, "flows": {}, "tests": {}, 
         "[" * 100_000,
         "[]",
         '{"processes": []}',
-        '{"processes": [1], "requirements": {}}',
-        f'{{"processes": [{PROCESS}], "requirements": {{}}}}',
-        '{"processes": [], "requirements": {"R1": [1]}}',
+        '{"processes": [], "requirements": {}}',
+        '{"processes": [1], "requirements": {}, "not_passed": {}}',
+        f'{{"processes": [{PROCESS}], "requirements": {{}}, "not_passed": {{}}}}',
+        '{"processes": [], "requirements": {"R1": [1]}, "not_passed": {}}',
+        '{"processes": [], "requirements": {}, "not_passed": {"R1": 1}}',
     ],
 )
 def test_a_wrong_coverage_is_refused(tmp_path: Path, text: str) -> None:

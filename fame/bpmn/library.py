@@ -225,6 +225,11 @@ def _why_no_call(call: CallActivity) -> str:
     return call.refused
 
 
+def comes_with_fame(file: str) -> bool:
+    """Whether a file is one of FAME's own library."""
+    return any(Path(file).resolve().is_relative_to(folder.resolve()) for folder in BUILT_IN)
+
+
 def _short(path: Path) -> str:
     """A path for people: from the working directory on, if it is in there."""
     return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)

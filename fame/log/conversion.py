@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from fame.bpmn.model import Definitions
-from fame.clock import EPOCH, date_text
+from fame.clock import EPOCH, SECOND, date_text
 from fame.errors import ConfigError, ModelError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
@@ -105,6 +105,15 @@ def _chosen(recording: Recording, patterns: Sequence[str]) -> Sequence[str] | No
     return named if patterns else None
 
 
+def _kept(recording: Recording, robots: Sequence[str] | None, mission: MissionLevel | None) -> str:
+    """What a log has of its run, if it leaves something out; else nothing."""
+    chosen = robots is not None or mission is not None
+    parts = [f"level {'all' if mission is None else 'mission'}"] if chosen else []
+    parts += [f"robots {', '.join(robots)}"] if robots else []
+    parts += [f"incomplete after {recording.end / SECOND:.1f} s"] if recording.warnings else []
+    return ", ".join(parts)
+
+
 def _write_events(
     recording: Recording,
     models: Sequence[Definitions],
@@ -118,10 +127,7 @@ def _write_events(
         epoch = parse_datetime(recording.metadata.get("epoch", "1970-01-01T00:00:00Z"))
         if epoch != EPOCH:
             log(Event(0, "", 0, 0, "", "epoch", date_text(epoch)))
-        if robots is not None or mission is not None:
-            kept = f"level {'all' if mission is None else 'mission'}" + (
-                f", robots {', '.join(robots)}" if robots else ""
-            )
+        if kept := _kept(recording, robots, mission):
             log(Event(0, "", 0, 0, "", PART, kept))
         length, reported = max(1, recording.end - recording.start), 0.0
         for event in recording.events(robots=robots):

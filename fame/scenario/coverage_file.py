@@ -13,13 +13,14 @@ from fame.errors import ConfigError, display_name
 
 @dataclass(frozen=True, slots=True)
 class CoveredProcess:
-    """What tests have entered of a process of a file (absolute).
+    """What tests have entered of a process of a file (absolute), which had the SHA-256 `digest`.
 
     `elements` and `flows` are texts (``3 of 4``), `missing` names of elements, `excused` id -> reason, `tests` id ->
     those that enter the element.
     """
 
     file: Path
+    digest: str
     name: str
     elements: str
     flows: str
@@ -30,9 +31,10 @@ class CoveredProcess:
 
 @dataclass(frozen=True, slots=True)
 class CoverageReport:
-    """The coverage of processes, and the tests of each requirement."""
+    """The coverage of processes, the tests of each requirement, and the outcomes of tests that have not passed."""
 
     requirements: Mapping[str, Sequence[str]]
+    not_passed: Mapping[str, str]
     processes: Sequence[CoveredProcess]
 
 
@@ -40,7 +42,12 @@ def read_coverage(path: Path) -> CoverageReport:
     """Read a file. Raises ConfigError."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        return CoverageReport(_tests(found["requirements"]), [_process(one) for one in found["processes"]])
+        if "processes" in found and "not_passed" not in found:
+            text = "does not say which tests passed: write it again with fame test --cov-json FILE"
+            raise ConfigError(text, file=str(path))
+        outcomes = {_text(test): _text(outcome) for test, outcome in found["not_passed"].items()}
+        processes = [_process(one) for one in found["processes"]]
+        return CoverageReport(_tests(found["requirements"]), outcomes, processes)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
@@ -50,6 +57,7 @@ def read_coverage(path: Path) -> CoverageReport:
 def _process(found: Mapping[str, Any]) -> CoveredProcess:
     return CoveredProcess(
         Path(_text(found["file"])).resolve(),
+        _text(found["sha256"]),
         _text(found["name"]),
         _count(found["elements"]),
         _count(found["flows"]),

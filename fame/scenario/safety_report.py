@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 
+from fame.bpmn.library import comes_with_fame
 from fame.bpmn.model import Definitions, Element
 from fame.check.explore import Exploration
 from fame.deploy.envelope import model_hash
@@ -67,7 +68,7 @@ def safety_report(
             ("process", "elements", "flows", "not entered", "excused"),
             _covered(coverage) if coverage is not None else [("not given", "", "", "", "")],
         ),
-        "<p>A test covers an element when a token comes to it; whether tests passed is in their own report.</p>",
+        "<p>A test covers an element when a token comes to it, also if the test does not pass.</p>",
         *_section("Not covered", ("what", ""), _left(result, files, coverage, faults=faults)),
         '<h2>Signed</h2><table class="sign"><tr><th>name</th><th>role</th><th>date</th><th>signature</th></tr>',
         f"{'<tr><td></td><td></td><td></td><td></td></tr>' * 2}</table>",
@@ -168,8 +169,11 @@ def _requirements(
         shown = ", ".join(display_name(one.id, one.name) for _, one in named)
         words = ", ".join(f"{one.name}: {one.verdict}" for one in told)
         verdicts = {one.verdict for one in told}
-        covered = "covered" if tests or "proved" in verdicts else "not covered"
-        yield id, shown, words, ", ".join(tests), "refuted" if "refuted" in verdicts else covered
+        outcomes = coverage.not_passed if coverage is not None else {}
+        passed = bool(tests.keys() - outcomes.keys()) and not outcomes.keys() & {*marked.get(id, ())}
+        covered = "covered" if passed or "proved" in verdicts else "not covered"
+        texts = (f"{test} ({outcomes[test]})" if test in outcomes else test for test in tests)
+        yield id, shown, words, ", ".join(texts), "refuted" if "refuted" in verdicts else covered
 
 
 def _covered(coverage: CoverageReport | None) -> Iterator[tuple[str, ...]]:
@@ -184,15 +188,25 @@ def _left(
     for one in result.properties:
         if one.verdict in ("not known", "not triggered"):
             yield f"property {one.name}", f"{one.verdict}: {one.text}" if one.text else one.verdict
-    for id, *_, status in _requirements(result, files, coverage):
+    for id, _, _, tests, status in _requirements(result, files, coverage):
         if status == "not covered":
-            yield f"requirement {id}", "no property proves it, and no test names it or enters its elements"
+            tests_of_it = "a test of it has not passed" if tests else "no test names it or enters its elements"
+            yield f"requirement {id}", f"no property proves it, and {tests_of_it}"
     for cut in result.cuts:
         yield "states", cut
     if not faults:
         yield "single faults", "were not explored: --faults"
     if coverage is None:
         yield "tests", "no coverage was given: fame test --cov-json FILE, then --coverage FILE"
+        return
     for name, _, _, missing, _ in _covered(coverage):
         if missing:
             yield f"by tests of {name}", missing
+    yield from ((f"test {test}", f"it was {outcome}") for test, outcome in coverage.not_passed.items())
+    digests = {one.file: one.digest for one in coverage.processes}
+    for file in files:
+        found = digests.get(Path(file.file).resolve())
+        if found is None and any(one.body.nodes for one in file.processes) and not comes_with_fame(file.file):
+            yield f"by tests of {file.file}", "the coverage does not have this file"
+        elif found not in (None, model_hash(file.source)):
+            yield f"by tests of {file.file}", "the coverage is that of another version of this file"

@@ -9,13 +9,14 @@ do not count, and neither do stubs. What tests need not cover is named with its 
 
 from __future__ import annotations
 
+import hashlib
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.bpmn.library import BUILT_IN
+from fame.bpmn.library import comes_with_fame
 from fame.bpmn.model import Definitions, Element, Process, SequenceFlow
 from fame.errors import ConfigError, display_name
 from fame.testing.elements import parts
@@ -51,11 +52,13 @@ class ProcessCoverage:
 class Coverage:
     """Collects what tests cover. `reasons`: name of a file -> id -> why no test needs to cover it.
 
-    `requirements`: id -> the tests whose marker ``requirement`` names it.
+    `requirements`: id -> the tests whose marker ``requirement`` names it. `not_passed`: test -> ``failed`` or
+    ``skipped``.
     """
 
     reasons: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     requirements: defaultdict[str, dict[str, None]] = field(default_factory=lambda: defaultdict(dict))
+    not_passed: dict[str, str] = field(default_factory=dict)
     _files: dict[str, Definitions] = field(default_factory=dict)
     _processes: dict[tuple[str, str], None] = field(default_factory=dict)
     _tests: defaultdict[tuple[str, str], dict[str, None]] = field(default_factory=lambda: defaultdict(dict))
@@ -67,7 +70,7 @@ class Coverage:
         ]
         used = [(definitions, process) for process in definitions.processes]
         for home, process in (*used, *(one for closure in closures for one in closure)):
-            if not _comes_with_fame(home.file):
+            if not comes_with_fame(home.file):
                 self._add_process(home, process)
         for file, element in mission.trace.covered:
             place = _resolved(file)
@@ -94,10 +97,22 @@ class Coverage:
         return ProcessCoverage(file, pool or process.name or process.id, elements, tests, excused)
 
     def percent(self) -> float:
-        """Of all elements and flows that count, how many are covered (0 to 100)."""
+        """Of all elements and flows that count, how many are covered (0 to 100); 0 if tests have loaded no model."""
+        if not self._processes:
+            return 0.0
         counts = [one.counts(flows=flows) for one in self.processes() for flows in (False, True)]
         total = sum(total for _, total in counts)
         return 100.0 * sum(covered for covered, _ in counts) / total if total else 100.0
+
+    def doubtful(self) -> dict[str, str]:
+        """The tests that cover something and did not pass, with their outcomes."""
+        marked = self.requirements.values()
+        tests = {test for found in (*self._tests.values(), *marked) for test in found}
+        return {test: outcome for test, outcome in self.not_passed.items() if test in tests}
+
+    def digest(self, file: str) -> str:
+        """The SHA-256 of a file as the tests have read it."""
+        return hashlib.sha256(self._files[file].source).hexdigest()
 
     def stale(self) -> list[str]:
         """Reasons that name what tests cover, or what no model has; a line each."""
@@ -122,6 +137,7 @@ class Coverage:
             "processes": [list(key) for key in self._processes],
             "tests": [[file, element, list(tests)] for (file, element), tests in self._tests.items()],
             "requirements": {id: list(tests) for id, tests in self.requirements.items()},
+            "not_passed": self.not_passed,
         }
 
     def merge(self, plain: Mapping[str, Any]) -> None:
@@ -136,6 +152,7 @@ class Coverage:
             self._tests[file, element].update(dict.fromkeys(tests))
         for id, tests in plain["requirements"].items():
             self.requirements[id].update(dict.fromkeys(tests))
+        self.not_passed.update(plain["not_passed"])
 
 
 def read_reasons(folders: Iterable[Path]) -> dict[str, dict[str, str]]:
@@ -155,10 +172,6 @@ def read_reasons(folders: Iterable[Path]) -> dict[str, dict[str, str]]:
 
 def _resolved(file: str) -> str:
     return str(Path(file).resolve())
-
-
-def _comes_with_fame(file: str) -> bool:
-    return any(Path(file).resolve().is_relative_to(folder.resolve()) for folder in BUILT_IN)
 
 
 # ---- reports ---------------------------------------------------------------------------------------------------------
@@ -182,18 +195,22 @@ def text_report(coverage: Coverage) -> Iterator[str]:
             yield f"not covered: {_short(one.file)}:{element.line}: {one.name}: {_shown(element)}"
         for id, reason in one.excused.items():
             yield f"excused: {_short(one.file)}: {one.name}: {id}: {reason}"
+    for test, outcome in coverage.doubtful().items():
+        yield f"covers, but has not passed: {test} ({outcome})"
     yield from coverage.stale()
-    yield f"total: {coverage.percent():.1f} %"
+    yield f"total: {coverage.percent():.1f} %" + ("" if len(rows) > 1 else ": no test has loaded a model")
 
 
 def json_report(coverage: Coverage) -> dict[str, Any]:
-    """The coverage as data: total, and of each process what is covered by which tests, missing or excused."""
+    """The coverage as data: total, tests that have not passed, and of each process what is covered by which tests."""
     return {
         "percent": round(coverage.percent(), 2),
         "requirements": {id: list(tests) for id, tests in coverage.requirements.items()},
+        "not_passed": coverage.doubtful(),
         "processes": [
             {
                 "file": one.file,
+                "sha256": coverage.digest(one.file),
                 "name": one.name,
                 "elements": dict(zip(("covered", "total"), one.counts(flows=False), strict=True)),
                 "flows": dict(zip(("covered", "total"), one.counts(flows=True), strict=True)),

@@ -125,8 +125,14 @@ def pytest_runtest_call(item: pytest.Item) -> Any:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> Any:
-    """Add the state of the missions to the report of a test that failed for another reason than an expectation."""
+    """Add the state of the missions to the report of a test that failed for another reason than an expectation.
+
+    Coverage notes the tests that do not pass.
+    """
     report = yield
+    coverage = item.config.stash.get(_COVERAGE, None)
+    if coverage is not None and not report.passed:
+        coverage.not_passed[item.nodeid] = report.outcome
     loader = item.stash.get(_LOADER, None)
     if loader is not None and report.when == "call" and report.failed:
         from fame.testing.failure import ExpectationError, state_lines
