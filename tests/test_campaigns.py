@@ -307,6 +307,15 @@ def test_the_interval_is_wilsons() -> None:
     assert len(counted([*rows, row(101, "crashed")])) == 100
 
 
+def test_a_crashed_run_is_not_known() -> None:
+    rows = [row(1, "completed"), row(2, "completed"), row(3, "crashed"), row(4, "impossible")]
+    said = "how 1 of 4 runs end, since they crashed; with them as failures it is 0.667"
+    assert summary(rows)["not_known"] == said
+    assert f"not known: {said}" in text_report(rows)
+    assert f"Not known: {said}." in html_report(rows, "s.yaml")
+    assert summary(rows[:2])["not_known"] == ""
+
+
 def test_failures_are_grouped_by_cause_with_the_shortest_run() -> None:
     rows = [row(1, "failed", "a", 9), row(2, "failed", "a", 3), row(3, "timeout", "b", 1), row(4, "completed")]
     assert [(one["cause"], one["count"], one["seed"]) for one in causes(rows)] == [("a", 2, 2), ("b", 1, 3)]
@@ -364,6 +373,24 @@ def test_the_command_writes_rows_and_reports(
     assert "probability of completion: " in capsys.readouterr().out
     pandas = pytest.importorskip("pandas")
     assert len(pandas.read_parquet(out / "runs.parquet")) == 10
+
+
+def test_a_campaign_that_goes_on_has_the_same_options_and_files(
+    scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    begun = ["campaign", str(scenario), "--runs", "2", "--jobs", "1", "-o", str(out)]
+    assert main([*begun, "--width", "0.01"]) == 3
+    assert "after all runs the interval is 0.658 wide: more than --width 0.01" in capsys.readouterr().err
+    for words in (["--runs", "4"], ["--seed", "2"], ["--duration", "1"], ["--record"]):
+        assert main(["campaign", "--resume", str(out), *words]) == 2
+        assert f"continues a campaign as it began: {words[0]} is for a new one" in capsys.readouterr().err
+    assert main(["campaign", "--resume", str(out), "--jobs", "1", "--json"]) == 0
+    model = tmp_path / "m.bpmn"
+    model.write_text(model.read_text().replace('name="Go"', 'name="Walk"'))
+    assert main(["campaign", "--resume", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert f"m.bpmn: has changed since the campaign in {out} began" in said
 
 
 @pytest.mark.parametrize(

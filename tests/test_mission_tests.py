@@ -118,6 +118,19 @@ def test_an_instance_that_fails_is_expected_by_its_code(vehicles: MissionUnderTe
         vehicles.expect("DINGO").failed("lost")
 
 
+def test_an_element_that_was_cancelled_before_the_failure_has_not_failed(
+    mission: MissionLoader, tmp_path: Path
+) -> None:
+    late = """<boundaryEvent id="late" attachedToRef="u"><timerEventDefinition><timeDuration>PT5S</timeDuration>
+    </timerEventDefinition></boundaryEvent>
+    <scriptTask id="v" scriptFormat="python"><script>1 / 0</script></scriptTask>"""
+    content = f'<startEvent id="s"/><userTask id="u" name="Sign"/>{late}<sequenceFlow id="f" sourceRef="late"'
+    m = mission.load(one(tmp_path, f'{content} targetRef="v"/>{flows("su")}'))
+    m.expect().failed(at="v", within=10)
+    with pytest.raises(ExpectationError, match="to have failed at 'Sign', but it failed with code 'script' at v"):
+        m.expect().failed(at="Sign")
+
+
 # ---- failures --------------------------------------------------------------------------------------------------------
 
 

@@ -1,5 +1,6 @@
 """A world, its robots and a collaboration in one process: the ground-vehicle mission, and what can go wrong with it."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,40 @@ def test_the_mission_is_completed_by_both_robots(played):
         ("REX", 1, 1),
         ("DINGO", 1, 1),
     ]
+
+
+BLIND = """\
+model: m.bpmn
+world:
+  size: [6, 4]
+  obstacles:
+    - {name: rock, at: [2.5, 1], radius: 0.4}
+  stations:
+    - {name: shelf, at: [1.5, 3]}
+    - {name: packing, at: [5, 3]}
+  parcels:
+    - {name: parcel, at: shelf, to: packing}
+    - {name: other, at: shelf}
+  robots:
+    P: {type: car, at: [0.8, 1]}
+"""
+AHEAD = """<startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/>
+<scriptTask id="t" scriptFormat="python"><script>for speed in (0.5, 0.5, 0.5, 0.5, 0.5, 0.5, -0.5, -0.5, 0.5, 0.5, 0.5):
+    robot.publish("cmd_vel", "geometry_msgs/msg/Twist", linear={"x": speed})
+    await sleep(0.45)</script></scriptTask>"""
+
+
+def test_what_is_wrong_in_the_world_is_said_of_a_run_that_has_completed(tmp_path: Path) -> None:
+    (tmp_path / "m.bpmn").write_text(process(AHEAD))
+    path = tmp_path / "m.yaml"
+    path.write_text(BLIND)
+    result = run(path)
+    assert (result.status, result.exit_code) == ("completed", 0)
+    collided, parcel = result.messages
+    assert re.fullmatch(r"P collided with rock 2 times, first at 2\.\d+ s", collided)
+    assert parcel == "parcel parcel is at shelf, not at packing"
+    path.write_text(BLIND.replace("type: car", "type: tractor, battery: {charge: 0}"))
+    assert run(path).messages[0] == "the battery of P is empty"
 
 
 def test_dingo_stands_at_the_target_and_its_led_is_red(played):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, add_library, command, natural, positive
-from fame.cli.output import print_json, progress_line
+from fame.cli.output import note, print_json, progress_line
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -64,6 +64,8 @@ def add(commands: Commands) -> None:
 
 
 _FOLDER = Path("out/campaign")
+_OF_RESUMED = ("resume", "jobs", "width", "property", "parquet", "json", "no_project")
+"""Options of a campaign that goes on; all others are kept with it."""
 
 
 def _count(text: str) -> int:
@@ -77,7 +79,7 @@ def run(arguments: Namespace) -> int:
     """Do the runs, write the reports, and print what they say."""
     from fame.imports import require
     from fame.scenario.campaign import run_campaign
-    from fame.scenario.campaign_report import summary, text_report, write_reports
+    from fame.scenario.campaign_report import interval, summary, text_report, write_reports
 
     for package in ("joblib", "matplotlib", "scipy"):  # before a folder is written, which would be in the way
         require(package)
@@ -110,7 +112,13 @@ def run(arguments: Namespace) -> int:
             print(_goes_on(folder))
     if interrupted:
         return 130
-    return 1 if all(row["status"] == "impossible" for row in rows) else 0  # nothing was measured
+    if all(row["status"] == "impossible" for row in rows):  # nothing was measured
+        return 1
+    low, high = interval(rows, property=arguments.property)
+    wide = arguments.width is not None and high - low > arguments.width
+    if wide:
+        note(f"fame: after all runs the interval is {high - low:.3f} wide: more than --width {arguments.width:g}")
+    return 3 if wide or found["not_known"] else 0
 
 
 def _goes_on(folder: Folder) -> str:
@@ -127,6 +135,11 @@ def _campaign(arguments: Namespace) -> tuple[Campaign, Folder]:
             raise ConfigError("expected a scenario or --resume DIR, got both")
         folder = Folder(arguments.resume)
         campaign = folder.campaign()
+        for action, _ in arguments.leaf.given:
+            if action.dest not in _OF_RESUMED:
+                text = f"--resume continues a campaign as it began: {action.option_strings[-1]} is for a new one"
+                raise ConfigError(text, file=str(folder.path))
+        folder.check_files(campaign)
         campaign.check_property(arguments.property)
         return replace(campaign, workers=arguments.jobs or campaign.workers), folder
     if arguments.scenario is None:

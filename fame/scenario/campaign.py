@@ -7,6 +7,7 @@ was interrupted can go on.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import shlex
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from fame.scenario.scenario import Scenario
 
 ROWS, ABOUT = "runs.jsonl", "campaign.json"
+_FILES = "files"
+"""Key of the campaign's description with the SHA-256 of its files as it began."""
 _Row = dict[str, Any]
 _ATTEMPTS = 3
 """Number of attempts of a run whose process dies."""
@@ -258,6 +261,18 @@ class Campaign:
             Scenario.load(self.scenario, library=self.library, variables=_varied_variables(paths))
         Run(Scenario.load(self.scenario, duration=self.duration, library=self.library), False, None, None).close()
 
+    def files(self) -> dict[str, str]:
+        """The SHA-256 of the scenario, of what it names, and of the models, by file."""
+        from fame.scenario.plan import named_files
+        from fame.scenario.scenario import Scenario
+
+        scenario = Scenario.load(self.scenario, library=self.library)
+        found = {one.file: one.source for one in scenario.closures()}
+        for kind, path in named_files(Path(self.scenario)):
+            if kind not in ("module", "models"):
+                found[str(path)] = path.read_bytes()
+        return {name: hashlib.sha256(content).hexdigest() for name, content in found.items()}
+
     def check_property(self, name: str | None) -> None:
         """Raise ConfigError if the scenario has no property of this name; None: of any name."""
         from fame.scenario.scenario import Scenario
@@ -364,16 +379,35 @@ class Folder:
                 "has a campaign already; use --resume to continue it, or -o for another folder", file=str(self.path)
             )
         self.path.mkdir(parents=True, exist_ok=True)
-        (self.path / ABOUT).write_text(json.dumps(asdict(campaign), indent=2) + "\n", encoding="utf-8")
+        about = {**asdict(campaign), _FILES: campaign.files()}
+        (self.path / ABOUT).write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+
+    def _about(self) -> dict[str, Any]:
+        try:
+            found: dict[str, Any] = json.loads((self.path / ABOUT).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            raise ConfigError(f"has no campaign: expected a file {ABOUT}", file=str(self.path)) from None
+        return found
+
+    def check_files(self, campaign: Campaign) -> None:
+        """Raise ConfigError if a file of the campaign has changed since it began: its runs would not be of one mission.
+
+        Nothing is known of one that an earlier version of FAME began.
+        """
+        before = self._about().get(_FILES)
+        if before is None:
+            return
+        for name, digest in campaign.files().items():
+            if digest != before.get(name):
+                text = f"has changed since the campaign in {self.path} began: begin another one with -o"
+                raise ConfigError(text, file=name)
 
     def campaign(self) -> Campaign:
         """The campaign of the folder. Raises ConfigError."""
         from fame.scenario.variation import Distribution
 
-        try:
-            about = json.loads((self.path / ABOUT).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            raise ConfigError(f"has no campaign: expected a file {ABOUT}", file=str(self.path)) from None
+        about = self._about()
+        about.pop(_FILES, None)
         variation = about.pop("variation")
         distributions = tuple(
             Distribution(one["path"], one["kind"], tuple(one["numbers"]), tuple(one["choices"]))

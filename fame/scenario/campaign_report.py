@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 COUNTED = ("completed", "failed", "timeout")
 """The statuses of runs that took place: impossible worlds and crashed processes are counted apart."""
+CRASHED = "crashed"
+"""The status of a run whose process died each time: how it ends is not known."""
 
 
 def counted(rows: Iterable[CampaignRow]) -> list[CampaignRow]:
@@ -57,6 +59,7 @@ def summary(rows: Sequence[CampaignRow]) -> dict[str, Any]:
         "statuses": dict(statuses),
         "probability": round(len(done) / len(runs), 6) if runs else None,
         "interval": [round(low, 6), round(high, 6)],
+        "not_known": _not_known(rows),
         "distributions": {
             name.removeprefix("measure."): spread
             for name in ("duration", "distance", "collisions", "lost", *measures)
@@ -66,6 +69,14 @@ def summary(rows: Sequence[CampaignRow]) -> dict[str, Any]:
         "causes": causes(rows),
         "parameters": importance(rows),
     }
+
+
+def _not_known(rows: Sequence[CampaignRow]) -> str:
+    """What runs that crashed leave open; empty without any."""
+    done, crashed = (sum(row["status"] == status for row in rows) for status in ("completed", CRASHED))
+    least = done / (len(counted(rows)) + crashed) if crashed else 0.0
+    text = f"how {crashed} of {len(rows)} runs end, since they crashed; with them as failures it is {least:.3f}"
+    return text if crashed else ""
 
 
 def _spread(values: Sequence[Any]) -> dict[str, float]:
@@ -166,6 +177,8 @@ def text_report(rows: Sequence[CampaignRow]) -> Iterator[str]:
     if found["probability"] is not None:
         low, high = found["interval"]
         yield f"probability of completion: {found['probability']:.3f} (95 % interval {low:.3f} to {high:.3f}, Wilson)"
+    if found["not_known"]:
+        yield f"not known: {found['not_known']}"
     for name, spread in found["distributions"].items():
         values = "  ".join(f"{key} {value:g}" for key, value in spread.items())
         yield f"{name} of completed runs: {values}"
@@ -231,6 +244,7 @@ def html_report(rows: Sequence[CampaignRow], scenario: str) -> str:
     body = [
         f"<h1>{escape(Path(scenario).name)}: {share} completed</h1>",
         f"<p>{found['runs']} runs; 95&nbsp;% interval {low:.1%} to {high:.1%} (Wilson).</p>",
+        f"<p>Not known: {found['not_known']}.</p>" if found["not_known"] else "",
         plots["success"],
         _table(("status", "runs"), found["statuses"].items()),
     ]

@@ -123,7 +123,7 @@ class Result:
 
     @property
     def messages(self) -> list[str]:
-        """One line for each error and waiting token, and for each weed that is left."""
+        """One line for each error and waiting token, and for what is wrong in the world (`_world_messages`)."""
         lines = [*self.problems, *(str(error) for robot in self.robots for error in robot.errors)]
         if self.status == "timeout" or (self.status == "failed" and self.ending):
             alone = "; a model alone has no world: a scenario has one" if self.world is None else ""
@@ -142,9 +142,7 @@ class Result:
                 lines.append(
                     f"{robot.name}: {number} on {topic} reached it, and no event took {'it' if count == 1 else 'them'}"
                 )
-        weeds = self.world["weeds"] if self.world is not None else {}
-        lines += [f"weed {name} was not cut" for name, weed in weeds.items() if weed["by"] is None]
-        return lines
+        return [*lines, *_world_messages(self.world)] if self.world is not None else lines
 
     @property
     def told(self) -> list[tuple[Event, int]]:
@@ -199,6 +197,26 @@ class Result:
         lines = [line("th", HEADS), *(line("td", robot.row) for robot in self.robots)]
         messages = [f"<p>{escape(message)}</p>" for message in self.messages]
         return "\n".join(["<table>", caption, *lines, "</table>", *messages])
+
+
+def _world_messages(world: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a line for each pair that collided, empty battery, parcel that is not where it is wanted, and weed left."""
+    collided: dict[frozenset[str], list[Mapping[str, Any]]] = {}
+    for one in world["collisions"]:
+        collided.setdefault(frozenset((one["a"], one["b"])), []).append(one)
+    for first, *more in collided.values():
+        times = f" {len(more) + 1} times, first" if more else ""
+        yield f"{first['a']} collided with {first['b']}{times} at {first['time']:g} s"
+    for name, robot in world["robots"].items():
+        if robot.get("battery") == 0:
+            yield f"the battery of {name} is empty"
+    for name, parcel in world.get("parcels", {}).items():
+        if parcel["to"] and (parcel["carrier"] or parcel["station"] != parcel["to"]):
+            place = f"on {parcel['carrier']}" if parcel["carrier"] else f"at {parcel['station'] or 'no station'}"
+            yield f"parcel {name} is {place}, not at {parcel['to']}"
+    for name, weed in world["weeds"].items():
+        if weed["by"] is None:
+            yield f"weed {name} was not cut"
 
 
 def never_started(cast: Mapping[str, Pool], robots: Sequence[RobotResult]) -> tuple[str, ...]:

@@ -82,9 +82,10 @@ class Expectation:
         if within is not None:
             mission.go_on(lambda: mission.node(self._robot).failed, within)
         errors = [one.error for one in mission.node(self._robot).instances if one.error is not None]
-        around = bool(ids and (self._steps(ids, "fail") or self._steps(ids, "cancel")))  # what called it was cancelled
         matching = [
-            error for error in errors if code in (None, error.code) and (ids is None or around or error.element in ids)
+            error
+            for error in errors
+            if code in (None, error.code) and (ids is None or error.element in ids or self._climbed(error.element, ids))
         ]
         if not matching:
             wanted = (f" with code {code!r}" if code is not None else "") + (f" at {at!r}" if at is not None else "")
@@ -102,6 +103,12 @@ class Expectation:
             if not _equal(now[name], value):
                 raise self._error(f"expected the variable {name} = {value!r}, but it is {now[name]!r}")
         return self
+
+    def _climbed(self, origin: str, ids: frozenset[str]) -> bool:
+        """Whether elements failed, or were cancelled, after an error at `origin` in the same instant: it was inside."""
+        began = {step.time: step.order for step in self._steps(frozenset([origin]), "fail")[::-1]}
+        ended = [*self._steps(ids, "fail"), *self._steps(ids, "cancel")]
+        return any(step.order > began.get(step.time, step.order) for step in ended)
 
     def _find(self, element: str) -> tuple[frozenset[str], str]:
         self._mission.node(self._robot)  # begins
