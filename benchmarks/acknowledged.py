@@ -14,6 +14,7 @@ from benchmarks.roaming import model
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler
 from fame.deploy import Deployment, EngineNode
+from fame.deploy.options import DeploymentOptions
 from fame.middleware.local import LocalMiddleware
 
 SIGNALS, ROUNDS = 5000, 5
@@ -32,7 +33,7 @@ def microseconds(throw: str) -> float:
     nodes = [EngineNode(robot, scheduler=scheduler, middleware=middleware) for robot in "AB"]
     deployment = Deployment(
         read_text(model(SIGNALS, throw), file="counts.bpmn"), id="d", sequence=1, scheduler=scheduler,
-        middleware=middleware, ended=lambda _: None, robots=["A", "B"],
+        middleware=middleware, ended=lambda _: None, options=DeploymentOptions(robots=["A", "B"]),
     )  # fmt: skip
     deployment.begin()
     scheduler.run(SECOND)

@@ -178,8 +178,7 @@ class Field:
             scheduler=self.scheduler,
             middleware=self.middleware,
             ended=lambda deployment: self.scheduler.stop(),
-            only=only,
-            options=DeploymentOptions(library=Library(), patience=PATIENCE),
+            options=DeploymentOptions(only=only, library=Library(), patience=PATIENCE),
         )
         sent.begin()
         while not sent.done:

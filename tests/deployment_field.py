@@ -123,8 +123,6 @@ class Field:
         text: str,
         id: str = "d1",
         sequence: int = 1,
-        robots: Sequence[str] | None = None,
-        only: Sequence[str] = (),
         options: DeploymentOptions | None = None,
         **more,
     ) -> Deployment:
@@ -135,8 +133,6 @@ class Field:
             scheduler=self.scheduler,
             middleware=self.middleware,
             ended=lambda deployment: None,
-            robots=robots,
-            only=only,
             options=replace(options or DeploymentOptions(), **more),
         )
         sent.begin()
@@ -166,6 +162,5 @@ def made(field: Field, text: str, id: str, sequence: int, robots: Sequence[str] 
         scheduler=field.scheduler,
         middleware=field.middleware,
         ended=lambda deployment: None,
-        robots=list(robots),
-        options=DeploymentOptions(**options),
+        options=DeploymentOptions(robots=list(robots), **options),
     )

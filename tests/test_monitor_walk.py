@@ -10,7 +10,7 @@ from fame.bpmn.reader import read
 from fame.cli import main
 from fame.clock import SECOND, Scheduler
 from fame.deploy import Deployment, EngineNode
-from fame.deploy.options import EngineOptions
+from fame.deploy.options import DeploymentOptions, EngineOptions
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.configuration import load
@@ -50,8 +50,9 @@ class Cell:
         """``fame deploy models/reassembly.bpmn --to Arm``."""
         self.sent += 1
         sent = Deployment(
-            read(ROOT / "models" / "reassembly.bpmn"), id=f"d{self.sent}", sequence=self.sent, only=["Arm"],
-            scheduler=self.scheduler, middleware=self.middleware, ended=lambda deployment: deployment.close(),
+            read(ROOT / "models" / "reassembly.bpmn"), id=f"d{self.sent}", sequence=self.sent, scheduler=self.scheduler,
+            middleware=self.middleware, ended=lambda deployment: deployment.close(),
+            options=DeploymentOptions(only=["Arm"]),
         )  # fmt: skip
         sent.begin()
 

@@ -20,6 +20,7 @@ from attacks.team import Sender, Team, mission
 from fame.bpmn.reader import read_text
 from fame.deploy import STRING, Deployment
 from fame.deploy.leader_election import GONE
+from fame.deploy.options import DeploymentOptions
 
 MOMENTS = ("", "load", "B ready", "A ready", "start", "A started")
 """Of a deployment at which somebody is stopped: soon after the sender begins, or when something is said."""
@@ -115,7 +116,7 @@ def _redeploy(field: Field, text: str, number: int) -> None:
         scheduler=field.scheduler,
         middleware=field.middleware,
         ended=lambda _: None,
-        robots=["A", "B"],
+        options=DeploymentOptions(robots=["A", "B"]),
     )
     deployment.begin()
     held(field.until(lambda: deployment.done, 30), f"redeployment {number} does not end")

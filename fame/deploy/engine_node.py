@@ -156,20 +156,16 @@ class EngineNode:
         self._process = self.node.subscription("bpmn_process", STRING, self._on_envelope, PROCESS_QOS)
         self._process.max_size = SIZE
         self._live = self.node.publisher(EVENTS_TOPIC, STRING), self.node.publisher(MODEL_TOPIC, STRING, LATCHED)
-        self.warn: EngineWarnings = EngineWarnings(self.middleware, self._on_warning)
+        self.warn: EngineWarnings = EngineWarnings(self.middleware, self._process.topic, self._on_warning)
         self.status: StatusPublisher = StatusPublisher(
-            self.robot,
-            self._process.topic,
-            self.born,
+            self.node,
+            self.scheduler,
             self._progress,
+            verifier=self._verifier,
+            identity=identity,
+            warnings=self.warn,
             on_refusal=self._on_refusal,
             note=self._note,
-            identity=identity,
-            trusted=self._trusted,
-            wall_time=self._wall_time,
-            node=self.node,
-            scheduler=self.scheduler,
-            warnings=self.warn,
             on_report=self._watch_reports(),
         )
         self._process.on_dropped = lambda warning: self.status.publish(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +62,9 @@ class EngineOptions(RobotOptions):
 class DeploymentOptions:
     """Options of a `fame.deploy.Deployment`.
 
+    robots     the namespaces to play the model; by default those that have an engine and that a pool wants
+    only       restricts it to some of them
+    again      those that had the model before
     library    where called processes are found
     patience   how long its robots may take to answer (s); by default it grows with their number
     key        signs what is sent
@@ -72,6 +75,9 @@ class DeploymentOptions:
     preview    only ask what would become of what runs
     """
 
+    robots: Sequence[str] | None = None
+    only: Sequence[str] = ()
+    again: Collection[str] = ()
     library: Library | None = None
     patience: float | None = None
     key: Any = None

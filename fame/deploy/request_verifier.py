@@ -1,4 +1,4 @@
-"""Verification of what an engine is asked to do: deployments, and requests on its tasks."""
+"""Verification of what an engine is asked to do: deployments, and requests on its tasks; and of its namesakes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from fame.deploy import fields
-from fame.deploy.envelope import Envelope
+from fame.deploy.authentication import proves_presence
+from fame.deploy.envelope import Envelope, Report
 from fame.deploy.requests import TaskRequest
 from fame.deploy.signing import signer, verify, verify_signature
 from fame.errors import DeploymentError
@@ -30,7 +31,9 @@ class RequestVerifier:
         *,
         unsigned_tasks: bool = False,
     ) -> None:
-        self._robot, self._born, self._trusted, self._wall_time = robot, born, trusted, wall_time
+        self.robot: str = robot
+        self.born: int = born
+        self._trusted, self._wall_time = trusted, wall_time
         self._task_signers = () if unsigned_tasks else trusted
 
     def verify_deployment(self, envelope: Envelope) -> None:
@@ -38,7 +41,7 @@ class RequestVerifier:
         if not self._trusted:
             return
         if envelope.phase != "ask":
-            verify(fields.values(envelope), self._trusted, self._wall_time(), self._born)
+            verify(fields.values(envelope), self._trusted, self._wall_time(), self.born)
             return
         verify_signature(envelope.proof, self._trusted)
         if (envelope.proof.get("deployment"), envelope.proof.get("sequence")) != (
@@ -53,10 +56,14 @@ class RequestVerifier:
         Raises DeploymentError for a person's request if keys are used and it was not signed for this robot.
         """
         if self._task_signers:
-            verify(fields.values(request), self._task_signers, self._wall_time(), self._born)
-            if request.robot != self._robot:
-                raise DeploymentError(f"meant for robot {request.robot!r}, not for {self._robot!r}", cause="robot")
+            verify(fields.values(request), self._task_signers, self._wall_time(), self.born)
+            if request.robot != self.robot:
+                raise DeploymentError(f"meant for robot {request.robot!r}, not for {self.robot!r}", cause="robot")
         return self._signer(request)
+
+    def proves_presence(self, report: Report) -> bool:
+        """Whether a report proves that an engine of the robot runs now; without keys, every one does."""
+        return proves_presence(report, self.robot, self._trusted, self._wall_time())
 
     def sender(self, envelope: Envelope) -> str:
         """Give who sent a deployment, for people: the fingerprint of the key, or the name that the sender gave."""

@@ -61,10 +61,9 @@ from fame.middleware.interface import Middleware, Node
 class Deployment:
     """One model, sent to its robots: all start, or none does.
 
-    `robots` are the namespaces to play it (by default those that have an engine and that a pool wants); `only`
-    restricts it to some of them; `again` are those that had the model before. `decided` is called as soon as robots
-    were told to start: nothing stops them then. `ended` is called once, when all have started or it is known that they
-    will not; `robots` then has the result of each, and `envelopes` what each was sent.
+    `decided` is called as soon as robots were told to start: nothing stops them then. `ended` is called once, when all
+    have started or it is known that they will not; `robots` then has the result of each, and `envelopes` what each was
+    sent.
 
     Raises ModelError, ConfigError and DeploymentError for what cannot be sent at all.
     """
@@ -85,9 +84,6 @@ class Deployment:
         middleware: Middleware,
         ended: Callable[[Deployment], object],
         decided: Callable[[], object] = lambda: None,
-        robots: Sequence[str] | None = None,
-        only: Sequence[str] = (),
-        again: Collection[str] = (),
         options: DeploymentOptions | None = None,
     ) -> None:
         from fame.check.gate import refuse_errors
@@ -100,9 +96,9 @@ class Deployment:
         self.middleware: Middleware = middleware
         self._ended = ended
         self._decided: Callable[[], object] | None = decided
-        named = engines(middleware) if robots is None else robots
-        pools = assign_robots(definitions, named, found=robots is None, only=only)
-        sent = {robot: pool for robot, pool in pools.items() if not only or robot in only}
+        named = engines(middleware) if options.robots is None else options.robots
+        pools = assign_robots(definitions, named, found=options.robots is None, only=options.only)
+        sent = {robot: pool for robot, pool in pools.items() if not options.only or robot in options.only}
         refuse_errors(definitions, [pool.process for pool in sent.values()], library, sent=True)
         self.pools: Mapping[str, Pool] = sent
         self._patience: float = options.patience_of(len(sent))
@@ -116,7 +112,7 @@ class Deployment:
         self._protocol: ProtocolMachine[SenderState, SenderEvent, SenderAction] = ProtocolMachine(
             state, step, self._perform
         )
-        self.envelopes: dict[str, Envelope] = self._models(definitions, pools, sent, again, library)
+        self.envelopes: dict[str, Envelope] = self._models(definitions, pools, sent, library)
         self._source_maps = {
             robot: SourceMap(robot, definitions, pool.process, library, self.envelopes[robot].model)
             for robot, pool in sent.items()
@@ -132,12 +128,7 @@ class Deployment:
             self.node.subscription(f"/{robot}/bpmn_status", STRING, on_report, STATUS_QOS)
 
     def _models(
-        self,
-        definitions: Definitions,
-        pools: Mapping[str, Pool],
-        sent: Mapping[str, Pool],
-        again: Collection[str],
-        library: Library,
+        self, definitions: Definitions, pools: Mapping[str, Pool], sent: Mapping[str, Pool], library: Library
     ) -> dict[str, Envelope]:
         parts = {part.name: part.source.decode() for part in split(definitions, library)}
         promised = promises(definitions, pools, library)
@@ -151,7 +142,7 @@ class Deployment:
                 matching=self._patience / 2,  # the rest is for loading, and for saying what is missing
                 team=list(sent),
                 receivers=caught[robot],
-                again=robot in again,
+                again=robot in self._options.again,
                 migrate=self._options.migrate,
                 plan=dict(self._options.plan),
                 preview=self._options.preview,
@@ -315,9 +306,7 @@ class Sender:
             middleware=self.middleware,
             ended=ended,
             decided=decided,
-            only=only,
-            again=again,
-            options=self.options,
+            options=replace(self.options, only=only, again=again),
         )
         deployment.begin()
         return deployment

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.deploy.authentication import GONE, proves_presence
+from fame.deploy.authentication import GONE
 from fame.deploy.envelope import STRING, Envelope, Problem, Report
 from fame.deploy.machine import boundary
+from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.signing import Identity
 from fame.errors import FameError
 from fame.middleware import messages
@@ -30,13 +30,13 @@ WAITS = 100
 
 
 class EngineWarnings:
-    """The warnings of an engine: call it with one, and `tell` gets its text; a report shows the latest ones.
+    """The warnings of an engine: call it with one, and `warn` gets its text; a report shows the latest ones.
 
     `poll` takes the new warnings of the middleware and its losses. Those from before this object was made are old.
     """
 
-    def __init__(self, middleware: Middleware, warn: Callable[[str], object]) -> None:
-        self._middleware, self._warn = middleware, warn
+    def __init__(self, middleware: Middleware, except_for: str, warn: Callable[[str], object]) -> None:
+        self._middleware, self._except_for, self._warn = middleware, except_for, warn
         self._seen = len(middleware.warnings)
         self._losses: list[str] = []
         self._latest: deque[EndpointWarning] = deque(maxlen=_KEPT)
@@ -45,18 +45,18 @@ class EngineWarnings:
         self._latest.append(warning)
         self._warn(str(warning))
 
-    def poll(self, except_for: str) -> list[EndpointWarning]:
+    def poll(self) -> list[EndpointWarning]:
         """Report the new warnings; return those about the topic `except_for` instead."""
         new = list(self._middleware.warnings[self._seen :])
         self._seen += len(new)
         for warning in new:
-            if warning.topic != except_for:
+            if warning.topic != self._except_for:
                 self(warning)
         before, self._losses = self._losses, self._middleware.losses()
         for text in self._losses:  # they grow: the latest is told, and the report shows each once
             if text not in before:
                 self._warn(text)
-        return [warning for warning in new if warning.topic == except_for]
+        return [warning for warning in new if warning.topic == self._except_for]
 
     def lines(self) -> list[str]:
         """The latest warnings, for a report."""
@@ -162,10 +162,10 @@ def _is_there(namesake: _Namesake, now: int) -> bool:
 class StatusPublisher:
     """The publisher of a robot's reports.
 
-    `progress` gives what a `Report` has beside the answer. It reports messages of another type on `topic`, and listens
+    `progress` gives what a `Report` has beside the answer. It refuses the messages that `warnings` returns, and listens
     to its own status: of two engines with one name the younger leaves, unless it runs something; while both are there
-    each warns of the other. Where keys are used (`trusted`) reports are signed by `identity`, and only an engine that
-    proves its name ends another.
+    each warns of the other. Where keys are used reports are signed by `identity`, and only an engine that proves its
+    name to the `verifier` ends another.
     `on_refusal` gets reason, deployment (empty if it is not an answer) and cause of each refusal; `note` gets other
     texts, `on_report` each report without an answer.
     Refusals without a waiting sender are reported once a second for each cause.
@@ -173,26 +173,21 @@ class StatusPublisher:
 
     def __init__(
         self,
-        robot: str,
-        topic: str,
-        born: int,
-        progress: Callable[[], Mapping[str, Any]],
-        *,
         node: Node,
         scheduler: Scheduler,
-        on_refusal: Callable[[str, str, str], object],
+        progress: Callable[[], Mapping[str, Any]],
+        *,
+        verifier: RequestVerifier,
+        identity: Identity | None,
         warnings: EngineWarnings,
+        on_refusal: Callable[[str, str, str], object],
         note: Callable[[str], object],
-        identity: Identity | None = None,
-        trusted: Sequence[Any] = (),
-        wall_time: Callable[[], float] = time.time,
-        on_report: Callable[[Report], object] = lambda report: None,
+        on_report: Callable[[Report], object],
     ) -> None:
-        self._on_report = on_report
-        self._identity, self._trusted, self._wall_time, self._note = identity, trusted, wall_time, note
+        self._verifier, self._identity, self._progress = verifier, identity, progress
+        self._on_report, self._note = on_report, note
         self._key = identity.key if identity is not None else ""
-        self._namesakes = Namesakes(robot, born)
-        self._robot, self._topic, self._born, self._progress = robot, topic, born, progress
+        self._namesakes = Namesakes(verifier.robot, verifier.born)
         self._scheduler, self._on_refusal, self._warnings = scheduler, on_refusal, warnings
         self._garbage = RateLimiter(scheduler, lambda reason: self._publish_refusal("", reason, None, ""))
         self._out = node.publisher("bpmn_status", STRING, LATCHED)
@@ -242,13 +237,13 @@ class StatusPublisher:
     ) -> None:
         found = self._progress()
         report = Report(
-            robot=self._robot,
+            robot=self._verifier.robot,
             deployment=deployment,
             answer=answer,
             reason=reason,
             problem=asdict(problem) if problem is not None else {},
             migration=migration or {},
-            born=self._born,
+            born=self._verifier.born,
             time=self._scheduler.now / SECOND,
             key=self._key,
             voucher=self._identity.voucher if self._identity is not None else "",
@@ -265,17 +260,17 @@ class StatusPublisher:
 
     def _refuse_other_types(self) -> None:
         """Refuse messages of another type, which the middleware only warns of."""
-        for warning in self._warnings.poll(self._topic):
+        for warning in self._warnings.poll():
             self.publish("refused", reason=str(warning), cause=warning.kind)
 
     def _on_own_status(self, message: Any) -> None:
         """Raise FameError if an older engine proves that it is this robot, and nothing runs here."""
-        other = Report.from_json(message.data)
-        if other is None or not other.born or other.engine == f"{self._born} {self._key}":
+        other, born = Report.from_json(message.data), self._verifier.born
+        if other is None or not other.born or other.engine == f"{born} {self._key}":
             return
-        proved = proves_presence(other, self._robot, self._trusted, self._wall_time())
-        if proved and other.born < self._born and self._progress()["state"] == "waiting":
-            raise FameError(f"there is an engine {self._robot!r} already")
+        proved = self._verifier.proves_presence(other)
+        if proved and other.born < born and self._progress()["state"] == "waiting":
+            raise FameError(f"there is an engine {self._verifier.robot!r} already")
         if text := self._namesakes.hear(other, proved, self._scheduler.now):
             self._note(text)
 

@@ -19,7 +19,6 @@ from fame.engine.state import Trail
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node, Publisher, resolve
-from fame.randomness import robot_random
 from fame.robot.endpoints import Endpoints
 from fame.robot.events import Event, Observer, observer_of
 from fame.robot.mission import Mission
@@ -87,8 +86,7 @@ class EngineHost:
             node,
             scheduler,
             endpoints,
-            epoch=options.epoch,
-            random=options.random or robot_random(0, node.namespace),
+            options,
             report=self.report,
             log=self._log,
             send=self._send,

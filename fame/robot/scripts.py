@@ -7,8 +7,6 @@ the middleware delivers it to all others.
 from __future__ import annotations
 
 from collections.abc import Callable
-from datetime import datetime
-from random import Random
 from typing import Any
 
 from fame.clock import SECOND, Scheduler
@@ -16,7 +14,9 @@ from fame.engine import Engine
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import Node, Publisher, resolve
+from fame.randomness import robot_random
 from fame.robot.endpoints import Endpoints
+from fame.robot.options import RobotOptions
 from fame.scripting import Robot, Runner, another
 from fame.scripting.interface import interface
 from fame.scripting.javascript import HOST_API, HostApi
@@ -31,8 +31,7 @@ class Scripts:
     engine      to be set before the first script runs
     on_step     called when a script has gone on and waits again: variables may have changed
     robot       name of the robot, and its `node`
-    epoch       date of the scheduler's time 0
-    random      the random numbers of the robot
+    options     those of the robot: its random numbers, and the date of the scheduler's time 0
     report      (element, text): takes what a person should know
     log         (level, text): takes the lines that scripts log
     send        (publisher, message): sends a signal of a script
@@ -45,15 +44,14 @@ class Scripts:
         node: Node,
         scheduler: Scheduler,
         endpoints: Endpoints,
+        options: RobotOptions,
         *,
-        epoch: datetime,
-        random: Random,
         report: Callable[[str, str], object],
         log: Callable[[str, str], object],
         send: Callable[[Publisher, Any], object],
         missing: Callable[[str, str, NameError], object],
     ) -> None:
-        self._send = send
+        random, epoch, self._send = options.random or robot_random(0, node.namespace), options.epoch, send
         self.engine: Engine
         self.on_step: Callable[[], object] | None = None
         self._namespace, self._endpoints = node.namespace, endpoints

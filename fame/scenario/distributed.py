@@ -325,8 +325,7 @@ class DistributedTeam:
             scheduler=self.scheduler,
             middleware=self.middleware,
             ended=self._deployed,
-            robots=list(self.scenario.cast),
-            options=DeploymentOptions(library=self.scenario.library, key=self._key),
+            options=DeploymentOptions(robots=list(self.scenario.cast), library=self.scenario.library, key=self._key),
         )
         self._deployment.begin()
 
