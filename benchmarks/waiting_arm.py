@@ -21,7 +21,7 @@ from fame.log import logging_to
 from fame.monitor.data_files import LabelledRun, read_labelled_runs
 from fame.monitor.judge import judge_trained
 from fame.monitor.pipeline.configuration import load
-from fame.monitor.pipeline.recording import record_bag
+from fame.monitor.pipeline.recording import RecordingOptions, record_bag
 from fame.monitor.pipeline.train import Training, fit
 from fame.scenario import Fault, Scenario
 
@@ -63,7 +63,7 @@ def run(scenario: Path, seed: int, kind: str) -> LabelledRun:
     recording, csv = (scenario.with_name(f"{seed}{ending}") for ending in (".mcap", ".csv"))
     with logging_to(recording, mission.closures(), topics="all") as log:
         mission.run(observer=log)
-    record_bag(recording, load(INPUTS), [csv], namespace="Arm", elements=True, report=lambda text: None)
+    record_bag(recording, load(INPUTS), [csv], RecordingOptions(namespace="Arm", elements=True))
     (found,) = read_labelled_runs([csv])
     recording.unlink()
     csv.unlink()

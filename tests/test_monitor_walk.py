@@ -15,7 +15,7 @@ from fame.middleware.local import LocalMiddleware
 from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.configuration import load
 from fame.monitor.pipeline.node import ProcessingNode
-from fame.monitor.pipeline.recording import RecordingNode
+from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions
 from fame.scenario.plan import read_scenario_world
 from sim2d.robot import robot_class
 from sim2d.world import World
@@ -61,7 +61,7 @@ class Cell:
         ended: list[bool] = []
         node = RecordingNode(
             self.middleware, self.scheduler, load(folder / "low_pass.yaml"), [folder / "runs.csv"],
-            namespace="/Arm", append=self.sent > 0,
+            RecordingOptions(namespace="/Arm", append=self.sent > 0),
         )  # fmt: skip
         node.end_after(LENGTH, lambda: ended.append(True))
         self.pass_time(1.0)

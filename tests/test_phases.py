@@ -25,7 +25,7 @@ from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.node import ProcessingNode
 from fame.monitor.pipeline.phases import Phases
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.recording import RecordingNode
+from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions
 from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.robot.robot_state import RobotState
@@ -218,8 +218,9 @@ def test_a_node_takes_the_active_element_from_the_events_of_the_robot(tmp_path: 
 def test_a_recorder_writes_the_active_element_and_a_lost_batch_makes_it_unknown(tmp_path: Path):
     arm = Arm(tmp_path)
     node = RecordingNode(
-        arm.middleware, arm.scheduler, arm.configuration, [tmp_path / "runs.csv"], namespace="arm", elements=True
-    )
+        arm.middleware, arm.scheduler, arm.configuration, [tmp_path / "runs.csv"],
+        RecordingOptions(namespace="arm", elements=True),
+    )  # fmt: skip
     arm.play(mission(70, 3.0))
     arm.tell(9, 7.0, "other")
     arm.scheduler.run(8 * SECOND)

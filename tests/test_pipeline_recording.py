@@ -25,7 +25,7 @@ from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.configuration import Configuration, load
-from fame.monitor.pipeline.recording import RecordingNode, record_bag
+from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions, record_bag
 from fame.monitor.pipeline.sinks import BagWriter, Influx, Row
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -53,7 +53,8 @@ class Bench:
         self.said: list[str] = []
 
     def record(self, of: Configuration, *outputs: Path | str, **options: Any) -> RecordingNode:
-        return RecordingNode(self.middleware, self.scheduler, of, outputs, report=self.said.append, **options)
+        made = RecordingOptions(report=self.said.append, **options)
+        return RecordingNode(self.middleware, self.scheduler, of, outputs, made)
 
     def joints(self, stamp: float, *efforts: float) -> None:
         content = {"header": {"stamp": stamp}, "name": ["elbow", "wrist"], "effort": list(efforts)}
@@ -647,7 +648,7 @@ def test_a_bag_with_a_pause_of_decades_is_read_at_once(tmp_path: Path) -> None:
     for time in (1.0, 1.1, 1.7e9, 1.7e9 + 0.1):
         bag.put("/joint_states", time, messages.create(JOINT_STATE, {"header": {"stamp": time}, "effort": [1.0]}))
     bag.close()
-    assert record_bag(tmp_path / "bag", of, [tmp_path / "runs.csv"], report=said.append).rows == 4
+    assert record_bag(tmp_path / "bag", of, [tmp_path / "runs.csv"], RecordingOptions(report=said.append)).rows == 4
     assert "joints: /joint_states: no message for 2 s" in said
 
 

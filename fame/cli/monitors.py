@@ -131,10 +131,10 @@ def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> l
 
 def _of_bag(path: Path, arguments: Namespace, model: TrainedModel) -> list[LabelledRun]:
     from fame.monitor.data_files import read_labelled_runs
-    from fame.monitor.pipeline.recording import tables_of
+    from fame.monitor.pipeline.recording import RecordingOptions, tables_of
 
-    options = {"namespace": arguments.namespace, "elements": bool(model.elements), "report": note}
-    with tables_of([path], arguments.config, **options) as tables:
+    options = RecordingOptions(namespace=arguments.namespace, elements=bool(model.elements), report=note)
+    with tables_of([path], arguments.config, options) as tables:
         runs = tables.completed(read_labelled_runs(tables.paths, model.columns), model.columns)
         return [run._replace(file=str(path)) for run in runs]
 

@@ -203,23 +203,23 @@ def run_record(arguments: Namespace) -> int:
     """Record until interrupted, or until the bag ends; exit code 3 if an output lacks some of what came."""
     from fame.errors import NOT_KNOWN, MissionError
     from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.recording import RecordingNode, record_bag
+    from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions, record_bag
 
     configuration = load(arguments.configuration)
-    options = {
-        "namespace": arguments.namespace, "append": arguments.append, "run_topic": arguments.run_topic, "report": note,
-        "elements": arguments.elements,
-    }  # fmt: skip
+    options = RecordingOptions(
+        namespace=arguments.namespace, append=arguments.append, run_topic=arguments.run_topic,
+        elements=arguments.elements, report=note,
+    )  # fmt: skip
 
     def make(middleware: Middleware, scheduler: Scheduler) -> RecordingNode:
-        node = RecordingNode(middleware, scheduler, configuration, arguments.output, **options)
+        node = RecordingNode(middleware, scheduler, configuration, arguments.output, options)
         note(f"{configuration.name}: recording to {', '.join(arguments.output)}")
         if arguments.duration:
             node.end_after(arguments.duration, scheduler.stop)
         return node
 
     if arguments.bag is not None:
-        node = record_bag(arguments.bag, configuration, arguments.output, **options)
+        node = record_bag(arguments.bag, configuration, arguments.output, options)
     else:
         node = listen(arguments, make)
     rows, runs = node.rows, node.run + bool(node.rows)
@@ -303,7 +303,7 @@ def run_train(arguments: Namespace) -> int:
     from fame.errors import ConfigError
     from fame.imports import require
     from fame.monitor.data_files import is_bag
-    from fame.monitor.pipeline.recording import tables_of
+    from fame.monitor.pipeline.recording import RecordingOptions, tables_of
 
     if arguments.onnx is not None:
         require("onnx")
@@ -311,8 +311,8 @@ def run_train(arguments: Namespace) -> int:
     names = [name for name in ("config", "namespace", "elements") if getattr(arguments, name)]
     if names and not any(is_bag(Path(each)) for each in training.files):
         raise ConfigError(f"--{names[0]} is about bags, and {', '.join(training.files)} has none")
-    options = {"namespace": arguments.namespace, "elements": arguments.elements, "report": note}
-    with tables_of(training.files, arguments.config or arguments.configuration, **options) as tables:
+    options = RecordingOptions(namespace=arguments.namespace, elements=arguments.elements, report=note)
+    with tables_of(training.files, arguments.config or arguments.configuration, options) as tables:
         return _train(arguments, replace(training, files=tables.paths), file, training.files, tables.completed)
 
 

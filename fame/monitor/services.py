@@ -76,14 +76,14 @@ def _process(context: ServiceContext, variables: Mapping[str, Any]) -> RunningSe
 def _record(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
     """Record until the scope ends. An existing CSV file is continued with the next run."""
     from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.recording import RecordingNode
+    from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions
 
     output = variables.get("output")
     outputs = output if isinstance(output, list) else [variable(variables, "output", type=str)]
     node = RecordingNode(
         context.middleware, context.scheduler, load(_configuration_file(context, variables)),
         [place if "://" in str(place) else context.folder / str(place) for place in outputs],
-        namespace=_namespace(context, variables), append=True, report=context.report,
+        RecordingOptions(namespace=_namespace(context, variables), append=True, report=context.report),
     )  # fmt: skip
     return _NodeService(node)
 

@@ -25,7 +25,7 @@ from fame.monitor.anomaly.live import ArmRuns, Point, RunMonitor, RunReport
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.recording import Rule
 from fame.monitor.pipeline.configuration import Configuration, Port
-from fame.monitor.pipeline.recording import EMPTY, RecordingNode
+from fame.monitor.pipeline.recording import EMPTY, RecordingNode, RecordingOptions
 
 TYPE = "sensor_msgs/msg/JointState"
 START, END, ALARM, CHANGE = "/task_start", "/task_end", "/anomaly", "/process_change"
@@ -58,10 +58,9 @@ class RunNode(RecordingNode):
         self._runs, self._say, self._done, self._told_late = runs, report, done, False
         port = Port("joint", topic, TYPE, (field,), SENSOR_DATA)
         begin, end = (START, END) if runs.rule == "signal" else ("", "")
-        super().__init__(
-            middleware, scheduler, Configuration(Path(runs.name), runs.name, (port,), ()), name=runs.name,
-            namespace=namespace, run_topic=begin, end_topic=end, ordered=False, report=report,
-        )  # fmt: skip
+        options = RecordingOptions(namespace=namespace, run_topic=begin, end_topic=end, ordered=False, report=report)
+        configuration = Configuration(Path(runs.name), runs.name, (port,), ())
+        super().__init__(middleware, scheduler, configuration, (), options, runs.name)
 
     def begin(self, message: Any = None) -> None:
         self._runs.begin()

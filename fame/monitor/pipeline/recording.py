@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from math import inf
 from pathlib import Path
@@ -40,14 +41,31 @@ class RowSink(Protocol):
     def close(self) -> None: ...
 
 
-class RecordingNode:
-    """The recording node. It lives until `close`; `report` gets a line for everything unusual.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingOptions:
+    """Options of a `RecordingNode`.
 
-    outputs    where to: ``.csv``; a folder, which becomes a bag of ROS 2; ``.mcap``; ``http://host:8086/database``
+    namespace  of relative topics
     append     go on with a CSV file that is there
     run_topic  a message on it (std_msgs/msg/Empty) begins the next run; one on `end_topic` ends it
     ordered    leave out messages whose stamps do not grow
     elements   add to CSV files the active element of the mission, by the topic ``bpmn_events`` of the robot
+    report     gets a line for everything unusual
+    """
+
+    namespace: str = ""
+    append: bool = False
+    run_topic: str = ""
+    end_topic: str = ""
+    ordered: bool = True
+    elements: bool = False
+    report: Callable[[str], object] = lambda text: None
+
+
+class RecordingNode:
+    """The recording node. It lives until `close`.
+
+    outputs  where to: ``.csv``; a folder, which becomes a bag of ROS 2; ``.mcap``; ``http://host:8086/database``
     """
 
     done: bool = False
@@ -64,36 +82,30 @@ class RecordingNode:
         scheduler: Scheduler,
         configuration: Configuration,
         outputs: Sequence[str | Path] = (),
-        *,
-        namespace: str = "",
+        options: RecordingOptions | None = None,
         name: str = "",
-        append: bool = False,
-        run_topic: str = "",
-        end_topic: str = "",
-        ordered: bool = True,
-        elements: bool = False,
-        report: Callable[[str], object] = lambda text: None,
     ) -> None:
+        options = options or RecordingOptions()
         if not configuration.inputs:
             raise ConfigError("has no Inputs to record", file=str(configuration.file), element="Inputs")
         self._scheduler = scheduler
         self.rows, self.run, self._begun = 0, 0, False
         self._first, self._length = inf, inf
         self._stop: Callable[[], object] = lambda: None
-        self.report = ThrottledReport(lambda text: report(f"{configuration.name}: {text}"))
+        self.report = ThrottledReport(lambda text: options.report(f"{configuration.name}: {text}"))
         ports = configuration.inputs
-        topics = [resolve(port.topic, namespace) for port in ports]
+        topics = [resolve(port.topic, options.namespace) for port in ports]
         check_types(middleware, list(zip(topics, (port.type for port in ports), strict=True)), [])
-        self.node = middleware.node(name or f"{configuration.name}_recorder", namespace)
-        self._follower = ElementFollower() if elements else None
+        self.node = middleware.node(name or f"{configuration.name}_recorder", options.namespace)
+        self._follower = ElementFollower() if options.elements else None
         self._outputs: list[RowSink | BagWriter] = []
         try:
             for output in outputs:
-                self._outputs.append(self._open(configuration, output, topics, append))
+                self._outputs.append(self._open(configuration, output, topics, options.append))
             self._sinks = [each for each in self._outputs if not isinstance(each, BagWriter)]
             self._bags = [each for each in self._outputs if isinstance(each, BagWriter)]
             self.subscriptions = Subscriptions(
-                middleware, self.node, scheduler, ports, self.report, self._on_sample, ordered=ordered
+                middleware, self.node, scheduler, ports, self.report, self._on_sample, ordered=options.ordered
             )
             self.handlers: dict[str, Callable[[Any], object]] = {
                 each.topic: partial(self.subscriptions.on_message, each) for each in self.subscriptions.streams
@@ -103,7 +115,7 @@ class RecordingNode:
             if self._follower is not None:
                 watched = self.node.subscription(EVENTS_TOPIC, STRING, self._follower.on_message)
                 self.handlers[watched.topic] = self._follower.on_message
-            for topic, handler in ((run_topic, self.begin), (end_topic, self.end)):
+            for topic, handler in ((options.run_topic, self.begin), (options.end_topic, self.end)):
                 if topic:
                     self.handlers[self.node.subscription(topic, EMPTY, handler).topic] = handler
         except BaseException:
@@ -216,21 +228,21 @@ class RecordingNode:
 
 
 def record_bag(
-    bag: Path, configuration: Configuration, outputs: Sequence[str | Path], *, run_topic: str = "", **options: Any
+    bag: Path, configuration: Configuration, outputs: Sequence[str | Path], options: RecordingOptions | None = None
 ) -> RecordingNode:
     """Record from a bag, as fast as it can be read. Returns the node, which is closed. Raises ConfigError."""
     from fame.monitor.data_files import incomplete
 
-    def make(middleware: Middleware, scheduler: Scheduler) -> RecordingNode:
-        return RecordingNode(middleware, scheduler, configuration, outputs, run_topic=run_topic, **options)
-
+    options = options or RecordingOptions()
+    make = partial(RecordingNode, configuration=configuration, outputs=outputs, options=options)
     if any(Path(output).suffix != ".csv" and "://" not in str(output) for output in outputs):
         raise ConfigError("with --bag, expected a .csv file or a database as output", file=str(bag))
     for text in incomplete(bag):
-        options.get("report", print)(text)
-    topics = {port.topic: port.type for port in configuration.inputs} | ({run_topic: EMPTY} if run_topic else {})
-    topics |= {EVENTS_TOPIC: STRING} if options.get("elements") else {}
-    return play(bag, make, {resolve(topic, options.get("namespace", "")): type for topic, type in topics.items()})
+        options.report(text)
+    topics = [(port.topic, port.type) for port in configuration.inputs]
+    topics += [(options.run_topic, EMPTY)] if options.run_topic else []
+    topics += [(EVENTS_TOPIC, STRING)] if options.elements else []
+    return play(bag, make, {resolve(topic, options.namespace): type for topic, type in topics})
 
 
 class BagTables(NamedTuple):
@@ -252,7 +264,9 @@ class BagTables(NamedTuple):
 
 
 @contextmanager
-def tables_of(paths: Sequence[str | Path], configuration: Path | None, **options: Any) -> Iterator[BagTables]:
+def tables_of(
+    paths: Sequence[str | Path], configuration: Path | None, options: RecordingOptions
+) -> Iterator[BagTables]:
     """Give files with a CSV file for each bag, by the Inputs of a configuration; without one, bags are not converted.
 
     The CSV files last until the block ends; an error about one names its bag. Raises ConfigError.
@@ -265,7 +279,7 @@ def tables_of(paths: Sequence[str | Path], configuration: Path | None, **options
             if configuration is not None and is_bag(path):
                 table = Path(folder) / str(number) / f"{path.name}.csv"
                 table.parent.mkdir()
-                node = record_bag(path, load(configuration), [table], **options)
+                node = record_bag(path, load(configuration), [table], options)
                 tables[number], bags[str(table)] = str(table), str(path)
                 left_out[str(table)] = node.subscriptions.left_out
                 if not node.rows:
