@@ -12,7 +12,7 @@ from fame.cli.engine import _epoch
 from fame.clock import EPOCH, SECOND, Scheduler, parse_epoch
 from fame.errors import ConfigError
 from fame.scenario import Scenario
-from fame.scenario.distributed import command_lines
+from fame.scenario.distributed import TeamOptions, command_lines
 
 MAY = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
@@ -90,7 +90,7 @@ def test_a_date_beyond_the_duration_is_told_once(tmp_path: Path) -> None:
 
 def test_engines_in_processes_of_their_own_have_the_same(tmp_path: Path) -> None:
     scenario = Scenario.load(write(tmp_path, "epoch: 2026-05-01T12:00Z"))
-    (line,) = command_lines(scenario, "dds", speed=None, lockstep=False, types=(), trust=tmp_path / "run.pub").values()
+    (line,) = command_lines(scenario, "dds", TeamOptions(), tmp_path / "run.pub").values()
     assert line[line.index("--epoch") + 1] == "2026-05-01T12:00:00Z"
     assert line[line.index("--files") + 1] == str(Path(scenario.definitions.file).resolve().parent)
 

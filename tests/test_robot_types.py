@@ -8,7 +8,7 @@ from grounds import Ground
 from fame.config.values import ConfigValue, Source
 from fame.errors import ConfigError
 from fame.scenario import Scenario
-from fame.scenario.distributed import command_lines
+from fame.scenario.distributed import TeamOptions, command_lines
 from robots.vehicles import Car
 from sim2d import robot as robot_module
 from sim2d.config import read_world, world_config
@@ -82,7 +82,7 @@ def test_what_is_no_robot_type_is_refused_with_its_place(type: str, text: str) -
 
 def test_an_engine_in_a_process_of_its_own_is_given_the_whole_path_of_the_file() -> None:
     scenario = Scenario.load(EXAMPLES / "courier.yaml")
-    lines = command_lines(scenario, "dds", speed=None, lockstep=False, types=(), trust=Path("run.pub"))
+    lines = command_lines(scenario, "dds", TeamOptions(), Path("run.pub"))
     assert f"{EXAMPLES.resolve() / 'courier.py'}:Courier" in lines["PORTER"]
 
 

@@ -207,7 +207,7 @@ def _note_in_handler(text: bytes) -> None:
 
 def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     """World and engines in processes of their own."""
-    from fame.scenario import DistributedTeam
+    from fame.scenario import DistributedTeam, TeamOptions
     from fame.scenario.team_logs import team_logs
 
     wanted = ("robots", "fault")
@@ -223,6 +223,10 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
         for robot in scenario.cast:  # before anything is started
             StateDirectory(arguments.state / robot).close()
     quiet = arguments.quiet or arguments.json
+    options = TeamOptions(
+        speed=arguments.speed, lockstep=arguments.lockstep, types=arguments.types, state=arguments.state,
+        key=arguments.key,
+    )  # fmt: skip
     with (
         _log_files(arguments, recorded=bool(scenario.properties)) as files,
         team_logs(scenario, files, _about(arguments, scenario), arguments.log_topics) as logs,
@@ -231,14 +235,10 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
             result = DistributedTeam(
                 scenario,
                 arguments.middleware,
+                options,
                 on_status=lambda status: live.show(_seen(status)),
                 on_line=lambda name, line: live.write(line),
-                speed=arguments.speed,
-                lockstep=arguments.lockstep,
-                types=arguments.types,
                 logs=logs,
-                state=arguments.state,
-                key=arguments.key,
             ).run()
         if logs is not None:
             judge = partial(_judgements, arguments, scenario)

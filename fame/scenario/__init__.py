@@ -29,7 +29,7 @@ from fame.imports import attach
 
 if TYPE_CHECKING:
     from fame.scenario.deployment import Sending as Sending
-    from fame.scenario.distributed import DistributedTeam as DistributedTeam
+    from fame.scenario.distributed import DistributedTeam as DistributedTeam, TeamOptions as TeamOptions
     from fame.scenario.plan import (
         DURATION as DURATION,
         Completion as Completion,

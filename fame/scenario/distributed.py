@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -73,17 +74,31 @@ _SILENT = 5 * SECOND
 _DISCOVERY = 45.0  # s until all engines must have been discovered; a machine with much to do starts them slowly
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TeamOptions:
+    """Options of the processes of a `DistributedTeam`.
+
+    speed     of the world, times wall-clock speed (1 by default; in `lockstep` as fast as possible)
+    lockstep  the world waits for the engines
+    types     folders of message types, besides those of the scenario
+    state     folder in which each engine keeps its mission: one that dies is started again, at most `RESTARTS` times
+    key       file of a secret key: the engines run what is signed with it, so that the team can be redeployed
+    """
+
+    speed: float | None = None
+    lockstep: bool = False
+    types: Sequence[Path] = ()
+    state: Path | None = None
+    key: Path | None = None
+
+
 class DistributedTeam:
     """A scenario in many processes: the world, and one engine per robot. They start and end together.
 
     The engines run only models signed with a key of this run.
 
     `on_status` is called with the status of the team several times a second, `on_line` with each line that a process
-    prints. A world runs at `speed` times wall-clock speed (1 by default; in `lockstep` as fast as possible). `types`
-    are folders of message types; `logs` record the team. With a secret `key` the engines run what is signed with it,
-    so that the team can be redeployed. In the folder `state` each engine keeps its mission: one that
-    dies is started again, at most `RESTARTS` times, and goes on. Raises ModelError for errors of the model before
-    anything is started.
+    prints. `logs` record the team. Raises ModelError for errors of the model before anything is started.
     """
 
     scenario: Plan
@@ -93,21 +108,16 @@ class DistributedTeam:
         self,
         scenario: Plan,
         backend: str,
+        options: TeamOptions | None = None,
         *,
         on_status: Callable[[TeamStatus], object] = lambda status: None,
         on_line: Callable[[str, str], object] = lambda name, line: None,
-        speed: float | None = None,
-        lockstep: bool = False,
-        types: Sequence[Path] = (),
         logs: TeamLogs | None = None,
-        state: Path | None = None,
-        key: Path | None = None,
     ) -> None:
         refuse_errors(scenario.definitions, scenario.processes(), scenario.library)
         self.scenario, self.backend, self._on_status, self._on_line = scenario, backend, on_status, on_line
-        self._speed, self._lockstep = speed, lockstep
-        self._types, self._state = types, state
-        self._key = read_private(key) if key is not None else None
+        self._options = options = options or TeamOptions()
+        self._key = read_private(options.key) if options.key is not None else None
         self._lines: dict[str, list[str]] = {}
         self._restarts: dict[str, int] = {}
         self.scheduler: WallScheduler = scheduler_for(backend)
@@ -206,15 +216,7 @@ class DistributedTeam:
 
     def _start(self, trust: Path) -> None:
         self._key = write_public(self._key, trust) if self._key is not None else new_run_key(trust)
-        self._lines = command_lines(
-            self.scenario,
-            self.backend,
-            speed=self._speed,
-            lockstep=self._lockstep,
-            types=[*self._types, *self.scenario.types],
-            trust=trust,
-            state=self._state,
-        )
+        self._lines = command_lines(self.scenario, self.backend, self._options, trust)
         for name, line in self._lines.items():
             self._children.start(name, [*line, "--fresh"] if "--state" in line else line)
             self._pids[name] = self._children.pid(name)
@@ -253,7 +255,7 @@ class DistributedTeam:
 
     def _restart(self, name: str, text: str) -> bool:
         """Start an engine again that keeps its mission. Returns whether it could be."""
-        if self._state is None:
+        if self._options.state is None:
             return False
         if name == "world":
             self._problems.append("the world has no journal, so the run cannot be resumed")
@@ -291,7 +293,7 @@ class DistributedTeam:
 
     def _reader(self, robot: str) -> ReportReader:
         """Reads reports of an engine; one that is started again has another key."""
-        patience = GONE if self._state is not None else math.inf
+        patience = GONE if self._options.state is not None else math.inf
         return ReportReader(robot, signed=True, patience=patience)
 
     def _on_world_state(self, message: Any) -> None:
@@ -340,7 +342,7 @@ class DistributedTeam:
             self._clock.after(round(done.time * SECOND), partial(self._complete, done))
         for publisher, sent in self._senders:
             self._clock.after(round(sent.time * SECOND), partial(self._publish, publisher, sent))
-        if self._lockstep and self.scenario.world is not None:
+        if self._options.lockstep and self.scenario.world is not None:
             self._resume_world.call(None, lambda response: None)
 
     def _complete(self, done: Completion) -> None:
@@ -473,29 +475,21 @@ class Subprocesses:
                 self._on_line(name, line.rstrip())
 
 
-def command_lines(
-    scenario: Plan,
-    backend: str,
-    *,
-    speed: float | None,
-    lockstep: bool,
-    types: Sequence[Path],
-    trust: Path,
-    state: Path | None = None,
-) -> dict[str, list[str]]:
+def command_lines(scenario: Plan, backend: str, options: TeamOptions, trust: Path) -> dict[str, list[str]]:
     """Return the arguments of ``fame`` for each process of a scenario: the world, and one engine per robot.
 
-    `trust` is the file of the public key that the engines trust, `state` a folder for what they keep.
+    `trust` is the file of the public key that the engines trust.
     """
     from sim2d.robot import absolute
 
     lines: dict[str, list[str]] = {}
+    types, lockstep = (*options.types, *scenario.types), options.lockstep
     folders = [argument for folder in types for argument in ("--types", str(folder.resolve()))]
     tail = ["--middleware", backend]
     kinds: dict[str, str] = {}
     time: list[str] = []
     if scenario.world is not None:
-        pace = ["--speed", str(speed)] if speed is not None else []
+        pace = ["--speed", str(options.speed)] if options.speed is not None else []
         waits = ["--pause", *(part for robot in scenario.cast for part in ("--lockstep", robot))] if lockstep else []
         lines["world"] = ["world", scenario.file, "--seed", str(scenario.seed), *pace, *waits, *tail]
         folder = Path(scenario.world.source.file).parent
@@ -504,20 +498,9 @@ def command_lines(
     files = ["--files", str(Path(scenario.definitions.file).resolve().parent)]
     for robot in scenario.cast:
         kind = ["--type", kinds[robot]] if robot in kinds else []
-        keeps = ["--state", str(state / robot)] if state is not None else []
-        own = ["--trust", str(trust), "--unsigned-tasks", *kind, *files, *keeps]
-        lines[robot] = [
-            "engine",
-            robot,
-            "--seed",
-            str(scenario.seed),
-            *own,
-            *time,
-            "--epoch",
-            date_text(scenario.epoch),
-            *folders,
-            *tail,
-        ]
+        keeps = ["--state", str(options.state / robot)] if options.state is not None else []
+        own = ["--trust", str(trust), "--unsigned-tasks", *kind, *files, *keeps, "--epoch", date_text(scenario.epoch)]
+        lines[robot] = ["engine", robot, "--seed", str(scenario.seed), *own, *time, *folders, *tail]
     return lines
 
 
