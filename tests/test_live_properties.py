@@ -22,7 +22,7 @@ from fame.log.channels import PROPERTIES
 from fame.log.judge import judge_log
 from fame.log.live_judge import LiveJudge
 from fame.log.recording_file import RecordingFile
-from fame.log.team_recorder import TeamRecorder
+from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, QoS
 from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE
@@ -53,7 +53,7 @@ class Judged:
             self.field.middleware,
             self.field.scheduler,
             lambda: RecordingFile(self._stream),
-            delay=SECOND // 20,
+            TeamRecorderOptions(delay=SECOND // 20),
             judging=self.judging,
         )
 

@@ -13,7 +13,7 @@ from fame.errors import ConfigError
 from fame.log.conversion import convert
 from fame.log.recording import Recording
 from fame.log.recording_file import RecordingFile
-from fame.log.team_recorder import TeamRecorder
+from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, SENSOR_DATA, SIGNAL
 
@@ -28,7 +28,8 @@ def record(path: Path, topics: str) -> None:
     scan = driver.publisher("scan", "std_msgs/msg/Int32", SENSOR_DATA)
     frames = robot.publisher("/tf", TRANSFORMS, SIGNAL)
     parts = field.middleware, field.scheduler
-    with path.open("wb") as stream, TeamRecorder(*parts, lambda: RecordingFile(stream), topics=topics):
+    options = TeamRecorderOptions(topics=topics)
+    with path.open("wb") as stream, TeamRecorder(*parts, lambda: RecordingFile(stream), options):
         field.deploy(patrol(1), robots=["p"])
         for number in range(3):
             scan.publish(messages.create("std_msgs/msg/Int32", number))

@@ -115,13 +115,15 @@ def record(arguments: Namespace) -> int:
     from fame.cli.output import table
     from fame.log import Recording
     from fame.log.recording_file import RecordingFile
-    from fame.log.team_recorder import TeamRecorder
+    from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
     from fame.log.writing import new_file
     from fame.properties.judge import HEADS, exit_code
     from fame.scenario import serve
 
     _expect_recording(arguments.output)
     judging = live_judge(arguments, note)
+    metadata = {"command": arguments.command_line}
+    options = TeamRecorderOptions(robots=frozenset(arguments.robot), topics=arguments.log_topics, metadata=metadata)
     recorders: list[TeamRecorder] = []
     with new_file(arguments.output) as begin:
 
@@ -129,16 +131,7 @@ def record(arguments: Namespace) -> int:
             return RecordingFile(begin())
 
         def build(scheduler: WallScheduler, middleware: Middleware) -> TeamRecorder:
-            recorder = TeamRecorder(
-                middleware,
-                scheduler,
-                open_file,
-                topics=arguments.log_topics,
-                robots=frozenset(arguments.robot),
-                metadata={"command": arguments.command_line},
-                note=note,
-                judging=judging,
-            )
+            recorder = TeamRecorder(middleware, scheduler, open_file, options, note=note, judging=judging)
             recorders.append(recorder)
             note_ready(f"records to {arguments.output}")
             return recorder

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -41,12 +42,29 @@ _INTERNAL = (EVENTS_TOPIC, MODEL_TOPIC, "bpmn_status", "bpmn_process", "bpmn_tas
 _GENERAL = frozenset(("/rosout", "/parameter_events", CLOCK, "/clock_done", "/world_state", WORLD_SCENE, WORLD_GROUND))
 
 
-class TeamRecorder(Closing):
-    """Records the robots of a team, or those named in `robots`, until `close`. `note` gets lines for people.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TeamRecorderOptions:
+    """Options of a `TeamRecorder`.
 
-    `open_file` is called before the first message. `models`: attach what each robot runs; `on_model` gets it, too.
-    `delay`: how long batches wait for those of other robots (ns). `judging` judges what is recorded: the topics
-    that it reads are recorded, and those in `also`.
+    robots    those to record; by default all
+    topics    which ones are recorded, and `also` these
+    metadata  what the recording says of itself
+    models    attach what each robot runs
+    delay     how long batches wait for those of other robots (ns)
+    """
+
+    robots: frozenset[str] = frozenset()
+    topics: LogTopics = "signals"
+    also: frozenset[str] = frozenset()
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    models: bool = True
+    delay: int = DELAY
+
+
+class TeamRecorder(Closing):
+    """Records the robots of a team until `close`. `note` gets lines for people, `on_model` what each robot runs.
+
+    `open_file` is called before the first message. `judging` judges what is recorded, also the topics that it reads.
     """
 
     def __init__(
@@ -54,22 +72,15 @@ class TeamRecorder(Closing):
         middleware: Middleware,
         scheduler: Scheduler,
         open_file: Callable[[], Sink],
+        options: TeamRecorderOptions | None = None,
         *,
-        topics: LogTopics = "signals",
-        robots: frozenset[str] = frozenset(),
-        metadata: Mapping[str, str] | None = None,
-        models: bool = True,
-        delay: int = DELAY,
         note: Callable[[str], object] = lambda text: None,
         on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
         judging: LiveJudge | None = None,
-        also: frozenset[str] = frozenset(),
     ) -> None:
-        self._report_model, self._judging, self._also = on_model, judging, also
+        self._options = options = options or TeamRecorderOptions()
+        self._report_model, self._judging, self._note = on_model, judging, note
         self._middleware, self._scheduler, self._open_file = middleware, scheduler, open_file
-        self._every, self._metadata, self._note = topics == "all", dict(metadata or {}), note
-        self._named = robots
-        self._models = models
         self._file: Sink | None = None
         self._attached: dict[tuple[str, str], str] = {}  # name and XML of a model -> its name in the recording
         self._runs: dict[str, list[ModelRun]] = {}
@@ -85,8 +96,8 @@ class TeamRecorder(Closing):
             scheduler,
             self._put,
             on_model=self._on_model,
-            robots=robots,
-            delay=delay,
+            robots=options.robots,
+            delay=options.delay,
             floor=lambda: judging.now if judging is not None else 0,
             now=lambda: self._clock,
         )
@@ -112,8 +123,8 @@ class TeamRecorder(Closing):
         if self._file is None:
             file = self._open_file()
             self._file = file if self._judging is None else self._judging.over(file)
-            self._file.describe({"clocks": "measured", **self._metadata, **self._dated()})
-            for robot, model in self.team.models.items() if self._models else ():
+            self._file.describe({"clocks": "measured", **self._options.metadata, **self._dated()})
+            for robot, model in self.team.models.items() if self._options.models else ():
                 self._attach(robot, model, 0)
         return self._file
 
@@ -132,7 +143,7 @@ class TeamRecorder(Closing):
         self._report_model(robot, model)
         if self._judging is not None:
             self._judging.on_model(robot, model)
-        if self._models:
+        if self._options.models:
             self.team.enter(self.team.last_end(robot), lambda time: self._next.update({robot: model}))
 
     def _attach(self, robot: str, model: Mapping[str, Any], time: int) -> None:
@@ -195,19 +206,20 @@ class TeamRecorder(Closing):
                     self._note(f"{info.name} is not recorded: {error}")
 
     def _is_wanted(self, info: TopicInfo) -> bool:
+        every = self._options.topics == "all"
         first, last = info.name.split("/")[1], info.name.rpartition("/")[2]
         if not info.publishers or not info.types or "/msg/" not in info.types[0]:
             return False
-        if info.name in self._also or (self._judging is not None and info.name in self._judging.topics):
+        if info.name in self._options.also or (self._judging is not None and info.name in self._judging.topics):
             return True
-        if last in _INTERNAL or info.name in _GENERAL or (info.name in TF_TOPICS and not self._every):
+        if last in _INTERNAL or info.name in _GENERAL or (info.name in TF_TOPICS and not every):
             return False
         ends = (*info.publishers, *info.subscribers)
         engines = sum(name.endswith(f"/{ENGINE}") for name in ends)
         strangers = [name for name in ends if not name.endswith((f"/{ENGINE}", "/fame_recorder"))]
-        if self._every:
+        if every:
             homes = {first, *(name.split("/")[1] for name in info.publishers)}
-            return engines > 0 or not self._named or not homes.isdisjoint(self.team.robots)
+            return engines > 0 or not self._options.robots or not homes.isdisjoint(self.team.robots)
         return engines > 0 and not (first in self.team.robots and strangers)
 
     def _on_message(self, info: TopicInfo, message: AnyMessage) -> None:

@@ -17,7 +17,7 @@ from fame.errors import ConfigError
 from fame.iso8601 import parse_datetime
 from fame.log.live_judge import LiveJudge
 from fame.log.recording_file import Sink
-from fame.log.team_recorder import TeamRecorder
+from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
 from fame.properties import Location, Property, parse
 from fame.robot.services import ServiceContext, variable
 
@@ -63,13 +63,9 @@ class PropertyWatch:
         self._judging = LiveJudge([self._alarm.property], note=lambda text: self._notice(), whole=False)
         self._raised = False
         self._entry: Entry | None = None
+        options, sink = TeamRecorderOptions(models=False, delay=_DELAY), _Noticing(self._notice)
         self._recorder = TeamRecorder(
-            context.middleware,
-            context.scheduler,
-            lambda: _Noticing(self._notice),
-            models=False,
-            delay=_DELAY,
-            judging=self._judging,
+            context.middleware, context.scheduler, lambda: sink, options, judging=self._judging
         )
         self._found: Entry = context.scheduler.after(_FINDING, self._on_found)
         if WATCHED in variables:

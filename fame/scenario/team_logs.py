@@ -15,7 +15,7 @@ from fame.errors import ConfigError
 from fame.log.conversion import FORMS, convert
 from fame.log.recorder import About, LogTopics, model_attachments
 from fame.log.recording_file import RecordingFile
-from fame.log.team_recorder import TeamRecorder
+from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
 from fame.log.writing import RECORDING, new_file
 from fame.middleware.interface import Middleware
 from fame.properties import Judge, Judgement, Vocabulary, compile
@@ -54,16 +54,14 @@ class TeamLogs:
 
         made = self._scenario.properties
         team = team_vocabulary(self._scenario) if made else Vocabulary({})
-        return TeamRecorder(
-            middleware,
-            scheduler,
-            self._open,
-            topics=self._topics,
+        options = TeamRecorderOptions(
             robots=frozenset(self._scenario.cast),
+            topics=self._topics,
+            also=Judge([compile(each, team) for each in made]).topics,
             metadata=self._about.metadata,
             models=False,
-            also=Judge([compile(each, team) for each in made]).topics,
         )
+        return TeamRecorder(middleware, scheduler, self._open, options)
 
     def _open(self) -> RecordingFile:
         file = self._file = _Recording(self._begin())

@@ -27,7 +27,7 @@ from fame.deploy.sender import Sender
 from fame.errors import FameError, ModelError
 from fame.log.live_judge import LiveJudge
 from fame.log.live_team import RESTARTED
-from fame.log.team_recorder import TeamRecorder
+from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
 from fame.middleware.interface import AnyMessage, Middleware, Publisher, QoS, resolve
 from fame.text import read_json
 from fame.view.catalogue import Catalogue
@@ -78,15 +78,9 @@ class TeamView(PageSink, Closing):
         self._leases: dict[str, str] = {}  # robot -> lease of the page that steers it
         self._hands: dict[str, Publisher] = {}  # with which pages have steered robots
         self._charges: dict[str, float] = {}  # of the batteries that are watched, as told last
+        options = TeamRecorderOptions(robots=robots, models=False, delay=_DELAY)
         self._recorder = TeamRecorder(
-            middleware,
-            scheduler,
-            lambda: self,
-            robots=robots,
-            models=False,
-            on_model=self._on_model,
-            delay=_DELAY,
-            judging=judging,
+            middleware, scheduler, lambda: self, options, on_model=self._on_model, judging=judging
         )
         self._node = middleware.node("fame_view")
 
