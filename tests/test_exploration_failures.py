@@ -118,6 +118,20 @@ def test_a_behaviour_with_a_service_may_fail_too(inside: str) -> None:
     assert judged(goes(CALLS, boundary(), beside=called(inside)), "P completes").verdict == "proved"
 
 
+WORK = '<serviceTask id="{}" name="Go there" {}/>'
+
+
+@pytest.mark.parametrize("does", ['implementation="work"', 'camunda:type="external" camunda:topic="work"'])
+def test_a_task_of_a_function_may_fail_too(does: str) -> None:
+    uncaught = judged(goes(WORK.format("Go", does)), "never P fails")
+    assert uncaught.verdict == "not known"
+    assert uncaught.text.startswith('"Go there" (Go) may fail, and nothing catches it')
+    assert judged(goes(WORK.format("Go", does), boundary()), "never P fails").verdict == "proved"
+    inside = called(WORK.format("I2", does))
+    assert judged(goes(CALLS, beside=inside), "P completes").verdict == "not known"
+    assert judged(goes(CALLS, boundary(), beside=inside), "P completes").verdict == "proved"
+
+
 def test_what_follows_from_a_failure_counts_against_the_limit() -> None:
     whole = explore(read_text(document(ROOT + goes(service(GO))), file="m.bpmn"), properties=[], delivery="run").states
     found = judged(goes(service(GO)), "never P fails", delivery="run", limit=whole)

@@ -181,7 +181,7 @@ class Abstraction:
         named = _named(task, self.named) - fails
         if self._is_caught(task, body, around):
             fails |= {"service" if task.service is not None else "script", *named}
-        elif task.service is not None:
+        else:
             fails |= self._unhandled(task, _fails(task, None) - fails, named)
         results = set[str]()
         if task.service is not None and task.io is not None and task.io.outputs:
@@ -243,12 +243,14 @@ class Abstraction:
         served = any(
             (isinstance(one, model.Task) and one.service is not None) or outcomes(one.script) for one in inside
         )
+        worked = any(isinstance(one, model.Task) and one.operation and one.service is None for one in inside)
+        own = {"service"} if served else {"script"} if worked else set[str]()
         any_code = thrown is None and any(map(_computes, inside))
         if self._is_caught(call, body, around):
-            codes = (*(codes or ("service",) if served else codes), *sorted(named))
-        elif served or named or any_code:
-            every = step_codes(call, _thrown_in(self.library, *called, None, set()), body) if served else ()
-            left = {*every} - {*codes} or ({MARK} if any_code else set())
+            codes = (*(codes or own), *sorted(named))
+        elif own or named or any_code:
+            every = step_codes(call, _thrown_in(self.library, *called, None, set()), body) if served else own
+            left = {*every} - {*codes} or ({MARK} if any_code else own - {*codes})
             codes = (*codes, *sorted(self._unhandled(call, left, named)))
         name = step_name(home.file, call.id)
         sorts = [tuple(sorted(names)) for names in (writes, changes, results, used)]
@@ -283,7 +285,7 @@ def _fails(task: model.Task, catches: Set[str] | None) -> set[str]:
     `catches` None: of all, without what only somebody else's request (``canceled``) or ``retry`` brings about.
     """
     if task.service is None:
-        return {"script"} & (catches or set())
+        return {"script"} & catches if catches is not None else {"script"} if task.operation else set()
     others = dict(re.findall(r"(\w+)\s*:\s*([\w.]+)", task.properties.get("errors", "")))
     outcomes = {"service", "lost", "aborted", "canceled", "rejected"}
     if catches is None:
