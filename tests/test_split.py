@@ -1,5 +1,7 @@
 """Collaborations are split into one file per pool, and robots are assigned to pools."""
 
+from pathlib import Path
+
 import pytest
 
 import fame
@@ -7,6 +9,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.pools import assign_pools, pools_of
 from fame.bpmn.reader import read_bytes, read_text
 from fame.bpmn.split import split
+from fame.cli import main
 
 MISSION = "models/ground_vehicles.bpmn"
 
@@ -93,6 +96,14 @@ def test_names_that_fall_together_are_refused():
 def test_a_pool_whose_name_no_robot_can_have_is_named():
     with pytest.raises(fame.ModelError, match=r"pool 'Go To' cannot name a robot: expected letters, digits and _"):
         assign_pools(pools_of(collaboration('name="Go To"')), [])
+
+
+def test_no_pool_is_written_over_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = tmp_path / "team.bpmn"
+    model.write_bytes(collaboration('name="A_B"', 'name="A B"').source)
+    assert main(["split", str(model), "-o", str(tmp_path / "out")]) == 2
+    assert "pools 'A_B' and 'A B' would be written to one file, A_B.bpmn: rename one" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_black_box_alone_leaves_nothing_to_run():

@@ -7,14 +7,16 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import pytest
-from bpmn_text import body_of, extensions, node_of
+from bpmn_text import body_of, extensions, node_of, process
 
 from fame.bpmn.model import CallActivity, Event, SignalDefinition
 from fame.check.element_templates import COMMON, fields_of, payload_of, templates
 from fame.check.library import behaviours
 from fame.cli import main
+from fame.errors import ModelError
 from fame.middleware import messages
 from fame.properties import parse
+from fame.scenario import Scenario
 from fame.scripting import compile_expression
 
 FOLDER = Path(__file__).parent.parent / "models" / "templates"
@@ -69,6 +71,18 @@ def test_every_template_has_what_the_schema_asks_for() -> None:
             assert entry["binding"]["type"] in ("camunda:property", "property")
             if entry["type"] == "Dropdown":
                 assert entry["value"] in [choice["value"] for choice in entry["choices"]]
+
+
+@pytest.mark.parametrize("kind", ["StartEvent", "BoundaryEvent", "IntermediateThrowEvent", "EndEvent"])
+def test_no_template_has_a_deadline_where_nothing_waits(kind: str, tmp_path: Path) -> None:
+    tag, host = kind[0].lower() + kind[1:], ' attachedToRef="t"' if kind == "BoundaryEvent" else ""
+    made = applied(ALL["fame.deadline"], deadline="PT5S")
+    event = f'<{tag} id="e" name="go"{host}>{made}<signalEventDefinition signalRef="g"/></{tag}>'
+    (tmp_path / "m.bpmn").write_text(process(f'<task id="t"/>{event}', '<signal id="g" name="go"/>'))
+    with pytest.raises(ModelError, match="a deadline says nothing here"):
+        Scenario.load(tmp_path / "m.bpmn")
+    assert not {f"bpmn:{kind}", "bpmn:Event"} & {*ALL["fame.deadline"]["appliesTo"]}
+    assert f"bpmn:{kind}" in ALL["fame.requirement"]["appliesTo"]
 
 
 @pytest.fixture

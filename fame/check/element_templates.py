@@ -41,7 +41,9 @@ COMMON = (
 THROWS = ("bpmn:IntermediateThrowEvent", "bpmn:EndEvent")
 CATCHES = ("bpmn:StartEvent", "bpmn:IntermediateCatchEvent", "bpmn:BoundaryEvent")
 RECEIVES = (*CATCHES, "bpmn:ReceiveTask")
-TIMED = ("bpmn:Process", "bpmn:Activity", "bpmn:Event")
+TIMED = ("bpmn:Process", "bpmn:Activity", "bpmn:IntermediateCatchEvent")
+"""Where a deadline can be: everything else is left in the instant in which it is entered."""
+AT_ONCE = ("bpmn:StartEvent", "bpmn:BoundaryEvent", *THROWS)
 _QOS = "qos"
 
 
@@ -53,7 +55,7 @@ def templates(behaviours: Iterable[Behaviour]) -> dict[str, list[Template]]:
         "receive": [_receive(), _correlate()],
         "data": [*map(_inputs, filter(lambda one: one.inputs, known)), *map(_fields, filter(fields_of, COMMON))],
         "library": [_call(one) for one in known],
-        "properties": [_deadline(), _annotation()],
+        "properties": [_deadline(), _requirement(), _annotation()],
     }
 
 
@@ -68,9 +70,16 @@ def write(found: Sequence[Template]) -> str:
 def _deadline() -> Template:
     bound = _text("deadline", "Deadline", "a duration: it is left within this time after it was entered")
     bound["placeholder"] = "PT5S"
-    requirement = _text("requirement", "Requirement", "the id of what it is for, in fame check --report")
     text = "A deadline, which every run judges, and the requirement that the element is for."
-    return _template("deadline", "Deadline and requirement", text, TIMED, [bound, requirement])
+    return _template("deadline", "Deadline and requirement", text, TIMED, [bound, _required()])
+
+
+def _requirement() -> Template:
+    return _template("requirement", "Requirement", "The requirement that the event is for.", AT_ONCE, [_required()])
+
+
+def _required() -> Template:
+    return _text("requirement", "Requirement", "the id of what it is for, in fame check --report")
 
 
 def _annotation() -> Template:

@@ -38,6 +38,12 @@ def run_split(arguments: Namespace) -> int:
     from fame.bpmn.split import split
 
     parts = split(read(arguments.model), Library(arguments.library))
+    names: dict[str, str] = {}
+    for part in parts:
+        other = names.setdefault(part.filename.casefold(), part.name)
+        if other != part.name:
+            text = f"pools {other!r} and {part.name!r} would be written to one file, {part.filename}: rename one"
+            raise ConfigError(text, file=str(arguments.model))
     arguments.output.mkdir(parents=True, exist_ok=True)
     files = {part.name: arguments.output / part.filename for part in parts}
     for part in parts:
