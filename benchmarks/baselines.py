@@ -1,6 +1,7 @@
 """Usual detectors, for comparison: each learns from undisturbed runs and scores every window of a run.
 
-`golden run`: squares of the deviation from mean and standard deviation by time since the start, averaged over a window;
+`golden run`: squares of the deviation from mean and standard deviation by time since the start, averaged over a window
+(the deviation is at least a twentieth of that of the channel: an arm that rests has none);
 `T2`: Hotelling's statistic of windows with Ledoit-Wolf's covariance; `kNN`: distance to the 5th nearest window;
 `IsolationForest`; `PCA-Q`: squared error of the reconstruction by components with 95 % of the variance.
 
@@ -42,7 +43,8 @@ def _scaled(runs: Sequence[Samples], window: int, stride: int) -> tuple[Floats, 
 def golden(runs: Sequence[Samples], window: int, stride: int) -> Score:
     count = min(map(len, runs))
     every = np.stack([run.values[:count] for run in runs])
-    mean, deviation = every.mean(axis=0), np.maximum(every.std(axis=0, ddof=1), 1e-9)
+    mean, deviation = every.mean(axis=0), every.std(axis=0, ddof=1)
+    deviation = np.maximum(deviation, np.maximum(0.05 * deviation.mean(axis=0), 1e-9))
 
     def score(run: Samples) -> Floats:
         rows = min(count, len(run))

@@ -1,4 +1,4 @@
-"""Detectors on public recordings that you download yourself: python benchmarks/public_data.py skab|cobotops PATH.
+"""Detectors on public recordings that you download yourself: python benchmarks/public_data.py skab|cobotops|cuts PATH.
 
 All have windows of 10 rows and the conformal threshold at 0.05, by left-out folds (`baselines`).
 
@@ -9,13 +9,17 @@ skab      the folder of a part of SKAB (github.com/waico/SKAB, such as valve1): 
 cobotops  the file of UR3 CobotOps (UCI 963): a cycle is a run, anomalous if it has a protective stop or a lost grip.
           The undisturbed cycles of the first half of the file are the training, all cycles of the second half are
           judged by their largest score: the area under the ROC curve, false alarms, and cycles found.
+cuts      the folder of mh5_anomaly_detector: each of its 30 benign runs is judged by what learned from the other four
+          of five contiguous folds, as it is, and with each of 8 modifications of the cut in each of `SIZES` (mm), as in
+          adm_attacks.py. The methods learn joint angles, or places of the tool. Beside them the path detector, which
+          has its own threshold: two anomalous points.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +27,25 @@ import numpy as np
 import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+from adm_attacks import ALARM, FOLDS, attacked, held_out
 from baselines import USUAL, with_threshold
+from shares import over_clusters, told
 
-from fame.intervals import interval
 from fame.monitor import Detector, Samples
+from fame.monitor.anomaly.learn import fold_numbers
+from fame.monitor.anomaly.recording import Recording, read_csv
 from fame.monitor.arrays import Floats
 from fame.monitor.judge import areas
+from robots.arm.sabotage import KINDS
+from robots.arm.task import MH5
 
 WINDOW, RATE, TRAIN = 10, 0.05, 400
 OWN = ("phase", "mahalanobis")
+SIZES = (0.1, 0.25, 1.0, 3.0)
+INPUTS: dict[str, Callable[[Recording], Floats]] = {
+    "angles": lambda run: run.values, "places": lambda run: MH5.places(run.values),
+}  # fmt: skip
+"""What methods learn of recorded cuts (n, channels): rad, m."""
 
 
 def scores(name: str, train: Sequence[Samples], judged: Sequence[Samples], *, whole_runs: bool) -> list[Floats]:
@@ -55,8 +69,6 @@ def skab(folder: Path) -> Iterator[str]:
     truth = [table["anomaly"].to_numpy()[TRAIN:] > 0 for table in tables]
     runs = [run_of(table.drop(columns=["datetime", "anomaly", "changepoint"])) for table in tables]
     yield f"| method | F1 on {len(tables)} files | false alarms | missed |\n| --- | --- | --- | --- |"
-    random = np.random.default_rng(0)
-    draws = [random.integers(0, len(runs), len(runs)) for _ in range(500)]
     for name in (*OWN, *(name for name in USUAL if name != "golden run")):
         alarms = []
         for run in runs:
@@ -65,9 +77,8 @@ def skab(folder: Path) -> Iterator[str]:
             alarms.append(found[TRAIN - WINDOW + 1 :] > 1)
         counts = np.array([[(a & t).sum(), (a & ~t).sum(), (~a & t).sum(), (~a & ~t).sum()]
                            for a, t in zip(alarms, truth, strict=True)])  # fmt: skip
-        figures = _figures(counts.sum(axis=0))
-        low, high = np.quantile([_figures(counts[draw].sum(axis=0))[0] for draw in draws], [0.025, 0.975])
-        f1, false, missed = figures
+        f1, false, missed = _figures(counts.sum(axis=0))
+        low, high = over_clusters(counts, lambda summed: _figures(summed)[0])
         yield f"| {name} | {f1:.2f} ({low:.2f} to {high:.2f}) | {100 * false:.0f} % | {100 * missed:.0f} % |"
 
 
@@ -93,21 +104,49 @@ def cobotops(file: Path) -> Iterator[str]:
         largest = np.array([part.max() for part in scores(name, train, judged, whole_runs=True)])
         area = areas(largest, wrong)["area under ROC"]
         low, high = area["interval"]
-        cells = [_counted(largest[kind] > 1) for kind in (~wrong, wrong)]
+        cells = [told(((largest[kind] > 1).sum(), kind.sum())) for kind in (~wrong, wrong)]
         yield f"| {name} | {area['value']:.2f} ({low:.2f} to {high:.2f}) | {' | '.join(cells)} |"
 
 
-def _counted(alarms: Any) -> str:
-    low, high = interval(int(alarms.sum()), len(alarms))
-    return f"{alarms.sum()} of {len(alarms)} ({100 * low:.0f} to {100 * high:.0f} %)"
+def cuts(folder: Path) -> Iterator[str]:
+    benign = read_csv(folder / "original_30.csv")
+    pairs, folds = held_out(benign), fold_numbers(benign, FOLDS)
+    attacks = [(kind, size) for size in SIZES for kind in (*KINDS, "rotated")]
+    changed = [[run, *(attacked(run, *attack)[0] for attack in attacks)] for _, run in pairs]
+    sizes = " | ".join(f"{size:g} mm" for size in SIZES)
+    yield f"| method | of | false alarms | {sizes} |\n|{' --- |' * (len(SIZES) + 3)}"
+    anomalous = [
+        [sum(reading.anomalous for reading in detector.follow(run)) for run in each]
+        for (detector, _), each in zip(pairs, changed, strict=True)
+    ]
+    yield _cut_row("path detector | places", np.array(anomalous) >= ALARM)
+    for inputs, values in INPUTS.items():
+        runs = [[run_of(values(run)) for run in each] for each in changed]
+        for name in (*OWN, *USUAL):
+            alarms = []
+            for fold in range(FOLDS):
+                train = [each[0] for each, number in zip(runs, folds, strict=True) if number != fold]
+                judged = [run for each, number in zip(runs, folds, strict=True) if number == fold for run in each]
+                alarms += [part.max() > 1 for part in scores(name, train, judged, whole_runs=True)]
+            yield _cut_row(f"{name} | {inputs}", np.reshape(alarms, (len(runs), -1)))
+
+
+def _cut_row(name: str, alarms: Any) -> str:
+    """Give the row of alarms (runs, 1 and those of each size)."""
+    sizes = np.split(alarms[:, 1:], len(SIZES), axis=1)
+    found = [told(np.stack([each.sum(axis=1), np.full(len(each), each.shape[1])], axis=1)) for each in sizes]
+    return f"| {name} | {told((alarms[:, 0].sum(), len(alarms)))} | {' | '.join(found)} |"
+
+
+DATA = {"skab": skab, "cobotops": cobotops, "cuts": cuts}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", choices=("skab", "cobotops"))
+    parser.add_argument("data", choices=tuple(DATA))
     parser.add_argument("path", type=Path)
     given = parser.parse_args()
-    for line in (skab if given.data == "skab" else cobotops)(given.path):
+    for line in DATA[given.data](given.path):
         print(line, flush=True)
 
 

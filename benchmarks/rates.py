@@ -19,6 +19,7 @@ from scipy.stats import binom
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from machines import Machine
 from phases import ASKED, own_alarm
+from shares import over_clusters
 
 FIRST = 3000
 """Seed of the first machine: none of these was looked at while building."""
@@ -44,9 +45,7 @@ def main() -> None:
     work = (delayed(alarms)(seed, given.train, given.runs, given.detector) for seed in seeds)
     counts = np.array(Parallel(n_jobs=given.jobs)(work))
     rates, bound = counts / given.runs, bound_of(given.train)
-    random = np.random.default_rng(0)
-    means = [rates[random.integers(0, len(rates), len(rates))].mean() for _ in range(500)]
-    low, high = np.quantile(means, [0.025, 0.975])
+    low, high = over_clusters(np.stack([counts, np.full_like(counts, given.runs)], axis=1))
     above = int((counts > binom.ppf(0.95, given.runs, bound)).sum())
     print(f"{given.detector}, {given.train} runs train, {given.runs} judged, {time.monotonic() - begun:.0f} s")
     print(f"pooled rate: {rates.mean():.4f} (95 % over machines: {low:.4f} to {high:.4f}), asked for: {ASKED}")

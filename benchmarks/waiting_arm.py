@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 
 from lxml import etree
 
-from benchmarks.phases import told
+from benchmarks.shares import told
 from fame.bpmn.reader.xml import BPMN
 from fame.log import logging_to
 from fame.monitor.data_files import LabelledRun, read_labelled_runs
