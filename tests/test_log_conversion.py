@@ -327,6 +327,7 @@ def test_a_recording_that_was_cut_short_is_converted_and_drawn_as_far_as_it_is_w
         assert main([*words, "-o", str(output)]) == 0
         assert f"fame: {cut}: is incomplete" in capsys.readouterr().err
         assert output.stat().st_size > 0
+    assert "the recording is incomplete: how the run went on is not known" in output.read_text()
 
 
 def test_what_an_incomplete_recording_does_not_violate_is_not_known(

@@ -135,6 +135,19 @@ def test_tests_that_load_no_model_cover_nothing(tmp_path: Path, capsys: pytest.C
     assert "total: 0.0 %: no test has loaded a model" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("second", "code"), [("pytest.skip()", 3), ("pass", 0), ("pytest.xfail()", 0), ("assert False", 1)]
+)
+def test_tests_that_are_all_skipped_have_shown_nothing(
+    second: str, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"test_skipped_{code}_{len(second)}.py"
+    skipped = "@pytest.mark.skip\ndef test_first():\n    pass\n"
+    path.write_text(f"import pytest\n\n{skipped}\ndef test_second():\n    {second}\n")
+    assert fame_test(path) == code
+    assert ("no test has passed: all were skipped" in capsys.readouterr().err) == (code == 3)
+
+
 def test_what_a_failed_test_covers_is_told(choice: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, report = write_test(tmp_path, "m.advance(1); assert False", "test_fails.py"), tmp_path / "cov.json"
     assert fame_test(path, "--cov-model", f"--cov-json={report}") == 1

@@ -172,9 +172,11 @@ def _draw_model(arguments: Namespace) -> None:
         from fame.log.reading import damage, run_outcomes
 
         run = run_outcomes(arguments.log, definitions, robots=arguments.robot)
+        notes = run.notes(definitions)
         for warning in damage(arguments.log):
             note(f"fame: {warning}")
-        drawing = draw(definitions, run.tallies, notes=run.notes(definitions))
+            notes.append("the recording is incomplete: how the run went on is not known")
+        drawing = draw(definitions, run.tallies, notes=notes)
     elif arguments.robot:
         raise ConfigError("--robot needs --log")
     else:

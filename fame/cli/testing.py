@@ -7,10 +7,15 @@ import os
 from argparse import Namespace
 from errno import ENOENT
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_library, command
+from fame.cli.output import note
 from fame.errors import ConfigError
 from fame.text import unreadable
+
+if TYPE_CHECKING:
+    import pytest
 
 _EXAMPLES = (
     "fame test examples/tests",
@@ -18,7 +23,7 @@ _EXAMPLES = (
     "fame test --pytest=--pdb --pytest=--durations=5",
 )
 _EXIT = {0: 0, 4: 2, 5: 2}
-"""By exit code of pytest: a wrong request and no tests are 2, everything else is 1."""
+"""By exit code of pytest: a wrong request and no tests are 2, everything else is 1. If all are skipped, it is 3."""
 
 
 def add(commands: Commands) -> None:
@@ -91,4 +96,25 @@ def run(arguments: Namespace) -> int:
         if value is not None:
             options.append(f"--cov-model-{name.replace('_', '-')}={value}")
     options += arguments.pytest
-    return _EXIT.get(int(pytest.main(options)), 1)
+    outcomes = _Outcomes()
+    code = _EXIT.get(int(pytest.main(options, plugins=[outcomes])), 1)
+    if code == 0 and outcomes.are_skips:
+        note("fame: no test has passed: all were skipped")
+        return 3
+    return code
+
+
+class _Outcomes:
+    """A plugin of pytest that knows whether tests were skipped and none came to a result."""
+
+    def __init__(self) -> None:
+        self._skipped = self._judged = False
+
+    @property
+    def are_skips(self) -> bool:
+        return self._skipped and not self._judged
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        skipped = report.skipped and not hasattr(report, "wasxfail")
+        self._skipped |= skipped
+        self._judged |= report.when == "call" and not skipped
