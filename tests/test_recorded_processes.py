@@ -43,7 +43,8 @@ def test_a_run_over_dds_is_logged_drawn_and_recorded(tmp_path: Path) -> None:
         entered = Counter(event.element for event in events if event.what == "enter")
         last = recording.state(recording.end).robots["REX"]
         assert {id: each["enter"] for id, each in last.counts.items() if "enter" in each} == entered
-        step = (recording.end - events[0].time) // 20
-        ways = [recording.world(recording.end - number * step)["REX"] for number in range(10)]
+        step = (recording.end - events[0].time) // 15
+        ways = [recording.world(recording.end - number * step).get("REX") for number in range(15)]
+        ways = [pose for pose in ways if pose is not None]  # of the world it may have heard the first a moment later
         assert len({(pose["x"], pose["y"]) for pose in ways}) > 3
         assert "ground_vehicles.bpmn" in recording.models

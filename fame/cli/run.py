@@ -257,7 +257,7 @@ def _judgements(arguments: Namespace, scenario: Scenario, recording: Path) -> li
     from fame.scenario.judging import team_vocabulary
 
     apart = round(_APART * (arguments.speed or 1.0) * SECOND)
-    return judge_log(recording, scenario.properties, team=team_vocabulary(scenario), apart=apart)
+    return judge_log(recording, scenario.properties, team=team_vocabulary(scenario), apart=apart, is_open=True)
 
 
 def _seen(sight: TeamStatus) -> str:

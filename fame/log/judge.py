@@ -43,11 +43,13 @@ def judge_log(
     *,
     team: Vocabulary | None = None,
     apart: int = 0,
+    is_open: bool = False,
 ) -> list[Judgement]:
     """The judgements about a log; `model` is that of a log of events alone, `team` what is known of the team of a run.
 
     `apart` (ns): how far the clocks of two robots of a recording may be apart. Each robot is also judged that much
-    later; what is violated only as the clocks stand is not known. So is what an incomplete recording does not violate.
+    later; what is violated only as the clocks stand is not known. So is what an incomplete recording does not violate,
+    unless it `is_open`: its run has written all of it, and ends it once it is judged.
     Raises ConfigError for a file that is no log, and for properties that name what its team does not have.
     """
     if Path(path).suffix.lower() == ".mcap":
@@ -57,8 +59,10 @@ def judge_log(
                 others = _replay(recording, properties, model, team, late={robot: apart})
                 found = [_unordered(one, apart) if one.verdict == "violated" != other.verdict else one
                          for one, other in zip(found, others, strict=True)]  # fmt: skip
-            lacking = f"the recording is incomplete after {recording.end / SECOND:.1f} s" if recording.warnings else ""
-            return [_not_known(one, lacking) if lacking and one.verdict != "violated" else one for one in found]
+            if is_open or not recording.warnings:
+                return found
+            lacking = f"the recording is incomplete after {recording.end / SECOND:.1f} s"
+            return [_not_known(one, lacking) if one.verdict != "violated" else one for one in found]
     if model is None:
         raise ConfigError("has no model: expected one beside the properties, NAME.bpmn of NAME.properties.yaml",
                           file=str(path))  # fmt: skip
