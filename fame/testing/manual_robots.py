@@ -13,7 +13,7 @@ from typing import Any
 
 from fame.bpmn.pools import Pool
 from fame.check.explore.abstraction import Abstraction
-from fame.check.explore.host import ExplorationHost, field_names
+from fame.check.explore.host import ExplorationHost
 from fame.check.explore.values import Unknown, Values
 from fame.clock import Scheduler
 from fame.engine import UNDEFINED, Engine, Instance, compile_program
@@ -88,12 +88,8 @@ class StandInHost(ExplorationHost):
         self.node, self.twins = node, twins
         self.decided: defaultdict[str, deque[int]] = defaultdict(deque)
         self._choices: defaultdict[str, int] = defaultdict(int)
-        super().__init__(
-            node.name, abstract.types, values, abstract.steps, abstract.matters, field_names(abstract.types), robots,
-            ordered=False,
-        )  # fmt: skip
+        super().__init__(node.name, abstract, values, robots, ordered=False)
         self.kept = abstract.kept[pool.name].__contains__
-        self.codes, self.computed, self.asks = abstract.codes, abstract.computed, abstract.asks
 
     def load(self, abstract: Abstraction, pool: Pool) -> None:
         """Compile the process for the engine of the node, and make its endpoints. Raises ModelError, MessageError."""

@@ -19,7 +19,7 @@ from fame.check.explore.faults import Faults
 from fame.check.explore.findings import FAILING, KINDS, LEVELS, Finding, Kind, Report
 from fame.check.explore.graph import Explored
 from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
-from fame.check.explore.host import OutOfTimeError, field_names, never
+from fame.check.explore.host import ExplorationHost, OutOfTimeError, never
 from fame.check.explore.kinds import kinds_of
 from fame.check.explore.local import Local
 from fame.check.explore.product import Delivery, Options, Product, silent
@@ -220,7 +220,6 @@ class Team:
         self.robots: tuple[str, ...] = tuple(cast)
         self.places: dict[str, Place] = dict(_places(definitions, self.pools, library))
         self.alike: dict[str, bool] = {pool.name: not self._knows_itself(pool) for pool in kinds}
-        fields = field_names(types)
         events = frozenset((element, what) for one in judged for _, element, what in one.events)
         events = events.union(*(one.events for one in watches))
         observed |= bool(events)
@@ -229,10 +228,11 @@ class Team:
         for robot, pool in self.kinds.items():
             local = made.get(pool.name) if self.alike[pool.name] else None
             if local is None:
-                local = Local(robot, definitions, pool.process, self.model, self.values,
-                              kept=self.model.kept[pool.name], fields=fields, robots=self.robots,
-                              ordered=request.ordered, observed=observed, events=events,
-                              reads=sorted(reads[pool.name]), parameters=request.variables.get(robot, {}))  # fmt: skip
+                host = ExplorationHost(robot, self.model, self.values, self.robots, request.ordered, events)
+                local = Local(
+                    definitions, pool, self.model, host,
+                    observed=observed, reads=sorted(reads[pool.name]), parameters=request.variables.get(robot, {}),
+                )  # fmt: skip
                 made[pool.name] = local
             self.locals.append(local)
         several = {robot for robot, pool in cast.items() if pool.multi_instance}

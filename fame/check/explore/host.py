@@ -16,7 +16,7 @@ from typing import Any
 
 from fame.bpmn.model import Expression
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
-from fame.check.explore.abstraction import Step, emitted, step_name
+from fame.check.explore.abstraction import Abstraction, Step, emitted, step_name
 from fame.check.explore.aliases import SHARED, Aliases, shared
 from fame.check.explore.asking import asking, functions
 from fame.check.explore.purity import STEPS, catches, is_certain, is_computable, may_raise, waits
@@ -82,63 +82,64 @@ class Outcome:
 
 
 class ExplorationHost:
-    """The host of all engines of one robot's program."""
+    """The host of all engines of one robot's program.
+
+    robots    the names of the team
+    ordered   timers fire in the order of their durations, where that is known
+    observed  (element, what) of the events that properties name
+    """
 
     robot: str
     types: Mapping[str, TopicUse]
     values: Values
-    steps: Mapping[str, Step]
-    matters: Set[str]
-    fields: frozenset[str]
     robots: tuple[str, ...]
     ordered: bool
+    observed: Set[tuple[str, str]]
     place: str
     engine: Engine
 
     def __init__(
         self,
         robot: str,
-        types: Mapping[str, TopicUse],
+        model: Abstraction,
         values: Values,
-        steps: Mapping[str, Step],
-        matters: Set[str],
-        fields: frozenset[str],
         robots: tuple[str, ...],
         ordered: bool,
+        observed: Set[tuple[str, str]] = frozenset(),
     ) -> None:
-        self.robot, self.types, self.values, self.steps = robot, types, values, steps
-        self.matters, self.fields, self.robots, self.ordered = matters, fields, robots, ordered
+        self.robot, self.values, self.robots, self.ordered, self.observed = robot, values, robots, ordered, observed
+        self.types, self.fields = model.types, field_names(model.types)
+        self.steps: Mapping[str, Step] = model.steps
+        self.matters: Set[str] = model.matters
         self.own_topics: frozenset[str] = frozenset()
         self.decisions: tuple[int, ...] = ()
         self.place = ""
         self.stop: Callable[[], bool] = never
         """Whether the time of the search is over."""
         self.entered: set[str] = set()
-        self.observed: Set[tuple[str, str]] = frozenset()
-        """(element, what) of the events that properties name."""
-        self.caught: Set[str] = frozenset()
+        self.caught: Set[str] = model.caught
         """Scripts whose failures may decide something: an error event catches them, or they are raised on purpose."""
-        self.asks: Mapping[str, Set[str]] = {}
+        self.asks: Mapping[str, Set[str]] = model.asks
         """The codes with which scripts that wait fail, see `Abstraction`."""
-        self.codes: Collection[str] = ()
+        self.codes: Collection[str] = model.codes
         """Error codes that somebody names."""
-        self.computed: Mapping[tuple[str, str], Collection[str]] = {}
+        self.computed: Mapping[tuple[str, str], Collection[str]] = model.computed
         """The computed codes of throwing events, see `Abstraction`."""
         self.opaque: set[str] = set()
         """Scripts that may raise, and are not executed."""
         self.traceable = True
         """Whether `Watched` variables note all that texts read and write."""
-        self.given: Mapping[str, Set[str]] = {}
+        self.given: Mapping[str, Set[str]] = model.given
         """What a person sets who completes a task, see `Abstraction`."""
         self.kept: Callable[[str], bool] = lambda name: True
         self.remembered: Mapping[str, Set[str]] = {}
         """Conditions whose outcome is remembered, see `remembering`."""
         self.memory: Memory = Memory({})
-        self.aliases: Aliases = Aliases()
+        self.aliases: Aliases = model.aliases
         self._again: deque[int] = deque()
         """What was chosen before in the condition that is asked again."""
         self._blank: dict[str, int] = {}
-        for use in types.values():  # classes of messages are made once, which takes as long as many steps
+        for use in self.types.values():  # classes of messages are made once, which takes as long as many steps
             self._blank_of(use.type)
         self._interface = interface(robot=self._stub(), signal=self._signal, log=lambda level, text: None, budget=STEPS)
         self._interface |= numbers_of(values) | functions(values) | {SHARED: shared}

@@ -7,11 +7,11 @@ needs no engine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
-from types import MappingProxyType
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from fame.bpmn.model import Body, Definitions, Process
+from fame.bpmn.pools import Pool
 from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.footprints import Effect, Footprints, Watched
 from fame.check.explore.host import MOST_DECISIONS, Event, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
@@ -58,7 +58,10 @@ class Successor(NamedTuple):
 
 
 class Local:
-    """The transitions of one robot, or of several that nothing tells apart, between its `states`."""
+    """The transitions of one robot, or of several that nothing tells apart, between its `states`.
+
+    `observed`: its events are; `reads`: the variables that properties read; `parameters`: what its process starts with.
+    """
 
     body: Body
     unhandled: set[tuple[str, str]]
@@ -70,23 +73,25 @@ class Local:
     forms: Forms
     views: list[View]
 
-    def __init__(self, robot: str, definitions: Definitions, process: Process, model: Abstraction, values: Values, *,
-                 kept: frozenset[str], fields: frozenset[str], robots: tuple[str, ...],
-                 ordered: bool, observed: bool = False,
-                 events: Set[tuple[str, str]] = frozenset(), reads: Sequence[str] = (),
-                 parameters: Mapping[str, Any] = MappingProxyType({})) -> None:  # fmt: skip
-        self.robot, self.process, self.values, self._reads = robot, process, values, reads
-        self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
-        self.host.given = model.given
-        host: Host = self.host
+    def __init__(
+        self,
+        definitions: Definitions,
+        pool: Pool,
+        model: Abstraction,
+        host: ExplorationHost,
+        *,
+        observed: bool,
+        reads: Sequence[str],
+        parameters: Mapping[str, Any],
+    ) -> None:
+        process, values = pool.process, host.values
+        self.robot, self.process, self.values, self.host, self._reads = host.robot, process, values, host, reads
         explored = model.process(definitions, process)
         self.bodies: list[Body] = model.bodies(definitions, process)
         self.host.remembered = remembered(self.bodies)
         self.host.memory = Memory(self.host.remembered)
-        self.kept: frozenset[str] = kept.union(self.host.remembered)
+        self.kept: frozenset[str] = model.kept[pool.name].union(self.host.remembered)
         self.host.kept = self.kept.__contains__
-        self.host.codes, self.host.computed, self.host.asks = model.codes, model.computed, model.asks
-        self.host.caught, self.host.observed, self.host.aliases = model.caught, events, model.aliases
         self.body, self.unhandled = explored.body, model.unhandled
         file = definitions.file
         self.program: Program = compile_program(explored, host=host, library=model.find, file=file, observed=observed)
