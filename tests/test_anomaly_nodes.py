@@ -13,9 +13,9 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.anomaly.live import Collector
+from fame.monitor.anomaly.live import Collector, RunMonitor
 from fame.monitor.anomaly.model import Model
-from fame.monitor.anomaly.nodes import TYPE, OperateNode, RunNode
+from fame.monitor.anomaly.nodes import TYPE, ArmOptions, OperateNode, RunNode
 from fame.monitor.anomaly.paths import PathDetector
 from robots.arm.sabotage import alter, knots
 from robots.arm.task import MH5
@@ -54,7 +54,8 @@ class Arm:
         self.scheduler.run(self.scheduler.now)
 
     def operate(self, **options) -> OperateNode:
-        return OperateNode(self.middleware, self.scheduler, model(), report=self.texts.append, **options)
+        arm = ArmOptions(report=self.texts.append)
+        return OperateNode(self.middleware, self.scheduler, RunMonitor(model(), **options), arm)
 
 
 def runs(*numbers: int) -> np.ndarray:
@@ -137,7 +138,7 @@ def test_cycles_are_counted():
 def test_an_arm_under_way_is_recorded_from_home_on():
     arm = Arm()
     collector = Collector(1)
-    RunNode(arm.middleware, arm.scheduler, collector, report=arm.texts.append)
+    RunNode(arm.middleware, arm.scheduler, collector, ArmOptions(report=arm.texts.append))
     arm.play(np.vstack([runs(21)[250:], runs(22, 23)]))
     assert [len(run) for run in collector.recording()] == [len(runs(22)), len(runs(23))]
     assert "the arm is moving" in arm.texts[0]

@@ -77,7 +77,7 @@ def run_collect(arguments: Namespace) -> int:
     """Collect until all runs are recorded, the bag ends, or Ctrl-C."""
     settle(arguments, "label", "output")
     from fame.monitor.anomaly.live import Collector
-    from fame.monitor.anomaly.nodes import RunNode
+    from fame.monitor.anomaly.nodes import ArmOptions, RunNode
     from fame.monitor.anomaly.recording import write_csv
 
     writable(arguments.output)
@@ -88,10 +88,8 @@ def run_collect(arguments: Namespace) -> int:
     )  # fmt: skip
 
     def make(middleware: Middleware, scheduler: Scheduler) -> RunNode:
-        return RunNode(
-            middleware, scheduler, collector, topic=arguments.topic, field=arguments.field, report=note,
-            done=scheduler.stop,
-        )  # fmt: skip
+        arm = ArmOptions(topic=arguments.topic, field=arguments.field, report=note, done=scheduler.stop)
+        return RunNode(middleware, scheduler, collector, arm)
 
     drive(arguments, make)
     recording = collector.recording()
@@ -222,18 +220,17 @@ def run_operate(arguments: Namespace) -> int:
     """Judge until all runs are evaluated, the bag ends, or Ctrl-C. Returns 1 if a run was anomalous, otherwise 3 if one
     was cut off, or none was evaluated."""
     settle(arguments, "model")
+    from fame.monitor.anomaly.live import RunMonitor
     from fame.monitor.anomaly.model import Model
-    from fame.monitor.anomaly.nodes import OperateNode
+    from fame.monitor.anomaly.nodes import ArmOptions, OperateNode
 
     model = Model.load(arguments.model)
     note(f"{arguments.model}: {model.alarm_text(arguments.threshold)}")
 
     def make(middleware: Middleware, scheduler: Scheduler) -> OperateNode:
-        return OperateNode(
-            middleware, scheduler, model, topic=arguments.topic, field=arguments.field, rule=arguments.rule,
-            threshold=arguments.threshold, cycle=arguments.points, limit=arguments.runs, report=note,
-            done=scheduler.stop,
-        )  # fmt: skip
+        monitor = RunMonitor(model, arguments.threshold, arguments.rule, arguments.points, arguments.runs)
+        arm = ArmOptions(topic=arguments.topic, field=arguments.field, report=note, done=scheduler.stop)
+        return OperateNode(middleware, scheduler, monitor, arm)
 
     runs = drive(arguments, make).runs
     if not runs and arguments.bag is not None:

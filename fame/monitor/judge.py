@@ -470,14 +470,14 @@ def _joint_states(model: Model, path: Path, topic: str) -> tuple[Recording, tupl
     """Read the joint states of a bag, in runs that begin and end at home as in CSV files, and what of it was left out.
     Raises ConfigError."""
     from fame.monitor.anomaly.live import Collector
-    from fame.monitor.anomaly.nodes import RunNode, bag_topics
+    from fame.monitor.anomaly.nodes import ArmOptions, RunNode, bag_topics
     from fame.monitor.anomaly.recording import Recording, number_runs
     from fame.monitor.data_files import incomplete
     from fame.monitor.pipeline.recording import play
 
     collector, notes = Collector(1, "count", cycle=sys.maxsize), list[str]()
     collector.joints = model.joints
-    make = partial(RunNode, runs=collector, topic=topic, report=notes.append)
+    make = partial(RunNode, runs=collector, arm=ArmOptions(topic=topic, report=notes.append))
     node = play(path, make, bag_topics(topic, "count"))
     if not collector.rows:
         raise ConfigError(notes[0] if notes else f"has no messages on {topic}", file=str(path))

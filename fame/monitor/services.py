@@ -27,6 +27,7 @@ from fame.errors import ConfigError, MissionError
 from fame.robot.services import BuiltInService, CommandService, RunningService, ServiceContext, variable
 
 if TYPE_CHECKING:
+    from fame.monitor.anomaly.nodes import ArmOptions
     from fame.monitor.anomaly.recording import Rule
     from fame.monitor.pipeline.configuration import Configuration, Stage
 
@@ -165,11 +166,7 @@ class CollectService:
         points, runs = variable(variables, "points", 0, type=int), variable(variables, "runs", 0, type=int)
         self._collector = Collector(label, _rule(variables), cycle=points, limit=runs)
         self._report = context.report
-        self._node = RunNode(
-            context.middleware, context.scheduler, self._collector,
-            topic=variable(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),
-            namespace=context.namespace, report=context.report, done=context.changed,
-        )  # fmt: skip
+        self._node = RunNode(context.middleware, context.scheduler, self._collector, _arm(context, variables))
 
     def results(self) -> Mapping[str, Any] | None:
         """Return `runs_collected` once there are enough runs."""
@@ -190,6 +187,7 @@ class CollectService:
 
 
 def _adm_operate(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+    from fame.monitor.anomaly.live import RunMonitor
     from fame.monitor.anomaly.model import Model
     from fame.monitor.anomaly.nodes import OperateNode
 
@@ -197,13 +195,8 @@ def _adm_operate(context: ServiceContext, variables: Mapping[str, Any]) -> Runni
     if threshold is not None and not 0 <= threshold < 1:
         raise ConfigError(f"variable threshold: expected a number from 0 to 1, got {threshold:g}")
     model = Model.load(context.folder / variable(variables, "model", type=str))
-    node = OperateNode(
-        context.middleware, context.scheduler, model, threshold=threshold, rule=_rule(variables),
-        cycle=variable(variables, "points", 0, type=int),
-        topic=variable(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),
-        namespace=context.namespace, report=context.report,
-    )  # fmt: skip
-    return _NodeService(node)
+    monitor = RunMonitor(model, threshold, _rule(variables), variable(variables, "points", 0, type=int))
+    return _NodeService(OperateNode(context.middleware, context.scheduler, monitor, _arm(context, variables)))
 
 
 def _adm_learn(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
@@ -214,6 +207,15 @@ def _adm_learn(context: ServiceContext, variables: Mapping[str, Any]) -> Running
         return {"classifier": next(item["name"] for item in output["classifiers"] if item["best"])}
 
     return CommandService(context, ["monitor", "adm", "learn", str(config), "-o", str(model)], results)
+
+
+def _arm(context: ServiceContext, variables: Mapping[str, Any]) -> ArmOptions:
+    from fame.monitor.anomaly.nodes import ArmOptions
+
+    return ArmOptions(
+        topic=variable(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),
+        namespace=context.namespace, report=context.report, done=context.changed,
+    )  # fmt: skip
 
 
 def _rule(variables: Mapping[str, Any]) -> Rule:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, TimeoutError as NoAnswer
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -115,13 +115,18 @@ class ModelChange(ModelWatch):
             except FameError as error:
                 about.unexplored = str(error)
 
-    def _sent(self, about: _Examination, **options: Any) -> Deployment:
+    def _sent(self, about: _Examination, *, migrate: bool, preview: bool = False, force: bool = False) -> Deployment:
         """The deployment of a model, once it has ended. Raises FameError."""
         from fame.deploy.options import DeploymentOptions
 
         assert about.model is not None
         ended: Future[Deployment] = Future()
-        wanted = DeploymentOptions(library=about.library, patience=PATIENCE, **options)
+        plan = {"forced": True} if force else {}
+        wanted = DeploymentOptions(
+            library=about.library, patience=PATIENCE, migrate=migrate, plan=plan, preview=preview
+        )
+        if migrate and not preview and not force:
+            wanted = replace(wanted, approve=self._approval(about))
         self._send(about.model, wanted, ended.set_result)
         try:
             return ended.result(3 * PATIENCE)
@@ -240,10 +245,7 @@ class ModelChange(ModelWatch):
         if command.get("hash") != about.hash or _hash(about.model, about.library) != about.hash:
             self._stamps = {}
             raise FameError("the model has changed since it was shown: look at it again")
-        force = command.get("force") is True
-        options: dict[str, Any] = {"approve": self._approval(about)} if act == "migrate" and not force else {}
-        plan = {"plan": {"forced": True}} if force else {}
-        done = self._sent(about, migrate=act == "migrate", **options, **plan)
+        done = self._sent(about, migrate=act == "migrate", force=command.get("force") is True)
         text = "; ".join(
             f"{one.robot}: {one.state}{f' ({one.reason})' if one.reason else ''}" for one in done.robots.values()
         )

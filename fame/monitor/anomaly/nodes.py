@@ -15,6 +15,7 @@ pose, a drift, missing stamps) in words on ``/process_change`` (std_msgs/msg/Str
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,6 @@ from fame.clock import Scheduler
 from fame.middleware import messages
 from fame.middleware.interface import SENSOR_DATA, Middleware, resolve
 from fame.monitor.anomaly.live import ArmRuns, Point, RunMonitor, RunReport
-from fame.monitor.anomaly.model import Model
-from fame.monitor.anomaly.recording import Rule
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.recording import EMPTY, RecordingNode, RecordingOptions
 
@@ -36,29 +35,34 @@ def bag_topics(topic: str, rule: str) -> dict[str, str]:
     return {resolve(topic, ""): TYPE} | (dict.fromkeys((START, END), EMPTY) if rule == "signal" else {})
 
 
-class RunNode(RecordingNode):
-    """Gives joint states to what judges or collects `runs`.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmOptions:
+    """Options of a `RunNode`.
 
-    topic, field  what it reads: the topic, the field of its messages
+    topic, field  what it reads: the topic, relative to `namespace`, the field of its messages
     report        gets a line for everything unusual; `done` is called after the last run that is wanted
     """
 
+    topic: str = "/joint_states"
+    field: str = "position"
+    namespace: str = ""
+    report: Callable[[str], object] = lambda text: None
+    done: Callable[[], object] = lambda: None
+
+
+class RunNode(RecordingNode):
+    """Gives joint states to what judges or collects `runs`."""
+
     def __init__(
-        self,
-        middleware: Middleware,
-        scheduler: Scheduler,
-        runs: ArmRuns,
-        *,
-        topic: str = "/joint_states",
-        field: str = "position",
-        namespace: str = "",
-        report: Callable[[str], object] = lambda text: None,
-        done: Callable[[], object] = lambda: None,
+        self, middleware: Middleware, scheduler: Scheduler, runs: ArmRuns, arm: ArmOptions | None = None
     ) -> None:
-        self._runs, self._say, self._done, self._told_late = runs, report, done, False
-        port = Port("joint", topic, TYPE, (field,), SENSOR_DATA)
+        arm = arm or ArmOptions()
+        self._runs, self._say, self._done, self._told_late = runs, arm.report, arm.done, False
+        port = Port("joint", arm.topic, TYPE, (arm.field,), SENSOR_DATA)
         begin, end = (START, END) if runs.rule == "signal" else ("", "")
-        options = RecordingOptions(namespace=namespace, run_topic=begin, end_topic=end, ordered=False, report=report)
+        options = RecordingOptions(
+            namespace=arm.namespace, run_topic=begin, end_topic=end, ordered=False, report=arm.report
+        )
         configuration = Configuration(Path(runs.name), runs.name, (port,), ())
         super().__init__(middleware, scheduler, configuration, (), options, runs.name)
 
@@ -88,25 +92,15 @@ class RunNode(RecordingNode):
 
 
 class OperateNode(RunNode):
-    """Watches an arm with a stored model, and raises the signal `anomaly`. `report` gets a line for every run too."""
+    """Watches an arm with a `monitor`, and raises the signal `anomaly`. `report` gets a line for every run too."""
 
     runs: list[RunReport]
 
     def __init__(
-        self,
-        middleware: Middleware,
-        scheduler: Scheduler,
-        model: Model,
-        *,
-        threshold: float | None = None,
-        rule: Rule = "home",
-        cycle: int = 0,
-        limit: int = 0,
-        **options: Any,
+        self, middleware: Middleware, scheduler: Scheduler, monitor: RunMonitor, arm: ArmOptions | None = None
     ) -> None:
-        self._monitor = RunMonitor(model, threshold, rule, cycle, limit)
-        self.runs, self._reported_runs = self._monitor.ended, 0
-        super().__init__(middleware, scheduler, self._monitor, **options)
+        self._monitor, self.runs, self._reported_runs = monitor, monitor.ended, 0
+        super().__init__(middleware, scheduler, monitor, arm)
         self._score = self.node.publisher("anomaly_score", "std_msgs/msg/Float64")
         self._point = self.node.publisher("anomaly_point", "std_msgs/msg/Bool")
         self._alarm = self.node.publisher(ALARM, TYPE)
