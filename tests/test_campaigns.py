@@ -316,6 +316,16 @@ def test_a_crashed_run_is_not_known() -> None:
     assert summary(rows[:2])["not_known"] == ""
 
 
+def test_a_measure_without_values_is_said() -> None:
+    rows = [row(1, "completed"), row(2, "completed"), row(3, "failed")]
+    rows = [
+        {**each, "measure.far": value, "measure.near": 1.0} for each, value in zip(rows, (2.0, None, None), strict=True)
+    ]
+    assert summary(rows)["unmeasured"] == {"far": 1}
+    assert "measure far: no value in 1 of 2 completed runs" in text_report(rows)
+    assert "measure far: no value in 1 of 2 completed runs" in html_report(rows, "s.yaml")
+
+
 def test_failures_are_grouped_by_cause_with_the_shortest_run() -> None:
     rows = [row(1, "failed", "a", 9), row(2, "failed", "a", 3), row(3, "timeout", "b", 1), row(4, "completed")]
     assert [(one["cause"], one["count"], one["seed"]) for one in causes(rows)] == [("a", 2, 2), ("b", 1, 3)]

@@ -65,6 +65,11 @@ def summary(rows: Sequence[CampaignRow]) -> dict[str, Any]:
             for name in ("duration", "distance", "collisions", "lost", *measures)
             if (spread := _spread([row.get(name) for row in done]))
         },
+        "unmeasured": {
+            name.removeprefix("measure."): missing
+            for name in measures
+            if (missing := sum(row.get(name) is None for row in done))
+        },
         "properties": statistics_of_properties(rows, wilson, _spread),
         "causes": causes(rows),
         "parameters": importance(rows),
@@ -77,6 +82,12 @@ def _not_known(rows: Sequence[CampaignRow]) -> str:
     least = done / (len(counted(rows)) + crashed) if crashed else 0.0
     text = f"how {crashed} of {len(rows)} runs end, since they crashed; with them as failures it is {least:.3f}"
     return text if crashed else ""
+
+
+def _unmeasured(found: Mapping[str, Any]) -> Iterator[str]:
+    """A line for each measure that could not be computed in completed runs: its distribution leaves them out."""
+    for name, missing in found["unmeasured"].items():
+        yield f"measure {name}: no value in {missing} of {found['statuses']['completed']} completed runs"
 
 
 def _spread(values: Sequence[Any]) -> dict[str, float]:
@@ -182,6 +193,7 @@ def text_report(rows: Sequence[CampaignRow]) -> Iterator[str]:
     for name, spread in found["distributions"].items():
         values = "  ".join(f"{key} {value:g}" for key, value in spread.items())
         yield f"{name} of completed runs: {values}"
+    yield from _unmeasured(found)
     yield from lines_of_properties(found["properties"])
     for cause in found["causes"]:
         yield f"{cause['count']} x {cause['status']}: {cause['cause']}"
@@ -253,6 +265,7 @@ def html_report(rows: Sequence[CampaignRow], scenario: str) -> str:
     if found["distributions"]:
         heads = ("", "mean", *_QUANTILES)
         body.append(_table(heads, ((name, *spread.values()) for name, spread in found["distributions"].items())))
+    body += [f"<p>{escape(line)}</p>" for line in _unmeasured(found)]
     for name, one in found["properties"].items():
         share = "not judged" if one["violation"] is None else f"P(violation) {one['violation']:.1%}"
         low, high = one["interval"]
