@@ -278,3 +278,11 @@ def test_a_run_may_raise_it_and_the_found_run_is_played(tmp_path: Path, mission:
     assert found.verdict == "refuted"
     played = play(mission.by_hand(model), found.run)
     played.expect_property("p").is_violated()
+
+
+def test_a_script_whose_failure_is_caught_fails_by_hand_as_in_a_run(tmp_path: Path, mission: MissionLoader) -> None:
+    model = tmp_path / "m.bpmn"
+    model.write_text(document(ROOT + goes(script("1 / 0"), boundary())), encoding="utf-8")
+    for m in (mission.load(model), mission.by_hand(model)):
+        m.expect("P").completed(within=5)
+        m.expect("P").passed("Gave")
