@@ -77,6 +77,43 @@ def test_a_task_is_done_with_its_results_and_the_token_goes_on():
     assert floor.engine.running.instances[-1].status == "completed"
 
 
+SIGNED = MODEL.replace(
+    '<userTask id="ask"/>',
+    '<userTask id="ask"><multiInstanceLoopCharacteristics><loopCardinality>3</loopCardinality>'
+    "</multiInstanceLoopCharacteristics></userTask>",
+)
+
+
+def test_of_several_the_answer_says_that_it_was_the_first():
+    floor = Floor(SIGNED)
+    answers = [floor.ask(TaskRequest(id=f"{number}", element="ask"))[0] for number in range(3)]
+    assert [answer.answer for answer in answers] == ["completed"] * 3
+    assert [answer.reason for answer in answers] == ["ask: the first of 3 there", "ask: the first of 2 there", ""]
+    assert floor.waiting == ["lift"]
+
+
+@pytest.mark.parametrize("act", ["skip", "restart", "move"])
+def test_what_is_inside_of_the_first_is_none_of_its_own(act: str):
+    floor = Floor(SIGNED)
+    (answer,) = floor.ask(TaskRequest(id="1", element="ask", act=act, to="lift" if act == "move" else ""))
+    assert (answer.answer, answer.reason) == ({"skip": "skipped", "restart": "restarted", "move": "moved"}[act], "")
+    assert floor.waiting == (["ask"] * 3 if act == "restart" else ["lift"])
+
+
+@pytest.mark.parametrize("act", ["skip", "restart", "move"])
+def test_of_two_tokens_a_repair_takes_the_first_and_says_so(act: str):
+    twice = '<sequenceFlow id="f2" sourceRef="s" targetRef="ask"/><sequenceFlow id="f" sourceRef'
+    floor = Floor(MODEL.replace('<sequenceFlow id="f" sourceRef', twice))
+    (answer,) = floor.ask(TaskRequest(id="1", element="ask", act=act, to="lift" if act == "move" else ""))
+    assert answer.reason == "ask: the first of 2 there"
+
+
+def test_a_variable_that_nothing_had_is_named():
+    floor = Floor()
+    first, again = (floor.ask(TaskRequest(id=id, element="", act="set", values={"sped": 1})) for id in "ab")
+    assert [each.reason for each in (*first, *again)] == ["sped; not a variable before: sped", ""]
+
+
 def test_where_no_task_waits_the_answer_names_what_does():
     floor = Floor()
     (answer,) = floor.complete("lift")

@@ -40,6 +40,7 @@ _DONE = {
     "restart": "restarted", "fail": "made to fail", "note": "noted",
 }  # fmt: skip
 ACTS = tuple(_DONE)
+_OF_TOKENS = ("complete", "retry", "skip", "move", "restart", "fail")
 STILL_HELD = "no longer suspended"
 """The answer to ``continue`` if something else holds the robot: its mission does not go on."""
 _ANSWERS = 100
@@ -148,6 +149,8 @@ class TaskServer:
             return "refused", f"{request.element}: {reason}" if request.element else reason
         name = printable(request.who)
         who = ", ".join(filter(None, (name, signer))) if signer else f"{name or 'unknown'} (unverified)"
+        others = node.others_at(request.element, request.act) if request.act in _OF_TOKENS else 0
+        said = [f"{request.element}: the first of {others + 1} there"] if others else []
         try:
             match request.act:
                 case "activate":
@@ -155,7 +158,8 @@ class TaskServer:
                 case "retry":
                     node.retry(request.element, request.values, who=who)
                 case "set":
-                    node.set_variables(request.values, who=who)
+                    if new := node.set_variables(request.values, who=who):
+                        said = [f"{', '.join(request.values)}; not a variable before: {', '.join(new)}"]
                 case "move":
                     node.move(request.element, request.to, who=who)
                 case "skip":
@@ -179,12 +183,12 @@ class TaskServer:
                     if request.who:
                         node.note(request.element, f"completed by {who}")
                     if not goes_on:
-                        return _DONE[request.act], f"{request.element}; it goes on when what suspends it ends"
+                        said = [*(said or [request.element]), "it goes on when what suspends it ends"]
         except FameError as error:
             return "refused", str(error)
         except Exception as error:
             return "refused", unexpected(error)
-        return _DONE[request.act], ""
+        return _DONE[request.act], "; ".join(said)
 
 
 class TaskClient:

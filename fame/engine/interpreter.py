@@ -7,7 +7,7 @@ are in `engine_state`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import repeat
 from operator import attrgetter
 from typing import Any
@@ -16,7 +16,7 @@ from fame.engine import adhoc, faults, gateways, handlers, repair, scopes, start
 from fame.engine.engine_state import EngineState
 from fame.engine.host import Host
 from fame.engine.program import USER, Node, Program
-from fame.engine.state import Instance, Mailbox, Scope, scopes_of
+from fame.engine.state import Instance, Mailbox, Scope, Wait, scopes_of
 from fame.engine.waiting import MESSAGE, catch, take
 from fame.errors import MissionError
 
@@ -137,22 +137,32 @@ class Engine(EngineState):
 
         Raises MissionError if none waits there.
         """
-        for candidate in self.instances.values():
-            if instance not in (None, candidate.key):
-                continue
-            for wait in candidate.waits():
-                if wait.node.id == element and wait.catch.trigger in (USER, waiting.MESSAGE) and not wait.due:
-                    for name, value in (values or {}).items():
-                        wait.scope.variables[name] = value
-                    waiting.fire(self, wait)
-                    goes_on = not wait.due
-                    self.stepped()
-                    return goes_on
+        for wait in self._tasks_at(element, instance):
+            for name, value in (values or {}).items():
+                wait.scope.variables[name] = value
+            waiting.fire(self, wait)
+            goes_on = not wait.due
+            self.stepped()
+            return goes_on
         waiting_now = [wait for item in self.instances.values() for wait in item.waits()]
         if any(wait.node.id == element and wait.due for wait in waiting_now):
             raise MissionError("has been completed; it goes on when what suspends it ends", element=element)
         waits = sorted({wait.node.id for wait in waiting_now if not wait.due})
         raise MissionError(f"is not waiting; currently waiting: {', '.join(waits) or 'nothing'}", element=element)
+
+    def _tasks_at(self, element: str, instance: int | None = None) -> Iterator[Wait]:
+        for candidate in self.instances.values():
+            for wait in candidate.waits() if instance in (None, candidate.key) else ():
+                if wait.node.id == element and wait.catch.trigger in (USER, waiting.MESSAGE) and not wait.due:
+                    yield wait
+
+    def others_at(self, element: str, act: str) -> int:
+        """How many tokens a request could also mean (``complete``, ``retry``, or any other); it takes the first."""
+        if act == "complete":
+            return max(0, sum(1 for _ in self._tasks_at(element)) - 1)
+        if act == "retry":
+            return max(0, sum(wait.node.id == element for wait in self.incidents) - 1)
+        return repair.others_at(self, element)
 
     def activate(self, element: str) -> None:
         """Start an element of an open ad-hoc sub-process (again). Raises MissionError."""
@@ -179,6 +189,10 @@ class Engine(EngineState):
         """Set variables of the running instances. Raises MissionError if none runs."""
         repair.set_variables(self, values, instance)
         self.stepped()
+
+    def unset(self, names: Iterable[str]) -> list[str]:
+        """Return those of some names that are no variable of the running instances."""
+        return repair.unset(self, names)
 
     def move(self, source: str, target: str) -> None:
         """Take a token from one element to another of the same scope. Raises MissionError."""

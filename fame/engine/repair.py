@@ -8,7 +8,7 @@ boundary event, or the start of an event sub-process, that cannot be evaluated i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from fame.engine import scopes, waiting
@@ -90,6 +90,11 @@ def set_variables(engine: EngineState, values: Mapping[str, Any], instance: int 
             each.root.variables[name] = value
 
 
+def unset(engine: EngineState, names: Iterable[str]) -> list[str]:
+    """Return those of some names that are no variable of the instances."""
+    return [name for name in names if not any(name in each.root.variables for each in engine.instances.values())]
+
+
 def move(engine: EngineState, source: str, target: str) -> None:
     """Cancel the work of a token at an element, and start another element of the scope. Raises MissionError."""
     token, scope = token_at(engine, source)
@@ -129,12 +134,11 @@ def token_at(engine: EngineState, element: str) -> tuple[Wait | Scope, Scope]:
 
     Raises MissionError if no token is there.
     """
+    for token in _tokens_at(engine, element):
+        scope = _around(token)
+        assert scope is not None
+        return token, scope
     found = [token for instance in engine.instances.values() for token in _tokens(instance)]
-    for token in found:
-        if token.node is not None and token.node.id == element:
-            scope = token.scope if isinstance(token, Wait) else token.parent
-            assert scope is not None
-            return token, scope
     there = sorted({token.node.id for token in found if token.node is not None})
     raise MissionError(f"has no token; tokens are at: {', '.join(there) or 'none'}", element=element)
 
@@ -143,3 +147,25 @@ def _tokens(instance: Instance) -> list[Wait | Scope]:
     """Return the waits and scopes of an instance that hold a token of the scope around them."""
     inside = [child for scope in scopes_of(instance.root) for child in scope.children]
     return [child for child in inside if isinstance(child, Scope) or child.token]
+
+
+def others_at(engine: EngineState, element: str) -> int:
+    """How many tokens are at an element besides the first and what is inside of it."""
+    first, *others = (*_tokens_at(engine, element), None)
+    return sum(token is not None and not _is_inside(token, first) for token in others)
+
+
+def _tokens_at(engine: EngineState, element: str) -> Iterator[Wait | Scope]:
+    for instance in engine.instances.values():
+        yield from (token for token in _tokens(instance) if token.node is not None and token.node.id == element)
+
+
+def _around(token: Wait | Scope) -> Scope | None:
+    return token.scope if isinstance(token, Wait) else token.parent
+
+
+def _is_inside(token: Wait | Scope, other: Wait | Scope | None) -> bool:
+    scope = _around(token)
+    while scope is not None and scope is not other:
+        scope = scope.parent
+    return scope is not None

@@ -270,6 +270,10 @@ class RobotNode:
         self.runner.poll()
         return goes_on
 
+    def others_at(self, element: str, act: str) -> int:
+        """How many tokens a request could also mean; it takes the first (`fame.engine.Engine.others_at`)."""
+        return self.engine.others_at(element, act)
+
     def activate(self, element: str) -> None:
         """Start an element of an open ad-hoc sub-process. Raises MissionError if it is not in one."""
         self.engine.activate(element)
@@ -286,9 +290,11 @@ class RobotNode:
         """Set variables, and execute a failed element again. Raises MissionError if it has no incident."""
         self._repair(element, f"retried{_given(values)}", who, lambda: self.engine.retry(element, dict(values or {})))
 
-    def set_variables(self, values: Mapping[str, Any], *, who: str = "") -> None:
-        """Set variables of the running instances. Raises MissionError if none runs."""
+    def set_variables(self, values: Mapping[str, Any], *, who: str = "") -> list[str]:
+        """Set variables of the running instances. Returns those that none had. Raises MissionError if none runs."""
+        new = self.engine.unset(values)
         self._repair("", f"set{_given(values)}", who, lambda: self.engine.set_variables(dict(values)))
+        return new
 
     def move(self, source: str, target: str, *, who: str = "") -> None:
         """Move a token to another element of its scope. Raises MissionError if that is not possible."""

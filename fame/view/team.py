@@ -210,7 +210,7 @@ class TeamView(PageSink, Closing):
             self._leases = {name: lease for name, lease in self._leases.items() if lease != request.lease}
         if report.answer == "refused":
             raise FameError(f"{robot} refused: {report.reason}")
-        said = {"said": f"{robot}: {report.answer}"}
+        said = {"said": f"{robot}: {report.answer}{f': {report.reason}' if report.reason else ''}"}
         if act != "take_over":
             return said
         self._leases[robot] = request.lease
