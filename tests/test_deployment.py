@@ -1,6 +1,7 @@
 """Robots get their processes over topics: all or none, the newest of a burst, the old one kept if the new is wrong."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from fame import deploy
 from fame.bpmn.library import Library
 from fame.bpmn.reader import read_text
 from fame.cli.robots import rows
-from fame.clock import SECOND, Scheduler
+from fame.clock import SECOND, Kind, Scheduler
 from fame.deploy import EngineNode
 from fame.deploy.options import EngineOptions
 from fame.middleware import messages
@@ -63,6 +64,20 @@ def test_a_sender_names_the_robots_that_are_there() -> None:
         fame.DeploymentError, match=r"pool 'A' has no robot A; the robots are REX; start an engine with"
     ):
         sending.deploy([], 10.0, print)
+
+
+@pytest.mark.parametrize(("late", "found"), [(18, True), (22, False)])
+def test_a_sender_waits_as_long_after_each_engine_that_comes(late: int, found: bool) -> None:
+    field = Field()
+    for robot, after in (("A", 9), ("B", late)):
+        field.scheduler.after(after * SECOND, partial(EngineNode, robot, scheduler=field.scheduler,
+                                                      middleware=field.middleware), Kind.TIMER)  # fmt: skip
+    sending = Sending(read_text(TEAM, file="t.bpmn"), field.scheduler, field.middleware)
+    if found:
+        assert sending.deploy([], 10.0).started == ["A", "B"]
+    else:
+        with pytest.raises(fame.DeploymentError, match="pool 'B' has no robot B"):
+            sending.deploy([], 10.0)
 
 
 def test_if_one_robot_stays_silent_nobody_starts():

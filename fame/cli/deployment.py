@@ -85,8 +85,8 @@ _AT_ONCE = 0.5
 def _add_wait(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--wait", type=positive, metavar="S",
-        help="how long to wait for answers (10, half a second for each robot of more than 20); robots wait half of it "
-        "for the other ends of their topics",
+        help="how long to wait for answers, and for each further robot to be found (10, half a second for each of "
+        "more than 20); robots wait half of it for the other ends of their topics",
     )  # fmt: skip
 
 
@@ -120,7 +120,7 @@ def run_deploy(arguments: Namespace) -> int:
     with connected(arguments) as (scheduler, middleware):
         options = replace(migrated.options, library=library, patience=arguments.wait, key=key, who=person())
         sending = Sending(definitions, scheduler, middleware, options)
-        deployment = sending.deploy(arguments.to, options.patience_of(0), note, examine)
+        deployment = sending.deploy(arguments.to, options.patience_of(len(names or pools)), note, examine)
         if migrated.dry:
             return migrated.show(deployment)
         failures: Mapping[str, str] = {}

@@ -132,7 +132,7 @@ class Sending:
         log: Callable[[str], object] = lambda text: None,
         examine: Callable[[Mapping[str, Pool]], object] = lambda pools: None,
     ) -> Deployment:
-        """Deploy to the present engines and wait up to `patience` s for missing ones, which are reported to `log`.
+        """Deploy to the present engines; wait `patience` s after each that comes for those missing, reported to `log`.
 
         `examine` is called with the pool of each robot before anything is sent. Raises DeploymentError, ConfigError if
         some are missing, and what `examine` raises.
@@ -171,13 +171,16 @@ class Sending:
         late_joiners.close()
 
     def _find(self, only: Sequence[str], patience: float, log: Callable[[str], object]) -> Mapping[str, Pool]:
-        """Wait until every pool has its robots; the pool of each robot."""
-        begun, reported = self.scheduler.now, False
+        """Wait until every pool has its robots, and `patience` after the last engine that came; the pool of each."""
+        begun, reported, seen = self.scheduler.now, False, 0
         until = begun + round(patience * SECOND)
         while True:
             self.scheduler.run(self.scheduler.now + SECOND // 20)
+            there = engines(self.middleware)
+            if len(there) > seen:  # a machine with much to do lets them be found one after the other
+                seen, until = len(there), self.scheduler.now + round(patience * SECOND)
             try:
-                found = assign_robots(self.definitions, engines(self.middleware), found=True, only=only)
+                found = assign_robots(self.definitions, there, found=True, only=only)
             except (ConfigError, DeploymentError) as error:
                 if self.scheduler.now < until:
                     if not reported and self.scheduler.now > begun + SECOND:
