@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -57,6 +58,7 @@ def start(engines: int, folder: Path) -> dict[str, Any]:
 
 def main(engines: int = 100, rounds: int = 10, burners: int = 28) -> int:
     """Print each round."""
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # end the engines, too
     burning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(burners)]
     good = 0
     try:

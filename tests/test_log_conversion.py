@@ -347,6 +347,19 @@ def test_what_an_incomplete_recording_does_not_violate_is_not_known(
         assert "has only a part of its run (incomplete after" in capsys.readouterr().err
 
 
+def test_an_event_log_is_judged_with_what_called_processes_throw(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml")
+    with logging_to(tmp_path / "run.jsonl", scenario.closures()) as log:
+        scenario.run(observer=log)
+    assert main(["log", "judge", str(EXAMPLES / "ground_vehicles.yaml"), str(tmp_path / "run.jsonl"), "--json"]) == 3
+    (found,) = json.loads(capsys.readouterr().out)["runs"].values()
+    assert {one["property"]: one["verdict"] for one in found} == {
+        "found_first": "holds", "answer": "holds", "apart": "not known",
+    }  # fmt: skip
+
+
 def test_a_recording_is_not_merged_into_itself(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = run / "run.mcap"
     before = path.read_bytes()

@@ -85,8 +85,8 @@ _AT_ONCE = 0.5
 def _add_wait(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--wait", type=positive, metavar="S",
-        help="how long to wait for answers, and for each further robot to be found (10, half a second for each of "
-        "more than 20); robots wait half of it for the other ends of their topics",
+        help="how long to wait for answers, and for each further robot to be found (10, a second for each of "
+        "more than 10); robots wait half of it for the other ends of their topics",
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fame.robot.journal import StateDirectory
     from fame.robot.live import FeedLog
 
-PATIENCE, PATIENCE_PER_ROBOT = 10.0, 0.5
+PATIENCE, PATIENCE_PER_ROBOT = 10.0, 1.0
 """How long a deployment waits for its robots, at least and for each of them (s)."""
 
 

@@ -79,7 +79,8 @@ def _not_known(judgement: Judgement, text: str) -> Judgement:
 
 def _judge_events(path: Path, properties: Sequence[Property], model: Definitions) -> list[Judgement]:
     log = read_event_log(path, model)
-    team = _team_of({**team_of_model(model)[0], **log.processes}, [model])
+    robots, files = team_of_model(model)
+    team = _team_of({**robots, **log.processes}, files or [model])
     monitors = [compile(each, team) for each in properties]
     missing = team.robots.keys() - log.processes.keys()
     found = _judged_rows(log, log.rows, monitors, missing)
