@@ -80,6 +80,23 @@ def test_a_sender_waits_as_long_after_each_engine_that_comes(late: int, found: b
             sending.deploy([], 10.0)
 
 
+@pytest.mark.parametrize("comes_back", [True, False])
+def test_an_engine_that_is_lost_before_the_first_word_is_waited_for(comes_back: bool) -> None:
+    field = Field("A", "B")
+    field.scheduler.after(3 * SECOND // 10, field.engines["B"].close, Kind.TIMER)
+    if comes_back:
+        again = partial(EngineNode, "B", scheduler=field.scheduler, middleware=field.middleware)
+        field.scheduler.after(2 * SECOND, again, Kind.TIMER)
+    examined: list[list[str]] = []
+    sending = Sending(read_text(TEAM, file="t.bpmn"), field.scheduler, field.middleware)
+    if comes_back:
+        assert sending.deploy([], 10.0, examine=lambda found: examined.append(sorted(found))).started == ["A", "B"]
+    else:
+        with pytest.raises(fame.DeploymentError, match="pool 'B' has no robot B"):
+            sending.deploy([], 10.0, examine=lambda found: examined.append(sorted(found)))
+    assert examined == [["A", "B"]]
+
+
 def test_if_one_robot_stays_silent_nobody_starts():
     field = Field("A")
     sent = field.deploy(TEAM, robots=["A", "B"])

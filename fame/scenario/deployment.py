@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from contextlib import suppress
 
 from fame.bpmn.model import Definitions
@@ -137,11 +137,19 @@ class Sending:
         `examine` is called with the pool of each robot before anything is sent. Raises DeploymentError, ConfigError if
         some are missing, and what `examine` raises.
         """
-        examine(self._find(only, patience, log))
-        try:
-            deployment = self._sender.send(self.definitions, lambda _: self.scheduler.stop(), only=only)
-        except ConfigError as error:  # an engine has left in the meantime
-            raise DeploymentError(str(error)) from None
+        until = self.scheduler.now + round(patience * SECOND)
+        examined: Set[str] = frozenset()
+        while True:
+            found = self._find(only, patience, log)
+            if found.keys() != examined:
+                examine(found)
+                examined = found.keys()
+            try:
+                deployment = self._sender.send(self.definitions, lambda _: self.scheduler.stop(), only=only)
+                break
+            except ConfigError as error:  # an engine has left in the meantime; under load one is lost for a moment
+                if self.scheduler.now > until:
+                    raise DeploymentError(str(error)) from None
         try:
             self.scheduler.run()
         except BaseException:  # Ctrl-C: abort, so that no robot waits for more
