@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -49,7 +50,9 @@ def start(engines: int, folder: Path) -> dict[str, Any]:
         rows = [line.split() for line in text.splitlines()]
         started = sum(len(row) > 1 and row[1] == "started" for row in rows)
         took = round(time.monotonic() - deployed, 1)
-        result = "started" if sender.returncode == 0 and started == engines else text[-600:]
+        others = Counter(" ".join(row[1:]) for row in rows if row[1:2] != ["started"])
+        why = "; ".join(f"{number} times {text[:200]}" for text, number in others.most_common(5))
+        result = "started" if sender.returncode == 0 and started == engines else why
         return {"result": result, "started": started, "engines_s": round(there, 1), "deployment_s": took}
     finally:
         fleet.terminate()

@@ -178,6 +178,13 @@ def test_what_runs_is_suspended_when_the_others_did_not_answer_at_once():
     assert not {Hold, Observe} & set(map(type, after(*HOLDS, Silence())[1]))
 
 
+def test_robots_of_a_large_team_ask_each_other_less_often():
+    team = [f"R{number}" for number in range(100)]
+    large = replace(FIRST, robot="R0", team=team, silence=50.0)
+    ready = (Received(large), LoadDue(), Loaded(), Matched(), Promised())
+    assert AwaitSender(10.0) in after(*ready, Silence(), robot="R0")[1]
+
+
 def test_a_robot_that_has_answered_aborted_to_another_one_never_becomes_ready():
     state, actions = after(told("ask"), Received(FIRST))
     assert [action.answer for action in actions] == ["stale"]

@@ -89,9 +89,17 @@ def test_what_a_sender_does(events, actions):
     assert after(*events)[1] == actions
 
 
+HUNDRED = replace(NEW, robots=tuple(RobotProgress(f"R{number}") for number in range(100)))
+
+
+def test_a_large_team_is_asked_less_often():
+    said = [StatusReceived(each.robot, 3) for each in HUNDRED.robots]
+    assert after(Begun(0), *said, TimerFired(0), state=HUNDRED)[1][-1] == StartTimer(5.0)
+
+
 def test_robots_wait_longer_for_the_sender_of_a_large_team_and_for_one_whose_timers_are_late():
     assert NEW.silence == 5
-    assert replace(NEW, robots=tuple(RobotProgress(f"R{number}") for number in range(100))).silence == 25
+    assert HUNDRED.silence == 50
     late = after(Begun(0), TimerFired(round(1.52 * SECOND)), TimerFired(3 * SECOND))[0]
     assert late.silence == pytest.approx(7.5)
     assert after(TimerFired(10 * SECOND), state=late)[0].silence == late.silence  # robots have been told

@@ -70,8 +70,8 @@ from fame.deploy.robot_state import (
 )
 from fame.deploy.termination import Instruction, PeerAnswered, Ready, Silence
 
-ASKING = 1.0
-"""How often a robot that holds asks the other robots (s)."""
+ASKING, ASKING_PER_ROBOT = 1.0, 0.1
+"""How often a robot that holds asks the other robots, at most and for each of the team (s): each asks all others."""
 _ANSWERS = 100
 _NOT_LOADED = "no such deployment is loaded here"
 _NOT_READY = "it is not ready: the other ends of its topics are not there yet"
@@ -348,7 +348,9 @@ class _Transition:
         self.state = replace(self.state, candidate=candidate)
         if holds:
             self._do(
-                Hold(), AwaitSender(ASKING), Reply("asking", candidate.envelope.deployment, candidate.why_it_holds)
+                Hold(),
+                _await_answers(candidate),
+                Reply("asking", candidate.envelope.deployment, candidate.why_it_holds),
             )
         else:
             self._do(AwaitSender(candidate.envelope.silence))
@@ -381,7 +383,7 @@ class _Transition:
 
     def _ask_others(self, candidate: Candidate) -> None:
         """Others that are there answer at once: only a robot that asks again has to hold."""
-        self._do(AskOthers(), AwaitSender(ASKING))
+        self._do(AskOthers(), _await_answers(candidate))
         self._do(Reply("asking", candidate.envelope.deployment, candidate.why_it_holds))
         if candidate.asked:
             self._hold(candidate)
@@ -475,3 +477,7 @@ class _Transition:
     def _repeat(self, deployment: str, otherwise: Reply) -> None:
         known = self.state.answer_to(deployment)
         self._do(replace(known, repeated=True) if known is not None else otherwise)
+
+
+def _await_answers(candidate: Candidate) -> AwaitSender:
+    return AwaitSender(max(ASKING, ASKING_PER_ROBOT * len(candidate.envelope.team)))

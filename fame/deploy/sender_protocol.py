@@ -39,11 +39,11 @@ SETTLE = 0.02
 yet, and repeats them only 100 to 300 ms later."""
 DISCOVERY = 0.5
 """How long a sender without keys waits for reports of all robots before it loads (s)."""
-REPEAT = 1.0
-"""After how long a robot that did not answer is asked again (s)."""
+REPEAT, REPEAT_PER_ROBOT = 1.0, 0.05
+"""After how long a robot that did not answer is asked again, at least and for each of the team (s)."""
 HOLDING = 4.8
 """How long robots may be held for a migration before it starts or is aborted (s)."""
-SILENCE_PER_ROBOT, SILENCE_PER_LATENESS, LONGEST_LATENESS = 0.25, 5.0, 6.0
+SILENCE_PER_ROBOT, SILENCE_PER_LATENESS, LONGEST_LATENESS = 0.5, 5.0, 6.0
 """How long robots wait for their sender, at least: s for each of the team, and how many times the greatest lateness of
 a timer before the model was sent, of which at most some s count: longer ones are of a sender that was stopped."""
 REFUSALS = frozenset({"refused", "stale", "superseded", "aborted", "left"})
@@ -269,9 +269,9 @@ def _send_all(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderAc
         sent = [SendEnvelope(each.robot, "start", begun) for each in state.robots if each.state == "ready"]
     else:
         sent = [SendEnvelope(each.robot, "load" if each.state == "silent" else "hold") for each in state.robots]
-    repeat = REPEAT
+    repeat = max(REPEAT, REPEAT_PER_ROBOT * len(state.robots))
     if state.holding >= 0 and state.phase != "start":
-        repeat = max(SETTLE, min(REPEAT, HOLDING - (now - state.holding) / SECOND))
+        repeat = max(SETTLE, min(repeat, HOLDING - (now - state.holding) / SECOND))
     return replace(state, spoke=now), (*sent, StartTimer(repeat))
 
 
