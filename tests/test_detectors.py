@@ -11,6 +11,7 @@ from fame.errors import ConfigError
 from fame.monitor.pipeline.detectors import (
     DETECTORS,
     STORED,
+    Several,
     detector_name,
     detector_names,
     fit_detector,
@@ -47,6 +48,21 @@ def test_a_detector_names_the_channel_that_deviates_and_comes_back_as_it_was(nam
     again = detector_of(to_plain(detector), STORED)
     np.testing.assert_array_equal(again.loss(odd), found)
     np.testing.assert_allclose(detector.loss(odd[:1]), found[:1], rtol=1e-9)  # one by one as all at once
+
+
+@pytest.mark.parametrize("rule", ["any of", "all of"])
+def test_each_of_several_counts_relative_to_windows_that_it_has_not_learned(rule: str):
+    several = fit_detector(f"{rule} knn, mahalanobis", windows()[:300], QUICK)
+    assert isinstance(several, Several)
+    for part, usual in zip(several.parts, several.usual, strict=True):  # knn stores all 300: these have no loss
+        assert 0.3 < (part.loss(windows()[300:]) / usual).max() < 3
+
+
+def test_several_learn_without_the_runs_that_they_are_measured_on():
+    times = np.tile(np.append(np.arange(58.0), [np.nan, np.nan]), 5)  # five runs; behind 58 s no time is known
+    found = fit_detector("any of phase, mahalanobis", windows()[:300], QUICK, times)
+    assert isinstance(found, Several)
+    assert (found.usual > 0).all()
 
 
 def test_the_forest_scores_as_scikit_learn_does():
