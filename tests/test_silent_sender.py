@@ -11,7 +11,7 @@ from deployment_field import TEAM, Field, definitions, kill, made, patrol, proce
 from fame.bpmn.reader import read_text
 from fame.deploy import Deployment, EngineNode
 from fame.deploy.envelope import signed
-from fame.deploy.options import EngineOptions
+from fame.deploy.options import DeploymentOptions, EngineOptions
 from fame.deploy.requests import AbortClient
 from fame.middleware import local
 
@@ -47,7 +47,7 @@ def sent(field: Field, text: str, robots: Iterable[str], id: str, kind: type[Dep
         scheduler=field.scheduler,
         middleware=field.middleware,
         ended=lambda deployment: None,
-        robots=list(robots),
+        options=DeploymentOptions(robots=list(robots)),
     )
 
 

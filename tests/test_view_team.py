@@ -422,7 +422,11 @@ def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> No
         {"do": "move", "element": "Sign", "to": "Rest"},
     ]
     answers = asked_of(field, [{"robot": "REX", **command} for command in commands])
-    assert answers == [{"said": "REX: retried"}, {"said": "REX: set"}, {"said": "REX: moved"}]
+    assert answers == [
+        {"said": "REX: retried"},
+        {"said": "REX: set: load; not a variable before: load"},
+        {"said": "REX: moved"},
+    ]
     assert field.waiting() == {("REX", "Rest")}
     values = {name: value[0] for found in field.view._packer.state.variables.values() for name, value in found.items()}
     assert values == {"speed": 4, "left": 2.5, "load": 2.5}
