@@ -86,7 +86,7 @@ def _add_wait(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--wait", type=positive, metavar="S",
         help="how long to wait for answers, and for each further robot to be found (10, a second for each of "
-        "more than 10); robots wait half of it for the other ends of their topics",
+        "more than 10); robots wait half of it, or all but 20 s, for the other ends of their topics",
     )  # fmt: skip
 
 

@@ -57,6 +57,9 @@ from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node
 
+_REST = 20.0
+"""The part of a long patience that is left when robots stop waiting for the other ends of their topics (s)."""
+
 
 class Deployment:
     """One model, sent to its robots: all start, or none does.
@@ -139,7 +142,7 @@ class Deployment:
                 model=parts[pool.name],
                 hash=model_hash(parts[pool.name].encode()),
                 promises=promised[robot],
-                matching=self._patience / 2,  # the rest is for loading, and for saying what is missing
+                matching=max(self._patience / 2, self._patience - _REST),
                 team=list(sent),
                 receivers=caught[robot],
                 again=robot in self._options.again,
