@@ -116,7 +116,7 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def chosen_of(spec: AdHoc, variables: dict[str, Any]) -> list[Node]:
-    """Return the first nodes. Raises ValueError for anything but a list of ids of elements that can start."""
+    """Return the first nodes of the elements to start. Raises ValueError if the ids are not a list of such elements."""
     if spec.chosen is None:
         return list(spec.entries.values())
     ids = spec.chosen(variables)
@@ -206,7 +206,7 @@ SWEEP = Node("", "(sweep)", sweep)
 
 
 def activate(engine: EngineState, element: str) -> None:
-    """Start an element of an open ad-hoc sub-process. Raises MissionError if none that contains it is open."""
+    """Start an element of an open ad-hoc sub-process. Raises MissionError if it cannot start in any."""
     for scope, entries in _open(engine):
         if element in entries:
             scope.tokens += 1

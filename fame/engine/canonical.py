@@ -34,7 +34,7 @@ Control = tuple[Any, ...]
 Form = tuple[int, tuple[int, ...]]
 """The form of an engine: number of its control state, numbers of the contents of its dicts of variables."""
 Keys = dict[int, int]
-"""Key in an engine -> in those revived from its form, of the waits that the host refers to and of armed starts."""
+"""Key in an engine -> key in an engine revived from its form, for waits that the host refers to and armed starts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class Forms:
         self._shared: dict[Hashable, Hashable] = {}
 
     def walk(self, engine: Engine) -> Walk:
-        """Walk over an engine that is not running, for its form. No script may be ending."""
+        """Walk over an engine between two stimuli. Raises RuntimeError if something is being cancelled or held."""
         if engine.ready or engine.cancelling or engine.held is not None:
             raise RuntimeError("a form is taken between two stimuli, when nothing is being cancelled or held")
         return Walk(self, engine)
@@ -129,7 +129,7 @@ class Forms:
         number = self._numbers.get(control)
         if number is None:
             instances, scopes, waits, *others = control
-            share = self._shared.setdefault  # most control states have scopes and waits of others
+            share = self._shared.setdefault  # most scopes and waits occur in several control states
             scopes, waits = (tuple([share(each, each) for each in part]) for part in (scopes, waits))
             control = (instances, scopes, waits, *others)
             number = self._numbers[control] = len(self.controls)
@@ -210,7 +210,7 @@ class Walk:
             self.boxes.append(box)
 
     def form(self) -> tuple[Form, Keys]:
-        """Return the form of the engine, and what becomes of its keys."""
+        """Return the form of the engine, and its keys in a revived engine."""
         engine, positions, number = self.engine, self.forms.positions, self.number
         keys = {key: number[wait] for key, wait in engine.waits.items()}
         named = tuple(sorted(keys.values()))

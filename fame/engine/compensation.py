@@ -138,7 +138,7 @@ def _undone(engine: EngineState, scope: Scope, undoing: Scope) -> None:
 
 
 def cancel(engine: EngineState, scope: Scope, node: Node) -> None:
-    """Cancel and compensate the transaction around a cancel end event; it leaves by its cancel boundary event."""
+    """Cancel and compensate the transaction around a cancel end event, then continue at its cancel boundary event."""
     place = scope
     while place.parent is not None and not (place.node and place.node.body and place.node.body.transaction):
         place = place.parent
@@ -152,7 +152,7 @@ def cancel(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def _whole_of(instance: Scope) -> Scope:
-    """Return the scope of a repeated transaction, cancelled as a whole, and the records of its running instances."""
+    """Return the scope of a repeated transaction, cancelled as a whole; add the records of its running instances."""
     whole = instance.parent
     assert whole is not None
     for each in whole.children:
@@ -208,7 +208,7 @@ def compensable(context: ScopeCompiler, event: model.Event) -> None:
 
 
 def _attach(context: ScopeCompiler, activity: str, node: Node, handler: str) -> None:
-    """Give an activity its compensation handler, or each instance of a repeated activity.
+    """Set the compensation handler of an activity, or of each instance of a repeated activity.
 
     After an activity without a scope of its own, a node records its completion.
     """

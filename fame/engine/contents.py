@@ -1,8 +1,8 @@
 """The contents of the dicts of variables of engines, by number, and the way back.
 
 A step changes few variables. A dict that was made from a content is compared with it object by object: what is the same
-object has the same code, so that only variables that have changed are encoded. All is done by the methods of `dict`
-itself: of chained variables only their own count, and those that note their use do not note this one.
+object has the same code, so that only variables that have changed are encoded. Dicts are read by the methods of `dict`
+itself: of chained variables only a scope's own count, and dicts that record what is read do not record this.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from fame.engine.encoding import is_data
 _Encode = Callable[[Any], Hashable]
 Decode = Callable[[Any], Any]
 Changes = tuple[tuple[str, Hashable | None], ...]
-"""Names of variables with their new codes; None for those that are in the content no more."""
+"""Names of variables with their new codes; None for those that the content no longer has."""
 
 
 class Layout:
@@ -145,13 +145,13 @@ class Contents:
         return not self._contents[number].codes
 
     def codes(self, number: int, names: Sequence[str]) -> tuple[Hashable | None, ...]:
-        """Return the codes of variables of a content; None for those that it has not."""
+        """Return the codes of variables of a content; None for those that it does not have."""
         content = self._contents[number]
         places, codes = content.layout.places, content.codes
         return tuple([codes[places[name]] if name in places else None for name in names])
 
     def difference(self, before: int, after: int, written: Collection[str] = ()) -> Changes:
-        """Return the changes that make one content of another, and of those that were written also what is the same."""
+        """Return the changes from one content to another, including each variable in `written`, changed or not."""
         one, other = self._contents[before], self._contents[after]
         if one is other and not written:
             return ()
@@ -182,7 +182,7 @@ class Contents:
         return self._numbered(content.layout, tuple(codes)) if changes else number
 
     def forgotten(self, number: int, names: Collection[str], code: Hashable, removed: Collection[str] = ()) -> int:
-        """Return the number of a content in which set variables have that code, and others are removed."""
+        """Return the number of a content after those `names` that are set get `code`, and `removed` are removed."""
         changes = [(name, code) for name in names if name in self._contents[number].layout.places]
         return self.changed(number, (*changes, *((name, None) for name in removed)))
 

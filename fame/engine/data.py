@@ -106,13 +106,13 @@ class Variables(dict[str, Any]):
 
 
 def chained(outer: dict[str, Any], own: dict[str, Any]) -> Variables:
-    """Return the variables of a scope inside another one; the class of `outer` may name their class as ``inner``."""
+    """Return the variables of a scope inside another one. Their class is the attribute ``inner`` of `outer`, if any."""
     kind: type[Variables] = getattr(outer, "inner", Variables)
     return kind(outer, own)
 
 
 def plain(variables: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all variables that are data, inner ones before outer ones, as a new plain dict.
+    """Return all variables that are data, as a new plain dict; an inner one hides an outer one of its name.
 
     Names with two leading underscores, modules, classes and callables are code, not data: they are never shown, logged
     or stored.
@@ -260,7 +260,7 @@ def match(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str
 
 
 def match_prefix(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str, ...]]:
-    """Like `match`, without a data object at the event: variables whose names begin with that of a top-level field."""
+    """Return the top-level field, as a path, for each variable whose name begins with that of the field."""
     found: dict[str, tuple[str, ...]] = {}
     for field in message if isinstance(message, Mapping) else getattr(message, "__dataclass_fields__", ()):
         free = [name for name in names if name not in found and name.startswith(field)]

@@ -95,7 +95,7 @@ def raise_error(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 def _message_of(spec: Raise, variables: dict[str, Any]) -> str:
-    """Return the text of an error. One that cannot be computed never takes the place of the error."""
+    """Return the text of an error. If it cannot be computed it says why: the error is thrown all the same."""
     try:
         text = spec.message(variables) if spec.message is not None else None
     except KeyboardInterrupt:

@@ -140,7 +140,7 @@ def _pass_through(engine: EngineState, scope: Scope, join: Node) -> None:
 
 
 def masks(content: model.Body, join: model.Gateway) -> dict[str, int]:
-    """For each element and flow of a body: the incoming flows of a join that a token there reaches before the join."""
+    """Return for each element and flow of a body which incoming flows of a join a token there can reach (bit mask)."""
     before: dict[str, list[str]] = {}
     for flow in content.flows:
         before.setdefault(flow.target, []).append(flow.id)

@@ -156,7 +156,7 @@ def _in_order(found: list[Wait]) -> list[Wait]:
 
 
 def _pause(engine: EngineState, wait: Wait) -> Cancelling:
-    """It stops listening (its queue does not); a running task is cancelled, to be started again."""
+    """Let a wait stop listening (its queue goes on), and cancel its running task, to be started again."""
     wait.paused += 1
     if wait.paused > 1:
         return ()
@@ -165,7 +165,7 @@ def _pause(engine: EngineState, wait: Wait) -> Cancelling:
 
 
 def _fire_due(engine: EngineState, waits: list[Wait]) -> None:
-    """Let those fire that came due while they were held, in due order."""
+    """Fire the waits that came due while they were held, in that order."""
     due = [wait for wait in waits if wait.due and not wait.paused]
     for wait in sorted(due, key=attrgetter("due")):
         wait.due = 0

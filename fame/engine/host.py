@@ -30,7 +30,7 @@ class BpmnError(Exception):
 
 
 class Cancelled(BaseException):
-    """Raised at the ``await`` of a cancelled script. No Exception, so that `except Exception` does not catch it."""
+    """Raised at the ``await`` of a cancelled script. ``except Exception`` does not catch it."""
 
 
 class Host(Protocol):
@@ -89,7 +89,7 @@ _RAISE = (dis.opmap["RAISE_VARARGS"], dis.opmap["RERAISE"])
 
 
 def is_from_outside(error: KeyboardInterrupt) -> bool:
-    """Return whether it is a user's Ctrl-C, which arrives between two instructions, and not raised by a script."""
+    """Return whether it is a user's Ctrl-C, which arrives between two instructions, and was not raised by a script."""
     trace = error.__traceback__
     if trace is None:
         return False

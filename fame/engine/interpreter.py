@@ -24,7 +24,7 @@ MOVES = 1_000_000
 """Moves of tokens within one stimulus that count as a livelock."""
 
 SUSPENSIONS = 10_000
-"""The same for suspensions by event sub-processes, each of which is the work of many moves."""
+"""Suspensions by event sub-processes that count as one, too: each is as much work as many moves."""
 
 PORTION = 300
 """Moves after which observers are informed during a long stimulus."""
@@ -93,7 +93,7 @@ class Engine(EngineState):
             self.run()
 
     def post(self, topic: str, message: Any) -> None:
-        """Queue a message that a script has published for own catchers; then the script's token continues."""
+        """Queue a message that a script has published: own catchers receive it before the script's token continues."""
         self.ready.append((None, (topic, message)))
         self.unsettled = True
 
@@ -157,7 +157,7 @@ class Engine(EngineState):
                     yield wait
 
     def others_at(self, element: str, act: str) -> int:
-        """How many tokens a request could also mean (``complete``, ``retry``, or any other); it takes the first."""
+        """Return how many tokens a request (``complete``, ``retry`` or another) could mean besides the first."""
         if act == "complete":
             return max(0, sum(1 for _ in self._tasks_at(element)) - 1)
         if act == "retry":
@@ -191,11 +191,11 @@ class Engine(EngineState):
         self.stepped()
 
     def unset(self, names: Iterable[str]) -> list[str]:
-        """Return those of some names that are no variable of the running instances."""
+        """Return those of some names that no running instance has as a variable."""
         return repair.unset(self, names)
 
     def move(self, source: str, target: str) -> None:
-        """Take a token from one element to another of the same scope. Raises MissionError."""
+        """Move a token from one element to another of the same scope. Raises MissionError."""
         repair.move(self, source, target)
         self.run()
 
@@ -322,7 +322,7 @@ class Engine(EngineState):
     # ---- callbacks -----------------------------------------------------------------------------------
 
     def check_conditions(self) -> None:
-        """Variables changed: evaluate the armed conditional events."""
+        """Evaluate the armed conditional events, after variables have changed."""
         waiting.check_conditions(self)
 
     def fail_callback(self, variables: dict[str, Any], element: str, error: BaseException) -> None:
@@ -342,8 +342,8 @@ class Engine(EngineState):
 def deliver(engine: EngineState, topic: str, message: Any) -> None:
     """Deliver a message once to each catcher that is armed now, in the order of arming; start events come last.
 
-    What a queue keeps is a signal for which no token waits at its event. A BPMN message goes only to the first catcher
-    that it correlates with, else to one queue, else to a start event (standard 8.3.2).
+    A queue keeps a signal only if no token waits at its event. A BPMN message goes only to the first catcher that it
+    correlates with, else to one queue, else to a start event (standard 8.3.2).
     """
     taken = heard = False
     listeners = tuple(engine.listeners.get(topic, ()))

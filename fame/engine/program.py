@@ -101,11 +101,11 @@ def nothing(engine: Any, wait: Any) -> None:
 NO_TRIGGER = Trigger("", nothing, nothing, nothing, nothing)
 """The trigger of a token that other waits wake, as at an event-based gateway."""
 USER = Trigger("user", nothing, nothing, nothing, nothing)
-"""A person completes a user or manual task."""
+"""The trigger of a user or manual task, which a person completes."""
 
 
 def _no_value(variables: dict[str, Any]) -> Any:
-    """Return no value: the trigger is neither a timer nor a condition."""
+    """Return None: the trigger is neither a timer nor a condition."""
 
 
 @dataclass(slots=True)

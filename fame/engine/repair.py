@@ -26,7 +26,7 @@ def _forget(engine: EngineState, wait: Wait) -> None:
 
 INCIDENT = Trigger("incident", arm=nothing, disarm=_forget, suspend=nothing, resume=nothing)
 AT_INCIDENT = Catch(INCIDENT, nothing, lambda engine, wait, error: None)
-"""The trigger of a token at an incident."""
+"""The `Catch` of a token at an incident."""
 
 
 def keep_failed(engine: EngineState, scope: Scope, node: Node, text: str, code: str) -> None:
@@ -40,7 +40,7 @@ def keep_failed(engine: EngineState, scope: Scope, node: Node, text: str, code: 
 
 
 def keep_armed(engine: EngineState, wait: Wait, text: str, code: str) -> None:
-    """Keep what is armed without a token, and could not be evaluated; nothing triggers it."""
+    """Keep an armed event that holds no token and could not be evaluated, as an incident; nothing triggers it."""
     wait.alive, wait.box, wait.catch = True, None, AT_INCIDENT
     if wait.owner is wait.scope:  # the start of an event sub-process
         wait.scope.children[wait] = None
@@ -72,7 +72,7 @@ def retry(engine: EngineState, element: str, values: Mapping[str, Any]) -> None:
 
 
 def _arm_again(engine: EngineState, wait: Wait) -> None:
-    """Arm what holds no token. While it is suspended only a timer runs: the others are armed when that ends."""
+    """Arm an event that holds no token. While it is suspended only a timer is: others are armed at the end of that."""
     _forget(engine, wait)
     assert wait.node.catch is not None
     wait.catch = wait.node.catch
@@ -91,7 +91,7 @@ def set_variables(engine: EngineState, values: Mapping[str, Any], instance: int 
 
 
 def unset(engine: EngineState, names: Iterable[str]) -> list[str]:
-    """Return those of some names that are no variable of the instances."""
+    """Return those of some names that no instance has as a variable."""
     return [name for name in names if not any(name in each.root.variables for each in engine.instances.values())]
 
 
@@ -150,7 +150,7 @@ def _tokens(instance: Instance) -> list[Wait | Scope]:
 
 
 def others_at(engine: EngineState, element: str) -> int:
-    """How many tokens are at an element besides the first and what is inside of it."""
+    """Return the number of tokens at an element, without the first and those inside it."""
     first, *others = (*_tokens_at(engine, element), None)
     return sum(token is not None and not _is_inside(token, first) for token in others)
 

@@ -332,7 +332,7 @@ class ScopeCompiler:
 
 
 def _pairs(assignments: Iterable[model.Assignment]) -> list[tuple[str, model.Expression]]:
-    """Assignments as pairs of target and source."""
+    """Return assignments as pairs of target and source."""
     return [(item.target, item.source) for item in assignments]
 
 

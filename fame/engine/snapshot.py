@@ -77,7 +77,7 @@ def without_instances(engine: Engine, dump: Convert = no_data) -> Data:
 
 
 def _once(engine: Engine, to: StateWriter) -> Data:
-    """Return what a snapshot has once."""
+    """Return the fields of the engine itself."""
     data = _write_engine(engine, to)
     data["program"], data["observed"] = engine.program.hash, engine.program.observed
     return data
@@ -160,7 +160,7 @@ def _dicts(data: Data, new_variables: Callable[[], dict[str, Any]], load: Conver
 
 
 def _objects(data: Data, of: Reader) -> None:
-    """First all objects by key, then their fields, which refer to them."""
+    """Make all objects by key, then set their fields, which refer to them."""
     objects, nodes = of.objects, of.nodes
     for item in data["instances"]:
         of.instances[item["key"]] = Instance(item["key"], of.engine.program, {})

@@ -44,7 +44,7 @@ def open_instance(engine: EngineState, entry: Node, values: dict[str, Any] | Non
 
 
 def _own(value: Any) -> Any:
-    """A value that no other instance changes."""
+    """Return a value that no other instance changes."""
     return deepcopy(value) if isinstance(value, list | dict | set) else value
 
 

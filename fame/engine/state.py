@@ -86,7 +86,7 @@ Trail = list[tuple[Scope, list[Mark]]]
 
 
 class Record:
-    """A completed activity, with the records inside it, `depth` levels of them (see `fame.engine.compensation`)."""
+    """A completed activity, with the records inside it (see `fame.engine.compensation`); `depth` levels with itself."""
 
     __slots__ = ("depth", "inner", "node", "variables")
 

@@ -57,7 +57,7 @@ class FieldCodec:
 
     empty    makes the data of an empty container; None: `write` makes it
     single   whether it is one reference, whose data is a key
-    ordered  whether the order of a list is part of the state: of `Scope.children`, that of those at one node
+    ordered  whether the order of a list is part of the state (in `Scope.children`, only among those at one node)
     """
 
     write: Callable[[Any, StateWriter], Any]
@@ -68,7 +68,7 @@ class FieldCodec:
 
 
 def many(kind: FieldCodec, container: Callable[[Iterable[Any]], Any]) -> FieldCodec:
-    """Several values of a kind."""
+    """Return the codec of a container of values of a kind."""
     write, read = kind.write, kind.read
 
     def write_all(items: Any, to: StateWriter) -> Any:
@@ -78,7 +78,7 @@ def many(kind: FieldCodec, container: Callable[[Iterable[Any]], Any]) -> FieldCo
 
 
 def mapping(keys: FieldCodec, values: FieldCodec) -> FieldCodec:
-    """Return a dict whose keys and values have these kinds."""
+    """Return the codec of a dict whose keys and values have these kinds."""
     return FieldCodec(
         lambda found, to: {keys.write(key, to): values.write(value, to) for key, value in found.items()},
         lambda data, of: {keys.read(key, of): values.read(value, of) for key, value in data.items()},
@@ -87,7 +87,7 @@ def mapping(keys: FieldCodec, values: FieldCodec) -> FieldCodec:
 
 
 def parts(*kinds: FieldCodec) -> FieldCodec:
-    """Return a tuple whose parts have these kinds."""
+    """Return the codec of a tuple whose parts have these kinds."""
     return FieldCodec(
         lambda found, to: [kind.write(part, to) for kind, part in zip(kinds, found, strict=True)],
         lambda data, of: tuple([kind.read(part, of) for kind, part in zip(kinds, data, strict=True)]),

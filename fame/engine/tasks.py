@@ -149,7 +149,7 @@ _SCRIPT_CATCH = triggers.catching(trigger=SCRIPT)
 
 
 def _running(context: ScopeCompiler, task: model.Task, step: StepFunction, spec: Script) -> Node:
-    """Make a node at which a token waits while its script or service does."""
+    """Make a node at which a token waits for its script or service, if that waits."""
     node = context.node(task, step, spec=spec)
     node.catch = _SCRIPT_CATCH
     return node

@@ -4,7 +4,7 @@ The trigger of a wait arms it: in the table of listeners (signal, message), as a
 conditions. A disarmed wait is in none of them. The table at the end has the functions of each trigger.
 
 An event with a queue has a `Mailbox` among the listeners of its topic, which keeps what no token takes. A BPMN message
-is kept once for the whole robot: when the token of its event has passed, it is for any other that waits.
+is kept once for the whole robot: when the token of its event has passed, any other that waits can take it.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def stop_listening(engine: EngineState, wait: Wait) -> None:
 
 
 def take_kept(engine: EngineState, wait: Wait) -> None:
-    """Give a wait what is kept for it, the oldest first; of alternatives, that which is for the oldest wins."""
+    """Deliver the messages kept for a wait, the oldest first; of alternatives, the one for the oldest message wins."""
     catch = wait.catch
     if not catch.queue and catch.topic not in engine.program.shared:
         return
@@ -153,7 +153,7 @@ def fits(catch: Catch, scope: Scope, message: Any) -> bool:
 
 
 def take(engine: EngineState, wait: Wait, message: Any) -> bool:
-    """Give a message to a wait, if it correlates with it. The first message sets the keys."""
+    """Deliver a message to a wait, if it correlates with it. The first message sets the keys."""
     if not correlates(wait.catch.keys, wait.scope.variables, message):
         return False
     catch(engine, wait, message)
@@ -177,14 +177,14 @@ def pass_activity(engine: EngineState, activity: Scope, scope: Scope) -> None:
 
 
 def _pass(engine: EngineState, box: Mailbox) -> None:
-    """Mark an event with a queue whose token has left: what is left there is for others."""
+    """Mark the queue of an event whose token has left: others can take its messages."""
     box.passed = True
     if box.messages:
         engine.ready.append((HAND_ON, box.scope))
 
 
 def _hand_on(engine: EngineState, scope: Scope, node: Node) -> None:
-    """Give the messages in the queues of a scope whose token has passed to those that wait for them elsewhere."""
+    """Deliver the messages of a scope's queues whose token has passed to waits elsewhere."""
     left = [(kept, box) for box in (scope.mail or {}).values() if box.passed for kept in box.messages]
     for kept, box in sorted(left, key=lambda item: item[0][0]):
         for wait in tuple(engine.listeners.get(box.catch.topic, ())):
@@ -198,7 +198,7 @@ def _hand_on(engine: EngineState, scope: Scope, node: Node) -> None:
 
 
 HAND_ON = Node("", "(hand on)", _hand_on)
-"""In the ready queue, but no token: what an event keeps whose token has passed is given to others."""
+"""An entry of the ready queue that is not a token: it delivers messages kept by events whose token has passed."""
 
 
 def mailbox_of(wait: Wait) -> Mailbox | None:
@@ -250,7 +250,7 @@ def cancel_timer(engine: EngineState, wait: Wait) -> None:
 
 
 def set_timer_again(engine: EngineState, wait: Wait) -> None:
-    """Set the timer of a handler that has fired again. Other timers run on while they are suspended."""
+    """Set the timer of a handler again if it has fired. Other timers run on while they are suspended."""
     if wait.catch.resume and wait.key not in engine.waits:
         set_timer(engine, wait)
 
@@ -278,7 +278,7 @@ def check_conditions(engine: EngineState) -> None:
 
 
 def check_condition(engine: EngineState, wait: Wait) -> None:
-    """Fire a conditional event if its condition becomes true; with a name that is not set it is false."""
+    """Fire a conditional event if its condition becomes true. It is false if a name is not set, or if it fails."""
     try:
         value = bool(wait.catch.value(wait.scope.variables))
     except (NameError, LookupError, AttributeError):
