@@ -6,6 +6,9 @@
     abstraction     what is left out of a model: work inside behaviours, variables that decide nothing
     slicing         statements of scripts that decide nothing
     script_effects  what scripts change
+    script_requests failures of what scripts wait for, and codes that they compute
+    aliases         variables that may hold the same list or mapping
+    asking          scripts and conditions that ask unknown values
     purity          which scripts are executed
     values          known values by number, and the unknown one
     host            the host of an explored engine
@@ -23,6 +26,7 @@
     network         messages in transit
     broadcast       delivery to all receivers at once
     symmetry        robots that nothing tells apart
+    kinds           robots of one pool that do not start alike
     product         what may happen in each state of the team
     reduction       steps that need not be interleaved with those of others
     independence    steps of parallel branches that commute

@@ -40,7 +40,7 @@ class Step:
     writes   variables that it may set at any time: they are unknown from its beginning on
     changes  those whose values it may change in place: unknown, too, unless they are of a kind that cannot be changed
     results  variables that it sets when it completes
-    used     others whose values it uses: they count as changed when it completes, as fewer values are fewer states
+    used     others whose values it uses: they count as changed when it completes, which gives fewer states
     codes    error codes that it may raise
     emits    (topic, whether it is certain if it completes): what it has published when it ends
     """
@@ -70,7 +70,7 @@ class Abstraction:
     catches  the codes that error events catch; "": any
     named    the codes that properties name
     asks     script that waits for actions and services -> the codes with which it may fail because of them
-    computed (throwing event, text of its computed code) -> the codes to which that comes down
+    computed (throwing event, text of its computed code) -> the named codes that it may have
     unhandled  (element, code) of services, actions and behaviours with such inside: they may fail, nothing catches it
     escalations  the codes of escalations that are caught
     called   processes that calls lead to
@@ -117,11 +117,11 @@ class Abstraction:
         return self._reduced[key][1]
 
     def forget(self) -> None:
-        """Make the processes anew: what is known of the team has changed."""
+        """Drop the processes made so far: more is known of the team now."""
         self._reduced.clear()
 
     def find(self, name: str, file: str, call: model.CallActivity) -> tuple[model.Process, str]:
-        """The library of the compiler: a called process that is not a step."""
+        """Find a called process that is not a step (the library of the compiler)."""
         home, process = self.library.find(self._homes[file], call)
         return self.process(home, process), home.file
 
@@ -207,7 +207,7 @@ class Abstraction:
         return "" in self.catches and (around or any(not one.code for one in at))
 
     def _unhandled(self, node: model.Activity, codes: Set[str], named: Set[str] = frozenset()) -> set[str]:
-        """Of codes that nothing catches one, and those that properties name: all others do the same."""
+        """Note one of the codes that nothing catches, which stands for all of them, and those that properties name."""
         found = {*sorted(codes, key=lambda code: (code != "service", code))[:1], *named}
         self.unhandled |= {(node.id, code) for code in found}
         return found
@@ -518,7 +518,7 @@ def _needed(found: Abstraction, bodies: Sequence[model.Body]) -> frozenset[str]:
 
 
 def _keep_what_decides(found: Abstraction, bodies: Mapping[str, Sequence[model.Body]]) -> None:
-    """A variable decides something if a condition, a time, a loop or a script that throws reads it, or leads to one."""
+    """Note what decides something: what a condition, time, loop or throwing script reads, and what leads to that."""
     found.kept, found.matters = _decisive({pool: _flow_of(found, inside) for pool, inside in bodies.items()})
 
 

@@ -84,7 +84,7 @@ def _reached(names: Iterable[str], steps: Mapping[str, set[str]]) -> set[str]:
 
 
 def _mappings(bodies: Iterable[model.Body]) -> set[str]:
-    """The variables that only hold mappings and sets: who goes through one gets keys, which nothing changes."""
+    """The variables that only hold mappings and sets: iterating over one gives keys, which nothing changes."""
     found, others = set[str](), set[str]()
     for body in bodies:
         outputs = {id for node in body.nodes for id in node.data_outputs}
@@ -150,7 +150,7 @@ def _flows_at(node: ast.AST, mappings: Set[str]) -> Iterator[Flow]:
 
 
 def _roots(target: ast.AST) -> set[str]:
-    """The variables to which something is assigned, or in which."""
+    """The variables that an assignment sets or changes in place."""
     if isinstance(target, ast.Tuple | ast.List):
         return set().union(*map(_roots, target.elts))
     while isinstance(target, ast.Subscript | ast.Attribute | ast.Starred | ast.Call):

@@ -41,7 +41,7 @@ def functions(values: Values) -> dict[str, Callable[..., Any]]:
 
 @lru_cache(maxsize=1024)
 def asking(expression: Expression, mode: Literal["exec", "eval"] = "exec") -> Expression:
-    """A text with these calls; line by line the same."""
+    """The text with these calls; its lines keep their numbers."""
     found = accepted(expression, mode)
     nodes = [node for node in ast.walk(found[1]) if isinstance(node, ast.expr) and _hides(node)] if found else []
     if found is None or not nodes:
@@ -58,7 +58,7 @@ def asking(expression: Expression, mode: Literal["exec", "eval"] = "exec") -> Ex
 
 
 def _hides(node: ast.AST) -> bool:
-    """Whether an operator asks no unknown value that it is given."""
+    """Whether an expression does not ask an unknown value that it is given."""
     match node:
         case ast.Compare(ops=[ast.Is() | ast.IsNot()]) | ast.JoinedStr():
             return True

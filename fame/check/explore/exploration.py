@@ -87,7 +87,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Searched:
-    """One search. `bound`: the limit of states or time has ended it, or has not let it begin."""
+    """One search. `bound`: a limit of states or time has ended it, or it did not begin."""
 
     delivery: Delivery
     states: int
@@ -101,7 +101,7 @@ class Searched:
 
 @dataclass(frozen=True, slots=True)
 class Exploration:
-    """The result of `explore`.
+    """The result of `explore_team` or `explore_from`.
 
     file        the model
     robots      robot -> pool
@@ -142,7 +142,7 @@ class Exploration:
     def status(self) -> Literal["completed", "partial", "failed"]:
         """``failed`` after an error that is not accepted, or if a property is refuted.
 
-        ``partial``: there is no such, but not all was explored, or it is not known whether a property holds.
+        ``partial``: neither, but not all was explored, or it is not known whether a property holds.
         """
         known = self.exhaustive and all(one.verdict != "not known" for one in self.properties)
         return "failed" if self.failed else "completed" if known else "partial"
@@ -298,9 +298,9 @@ class Team:
                         bool(explored.cut), table, judged), found  # fmt: skip
 
     def after_failures(self, searched: Searched, limit: int, stop: Callable[[], bool]) -> Searched:
-        """A search whose proofs also hold if services and actions fail where nothing catches that, as few say.
+        """The search with only those proofs that also hold if services and actions fail where nothing catches that.
 
-        Others are not known. What follows from such failures is explored for this alone: it is no finding.
+        Other proofs become "not known". What follows from such failures is explored for this alone: it is no finding.
         """
         entered = set[str]().union(*(local.states.visited for local in self.locals))
         left_out = sorted({element for element, _ in self.model.unhandled} & entered)
@@ -385,7 +385,7 @@ class Team:
 
     @contextmanager
     def _until(self, stop: Callable[[], bool]) -> Iterator[None]:
-        """End also a step that goes round for ever."""
+        """Let `stop` end a step, too, that would never end."""
         for local in self.locals:
             local.host.stop = stop
         try:
@@ -509,7 +509,7 @@ def explore_from(
 
     No message is under way in the beginning, and of pending timers no times are known: they fire in any order. A
     behaviour that is being called may end at any time. Only findings about what happens from there on are given, not
-    about signals that come no more or elements that are behind.
+    about signals or elements of the part that is over.
 
     Raises ModelError for a model that cannot be compiled, MissionError for a snapshot of another model, ConfigError for
     a limit below 1.
@@ -595,7 +595,7 @@ def _called(step: str) -> tuple[str, str, str]:
 
 
 def _together(searches: Sequence[Searched]) -> Iterator[Judged]:
-    """What is known of each property: refuted if it is in one delivery, else not known unless all of them tell."""
+    """What is known of each property: refuted if one delivery refutes it, not known unless all deliveries tell."""
     for judged in zip(*(search.judged for search in searches), strict=True):
         first = min(judged, key=lambda one: PROOFS.index(one.verdict))
         if first.verdict == "not triggered" and any(one.verdict == "proved" for one in judged):

@@ -162,7 +162,7 @@ class Report:
         return rows
 
     def _last_of(self, at: int, good: bytearray) -> int:
-        """A state in which all has come to rest after that one, else that one itself."""
+        """A deadlock that is reached from a state, else that state itself."""
         if at in self._stuck_states():
             return at
         return next((one for one in self.explored.reached_from(at) if one in self._stuck_states()), at)
@@ -226,7 +226,7 @@ class Report:
         return one if other.accepted else other
 
     def _least(self, kind: Kind, causes: Mapping[Cause, int], good: bytearray) -> Iterator[Finding]:
-        """The findings of some causes; of those that are accepted, and of the others, none that contains another."""
+        """The findings of some causes, accepted ones and others, each without those whose cause contains another."""
         found = {cause: self._without_loss(cause, self._waiting(kind, at, good), good) for cause, at in causes.items()}
         for cause, one in found.items():
             if not any(other < cause and bool(found[other].accepted) == bool(one.accepted) for other in found):
@@ -287,7 +287,7 @@ class Report:
         return self.runs.place(element).display_name + (f" for {topic}" if topic else "")
 
     def _circling(self, good: bytearray) -> dict[Cause, int]:
-        """Why a mission goes on and can never complete -> a state in which it does, and in which the fewest robots run.
+        """Cause of a mission that goes on and can never complete -> such a state, in which the fewest robots run.
 
         Neither an end nor a deadlock can be reached from there, nor a certain error.
         """
@@ -400,7 +400,7 @@ class Report:
     ) -> Callable[[tuple[str, str]], Finding | None]:
         """A function of (pool, element) of an error, which gives what waits forever after it, None if nothing does.
 
-        That is what does not wait forever without it, and after as few other errors as possible.
+        What waits forever without this error, too, does not count. Of several, that after the fewest errors is given.
         """
         explored = self.explored
         hits = {at: self._cause(at) for at in explored.stuck}
@@ -410,7 +410,7 @@ class Report:
             layers[explored.layer(at)].add(cause)
 
         def is_new(layer: int, cause: Cause) -> bool:
-            """Whether that is not so with fewer errors, too."""
+            """Whether a cause does not already occur after fewer errors."""
             between = [other for below in range(1, layer) for other in layers.get(below, ())]
             return layer > 0 and not any(other <= cause for other in layers.get(0, ())) and not any(
                 other <= cause or cause <= other for other in between
@@ -469,7 +469,7 @@ class Report:
 
 
 def _after_title(finding: Finding) -> str:
-    """What the robots do forever, without what it is called and why."""
+    """The text of a finding about what robots do forever, without its title and reason."""
     text = finding.text.partition(": ")[2].removesuffix(", and nothing will come")
     return text.partition(", and /")[0] + (", forever" if finding.kind != "never" else ", and never complete")
 

@@ -73,7 +73,7 @@ for _method in ("__iter__", "__reversed__", "__len__", "__eq__", "__ne__", "__or
 
 
 class Effect(NamedTuple):
-    """One way that a step goes, wherever it goes it.
+    """One way that a step goes, in whatever state.
 
     control, timers       of the new state
     changes               the variables that it has written; None if their instance has ended

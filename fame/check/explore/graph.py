@@ -43,7 +43,7 @@ class Explored:
     targets: array[int] = field(default_factory=lambda: array("l"))
     _before: tuple[list[int], list[int]] | None = None
     begun: int = 0
-    """How many of the first states follow from the start."""
+    """Number of states that the start itself leads to: the first ones."""
     final: list[int] = field(default_factory=list)
     stuck: list[int] = field(default_factory=list)
     failures: list[tuple[int, Errors, tuple[int, ...]]] = field(default_factory=list)

@@ -78,7 +78,7 @@ class Outcome:
     settled: set[int] = field(default_factory=set)
     """Places of choices that were made before, and remembered."""
     unsure: set[str] = field(default_factory=set)
-    """Elements of which something failed that used something unknown."""
+    """Elements that failed while they used something unknown."""
 
 
 class ExplorationHost:
@@ -159,7 +159,7 @@ class ExplorationHost:
         return Outcomes(new, self.memory) if self.remembered else new
 
     def compute(self, element: str) -> None:
-        """Begin to compute a text of an element. Raises OutOfTimeError, which ends a step that goes round for ever."""
+        """Begin to compute a text of an element. Raises OutOfTimeError when the time is over."""
         if self.stop():
             raise OutOfTimeError
         self.place = element
@@ -167,7 +167,7 @@ class ExplorationHost:
     # ---- decisions -----------------------------------------------------------------------------------
 
     def choose(self, ways: int) -> int:
-        """One of several ways: as decided, else the first."""
+        """One of several ways: as decided, else the first; from `MOST_DECISIONS` on they alternate."""
         choices = self.outcome.choices
         place = len(choices)
         if self._again:
@@ -231,7 +231,7 @@ class ExplorationHost:
         return evaluate
 
     def _forgetting(self, run: Callable[..., Any], script: Expression) -> Callable[..., Any]:
-        """A script, after which the conditions that read what it changes in place may have another outcome."""
+        """The script, which first forgets the outcomes of conditions that read what it may change in place."""
         names = (changed_in_place(script) | may_change(script)) & self.memory.readers.keys()
 
         def change_and_run(variables: dict[str, Any]) -> Any:
@@ -287,7 +287,7 @@ class ExplorationHost:
     def _checked(
         self, run: Callable[..., Any], expression: Expression, element: str, *, open_to: Set[str] = frozenset()
     ) -> Callable[..., Any]:  # fmt: skip
-        """An expression of a language that does not know unknown values, except of variables that it only inserts."""
+        """An expression that is unknown if it uses an unknown value, except of variables that it only inserts."""
         number, closed = self.values.number, script_names(expression)[0] - open_to
         text = expression.language == "template"
         paths = {name: re.findall(rf"\b{re.escape(name)}((?:\.[^\W\d]\w*)*)", expression.text) for name in closed}
@@ -384,7 +384,7 @@ class ExplorationHost:
         self.engine.script_ended(wait.key, None if code is None else BpmnError(code))
 
     def end_step(self, step: Step, variables: dict[str, Any], *, failed: bool) -> None:
-        """Its results are unknown; what it publishes conditionally, or before it fails, is published or not."""
+        """End a step: its results are unknown, and what it does not certainly publish is published or not."""
         self._begin_step(step, variables)
         if not failed:
             self._set_unknown(step.results, variables)
@@ -394,7 +394,7 @@ class ExplorationHost:
                 self._emit(topic, self.values.unknown)
 
     def _begin_step(self, step: Step, variables: dict[str, Any]) -> None:
-        """What a script or behaviour may set or change at any time is unknown."""
+        """Make unknown what a script or behaviour may set or change at any time."""
         self.memory.change(step.changes)
         self._set_unknown(step.writes, variables)
         self._change(step.changes, variables)
@@ -417,7 +417,7 @@ class ExplorationHost:
         return self._noted(lambda variables: running, element)
 
     def _noted(self, run: Callable[..., Any], element: str) -> Callable[..., Any]:
-        """What runs at an element that a token has entered, even if it fails."""
+        """The function, which first notes that a token has entered the element."""
 
         def noted(variables: dict[str, Any]) -> Any:
             self.entered.add(element)
@@ -539,12 +539,12 @@ class ExplorationHost:
 
 
 def never() -> bool:
-    """Not at all."""
+    """False: nothing ends the search before its time."""
     return False
 
 
 def _is_about_unknown(error: Exception) -> bool:
-    """Whether an error may come of a value that is unknown, and not of the script: it is not of the expected kind."""
+    """Whether an error may be due to an unknown value, which is not of the expected kind, and not to the script."""
     unpacked = isinstance(error, ValueError) and "values to unpack" in str(error)
     return unpacked or isinstance(error, TypeError | AttributeError)
 

@@ -40,7 +40,7 @@ MOST_ENDLESS = 4
 Observed = tuple[Event, ...]
 """Events of one robot in one step, in their order."""
 VALUE = "value"
-"""What happens where a variable that a property reads has another value: its detail is the number of that."""
+"""The event that a variable which a property reads has another value; its detail is the number of the value."""
 
 
 class Successor(NamedTuple):
@@ -60,7 +60,8 @@ class Successor(NamedTuple):
 class Local:
     """The transitions of one robot, or of several that nothing tells apart, between its `states`.
 
-    `observed`: its events are; `reads`: the variables that properties read; `parameters`: what its process starts with.
+    `observed`: whether its events are observed; `reads`: the variables that properties read; `parameters`: variables
+    that its process starts with.
     """
 
     body: Body
@@ -136,7 +137,7 @@ class Local:
     def step_by_engine(
         self, state: int, stimulus: Stimulus, keep: Callable[[Successor, Outcome], object] | None = None
     ) -> tuple[Successor, ...]:
-        """The same, by an engine."""
+        """The ways of `step`, by an engine; `keep` is called with each and its outcome."""
         return self._explored(lambda: self.revived(state), lambda engine: apply(engine, stimulus, self.host), keep)
 
     def _new_step(self, state: int, stimulus: Stimulus) -> tuple[Successor, ...]:
@@ -196,7 +197,7 @@ class Local:
         return found[0] if found else []
 
     def _first(self, given: Data | None) -> tuple[Callable[[], Engine], Callable[[Engine], object]]:
-        """How the first step is taken."""
+        """The first step: what makes the engine, and what starts it."""
         if given is None:
             return self._new, lambda engine: engine.begin({})
         return lambda: self._resumed(given), go_on
@@ -213,7 +214,7 @@ class Local:
         return self._with_parameters(Engine(self.program, host, self.host.new_variables, moves=MOST_MOVES))
 
     def _with_parameters(self, engine: Engine) -> Engine:
-        """The engine of the host, whose instances start with values that no other one has changed."""
+        """The engine, now that of the host, with fresh values of the parameters that its instances start with."""
         self.host.engine = engine
         engine.parameters = {name: self.values.value(number) for name, number in self._parameters.items()}
         return engine

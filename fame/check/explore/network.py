@@ -51,11 +51,11 @@ class Network:
         return number
 
     def content(self, number: int) -> Content:
-        """What it holds."""
+        """The content with a number."""
         return self._contents[number]
 
     def number(self, content: dict[Channel, tuple[int, ...]]) -> int:
-        """The number of what it holds."""
+        """The number of a content."""
         key = tuple(sorted(content.items()))
         number = self._numbers.get(key)
         if number is None:

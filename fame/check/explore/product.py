@@ -87,7 +87,7 @@ class Product:
     flags           what happened on the way for the first time: by kind, robot and detail
     alone           the few transitions of a state that are enough, None if all are needed (`Reduction.alone`)
     first_arrivals  those of its arrivals that are enough
-    settled         the states to which a transition leads once robots have gone on as far as nobody notices
+    settled         the states to which a transition leads once robots have taken all steps that no other one notices
     between         the transitions on the way to one of them
     cut             whether a step was met that leads to states which are not explored
     certain         (robot, element) of errors that nothing catches and no unknown value decides

@@ -1,9 +1,9 @@
 """Properties in an exploration: the states of their monitors are a part of each state of the team.
 
-What a monitor reacts to is observed on the way (`ExplorationHost.observe`): a step in which such an event occurs is no
-silent step, and no independent one; so is that a variable which they read has another value. Conditions are judged
-after each step, as if it were an instant. Time stands still, so nothing is said about bounds; nor about distances,
-batteries and messages, nor about elements inside behaviours that the exploration does not look into.
+What a monitor reacts to is observed on the way (`ExplorationHost.observe`): a step in which such an event occurs, or a
+variable that it reads gets another value, is no silent step, and no independent one. Conditions are judged after each
+step, as if it were an instant. Time stands still, so nothing is said about bounds; nor about distances, batteries and
+messages, nor about elements inside behaviours that the exploration does not look into.
 
 A robot that calls ``watch_property`` has a monitor, too (`Watch`). It decides when ``/violated/NAME`` may come, which
 otherwise comes from outside at any time: after a violation; with a bound also while something is pending; and at any
@@ -63,7 +63,7 @@ WatchState = tuple[State | None, bool, tuple[str, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """A call of ``watch_property``: `robot` watches while it is at `element`. `judged`: unless the bound hinders it."""
+    """A call of ``watch_property``: `robot` watches while at `element`; `judged`: whether all that it needs is seen."""
 
     monitor: Monitor
     robot: str
@@ -112,7 +112,7 @@ class Monitors:
     reasons   why the exploration cannot judge each of `all`; empty if it can
     thrown    the topics of `watches`
     observed  (element, what) of the events that they need, of any robot
-    apart     the robots of pools with several that a property names, which are not interchangeable any more
+    apart     robots that a property tells apart from others of their pool
     """
 
     def __init__(
@@ -148,7 +148,7 @@ class Monitors:
         self._number(self._after_reading(initial))
 
     def _apart(self, monitor: Monitor) -> list[str]:
-        """The robots of pools with several that a property names."""
+        """The robots that a property tells apart from others of their pool."""
         values = (value.subject.text for value in subjects(monitor.spec))
         return sorted({*(event.robot.text for event in monitor.spec.occurrences), *values} & self._several)
 
@@ -200,7 +200,7 @@ class Monitors:
         return (*states, numbers)
 
     def throws(self, number: int, robot: int, topic: str) -> bool:
-        """Whether a message on a topic may come to a robot from outside, if that is for a watch to say."""
+        """Whether a message on a topic may come to a robot from outside: that of a watch only when it may throw it."""
         watches = zip(self.watches, self.states[number][len(self.monitors) : -1], strict=True)
         return topic not in self.thrown or any(
             one.topic == topic and one.throws(state, self.names[robot]) for one, state in watches

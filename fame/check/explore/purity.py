@@ -194,7 +194,7 @@ def _is_builtin(name: str) -> bool:
 
 @lru_cache(maxsize=1024)
 def waits(script: Expression) -> bool:
-    """Whether a script has an ``await`` of its own; one in JavaScript may always wait."""
+    """Whether a script waits: it has an ``await`` (in JavaScript, the word)."""
     if script.language != "python":
         return script.language == "javascript" and "await" in script.text
     try:

@@ -35,7 +35,7 @@ _Pending = tuple[tuple[str, tuple[int, ...]], ...]
 
 
 class Reduction:
-    """Finds such steps of the robots of one product."""
+    """Finds the steps of one product that may be explored alone."""
 
     def __init__(self, product: Product) -> None:
         self.product = product
@@ -113,7 +113,7 @@ class Reduction:
     # ---- steps gone through at once ------------------------------------------------------------------
 
     def settled(self, transition: Transition) -> Sequence[int]:
-        """The states to which a transition leads once the robots have gone on as far as nobody notices."""
+        """The states to which a transition leads once the robots have taken all steps that no other one notices."""
         new, robot, move, reactions = transition
         if not reactions and move.stimulus[0] != "hear":
             if move.sending and new >> self.product.top and self._fast:
@@ -185,7 +185,7 @@ class Reduction:
     # ---- of one robot ----------------------------------------------------------------------------------
 
     def moves(self, robot: int, state: int) -> tuple[Move, ...]:
-        """The moves that may be explored alone in a local state; none if there are no such."""
+        """The moves that may be explored alone in a local state."""
         moves = self.product.own(robot, state)
         silent = [move for move in moves if self._is_silent(robot, state, move)]
         if not silent:

@@ -23,12 +23,12 @@ from fame.scripting.interface import NAMES
 _BEHIND_ITS_BACK = re.compile(
     r"\b(global|nonlocal|exec|eval|globals|locals|vars|setattr|class|del)\b|__|:=|\bimport\s*\*"
 )
-"""How a text may set variables that are not seen to be set, or compare as it likes."""
+"""How a text may set variables unseen, or change what a comparison means."""
 _BEHIND_IN_JAVASCRIPT = re.compile(
     r"""\b(Function|with|Proxy|Reflect|Symbol|prototype|defineProperty|defineProperties)\b|\b[gs]et\s+[\w$[\"']"""
     r"""|\b(valueOf|toString|toJSON)\s*([:=](?!=)|\([^()]*\)\s*\{)"""
 )
-"""How a text in JavaScript may do so, or compare as it likes."""
+"""How a text in JavaScript may do so."""
 _PURE = frozenset(
     ("abs", "all", "any", "bool", "float", "int", "isinstance", "len", "max", "min", "round", "sorted", "str", "sum")
 )

@@ -47,7 +47,7 @@ def resumed(program: Program, data: Data, host: ExplorationHost) -> Engine:
 
 
 def go_on(engine: Engine) -> None:
-    """What is held goes on; what a migrated state lacks is armed."""
+    """Continue what is held, and arm what a migrated state lacks."""
     engine.release()
     arm_new(engine)
     engine.run()

@@ -22,9 +22,9 @@ from fame.check.explore.search import report
 from fame.check.explore.transitions import BITS, CUT, MASK, Transition
 
 STEPS = 10_000
-"""Steps of the schedule, and of all random runs together; at least, with a high limit of states more."""
+"""Steps of the schedule, and of all random runs together; a high limit of states allows more."""
 LEAST = 100
-"""Steps of the last runs, after which no further error is followed."""
+"""Steps that have to be left to follow what comes after a further error."""
 LONGEST = 1_000
 """Steps of one random run."""
 _ORDER = {"end": 1, "timer": 2, "outside": 3, "offer": 4, "person": 5}
@@ -53,7 +53,7 @@ def durations(elements: Iterable[Iterable[Element]]) -> dict[str, float]:
 class Sampler:
     """Follows runs of a product that is not reduced. `durations`: of elements that take time, s.
 
-    After an error that nothing catches the others go on: these runs follow once those without it are followed.
+    After an error that nothing catches the other robots go on: such runs are followed after those without it.
     """
 
     product: Product
@@ -121,7 +121,7 @@ class Sampler:
         return explored
 
     def _layers(self) -> Iterator[tuple[list[tuple[int, tuple[Due, ...]]], int]]:
-        """Where runs go on after no error that nothing catches, after one ..., and the steps for these."""
+        """Where runs begin without an uncaught error, then after one, after two ..., each with its number of steps."""
         left, explored = self.steps, self.explored
         found = [self._add(-1, transition, self._due(0, transition[0], ())) for transition in self.product.initial()]
         pending = [(at, self._due(0, explored.states[at], ())) for at in dict.fromkeys(found) if at is not None]

@@ -210,7 +210,7 @@ _FRESH = frozenset(
 _COPIES = frozenset(("dict", "list", "set", "sorted", "tuple"))
 """Functions whose results are new, and hold parts of their arguments."""
 _HARMLESS_MODULES = frozenset(("json", "log", "math", "re", "robot", "statistics"))
-"""Modules and objects of the script interface all of whose functions do."""
+"""Modules and objects whose functions all leave their arguments as they are."""
 
 
 @lru_cache(maxsize=1024)

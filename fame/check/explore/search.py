@@ -110,7 +110,7 @@ def _number(product: Product, explored: Explored, at: int, state: int) -> int:
 
 
 def report(product: Product, at: int, transition: Transition) -> Errors:
-    """Note what a transition reports for the first time. The errors that nothing catches, which are no single fault."""
+    """Note what a transition reports for the first time; give its uncaught errors, unless a single fault happened."""
     state, robot, move, reactions = transition
     errors: list[tuple[int, str]] = []
     for one, done in ((robot, move), *reactions):

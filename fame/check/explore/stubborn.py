@@ -27,7 +27,7 @@ TRIED = 2_000
 WORTH = 0.02
 """Share of these states in which one has to be found."""
 _MAY_SEND = re.compile(r"\b(signal|publish|send)\b")
-"""What a script says that sends something, on which topic soever."""
+"""What a script says that sends something, on whatever topic."""
 
 
 class Outlook:

@@ -28,7 +28,7 @@ _NOT_ITS_OWN = ("send", "throw", "close")
 
 
 class UndecidableError(BaseException):
-    """Code asked an unknown value for what it cannot give. No Exception, so that scripts do not catch it."""
+    """Code asked an unknown value for what it cannot give. Not an `Exception`, so that scripts do not catch it."""
 
 
 class Unknown:
