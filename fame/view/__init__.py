@@ -5,10 +5,14 @@ plain ES modules and CSS, without a build step.
 
     server     the server and its address
     blocks     a run cut into blocks, which the page loads
+    state      the state of a run at an instant
     catalogue  elements and drawings of the models
     mission    what a page receives first
+    forms      forms of tasks and messages
+    people     what a person with an address of their own may do
+    sink       blocks of what would be recorded
     replay     the source of a recording
-    live       the source of a run in this process; control: commands of its page
+    live       the source of a run in this process; control: commands of its page; steering: velocity commands
     team       the source of a team on the network
     watch      the source of a model while it is drawn
     change     the source of a model that a running team could change to

@@ -1,8 +1,8 @@
 """Cuts a run into blocks that the page loads one by one, each of which can be shown without those before it.
 
 A block begins with the state at its start: tokens, counts, variables, waits. Then come columns of events and lists of
-changes, in order of time. Whatever an instant the page shows, it is the state at the start of a block and what the
-block has up to that instant. The page replays blocks as `RunState` does here; a test compares both.
+changes, in order of time. At any instant the page shows the state at the start of a block, changed by what the block
+has up to that instant. The page replays blocks as `RunState` does here; a test compares both.
 
 Times are ns since the start of the run. Robots, elements and kinds of events are numbers.
 """
@@ -76,7 +76,7 @@ class Block:
 
 
 LISTS = ("scopes", "variables", "waits", "messages", "poses", "world", "properties")
-"""Changes besides events; each begins with its time, but for scopes."""
+"""Changes besides events; the entries of all lists but scopes begin with their time."""
 
 
 class BlockSize(NamedTuple):
@@ -87,7 +87,7 @@ class BlockSize(NamedTuple):
 
 
 class Packer:
-    """Cut events and changes, given in order of time, into blocks. `begun`: whether it had a key message."""
+    """Cuts events and changes, given in order of time, into blocks. `begun`: whether it had a key message."""
 
     state: RunState
     begun: bool
@@ -110,7 +110,7 @@ class Packer:
         return self.blocks[-1].end if self.blocks else 0
 
     def index(self, first: int = 0, until: int | None = None) -> list[list[int]]:
-        """Number, start, end and number of events of the blocks from one on."""
+        """Number, start, end and number of events of the blocks from `first` on, before `until`."""
         return [[block.number, block.start, block.end, block.events] for block in self.blocks[first:until]]
 
     def robot(self, name: str) -> int:
@@ -131,9 +131,9 @@ class Packer:
         return own or found
 
     def run(self, robot: int, files: Set[int]) -> None:
-        """Note which files a robot runs from now on: other files may use the same ids, such as its last model.
+        """Note which files a robot runs from now on: other files, such as its last model, may use the same ids.
 
-        Whatever its mission has kept is at the elements of these files that have the same ids.
+        What is known of its mission moves to the elements of these files with the same ids.
         """
         if not files or self._files.get(robot) == files:
             return
@@ -175,7 +175,7 @@ class Packer:
     # ---- what happened -----------------------------------------------------------------------------------------------
 
     def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
-        """A message of one of the channels of a recording (docs/recording_format.md)."""
+        """Add a message of one of the channels of a recording (docs/recording_format.md)."""
         if topic == EVENTS:
             for group in data["events"]:
                 self.events(time, data["robot"], group["instance"], group["scope"], group["marks"])
@@ -296,7 +296,7 @@ class Packer:
         self._block(time).lists["variables"].append([time, number, scope, dict(values), removed])
 
     def close_scope(self, time: int, robot: str, scope: int) -> None:
-        """The variables of a scope are gone with it."""
+        """Remove the variables of a scope that has ended."""
         number = self.robot(robot)
         if self.state.variables.pop((number, scope), None) is not None:
             self._block(time).lists["variables"].append([time, number, scope, None, []])

@@ -267,7 +267,7 @@ class Catalogue:
 
 
 def _progress_names(node: FlowNode) -> list[str]:
-    """The variables that an element is about, of those that say how far an activity has come."""
+    """The variables of progress (`_PROGRESS`) that an element names."""
     texts = [expression.text for expression, _ in node.texts()]
     words = " ".join((*texts, *node.properties.values()))
     return [name for name in _PROGRESS if name in words]

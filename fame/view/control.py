@@ -32,9 +32,9 @@ COMMANDS = (
 AT_ONCE = 0.0
 """The speed of a run that does not follow the wall clock."""
 _SLICE = 0.02
-"""Seconds on the wall after which commands are looked at."""
+"""Seconds on the wall clock after which a run looks for commands."""
 _BUSY = SECOND // 5
-"""Simulated ns after which they are, at a run that does not follow the wall clock."""
+"""Simulated ns after which a run that does not follow the wall clock looks for them."""
 
 _Command = Mapping[str, Any]
 
@@ -94,7 +94,7 @@ class RunControl:
             self.pause(f"Stopped at {run.scheduler.now / SECOND:g} s: continue from here.")
 
     def _step(self, run: Run, until: int) -> None:
-        """To the next instant at which a token moves: `on_events` ends the step."""
+        """Go on to the next instant; `on_events` ends the step when a token has moved."""
         due = run.scheduler.next_time()
         run.scheduler.run(until if due is None else min(until, due))
 
@@ -137,7 +137,7 @@ class RunControl:
     # ---- what pages ask ----------------------------------------------------------------------------------------------
 
     def ask(self, command: _Command) -> str:
-        """Carry out a command, and report it. Raises FameError."""
+        """Carry out a command; gives what was done, in words. Raises FameError."""
         if command.get("do") not in COMMANDS:
             raise FameError(f"unknown command {command.get('do')!r}; commands are: {', '.join(COMMANDS)}")
         if self.over:

@@ -68,7 +68,7 @@ class LiveRun(PageSink):
         self.control_of_run.on_events(entered, any(mark[1] in _MOVES for mark in marks))
 
     def hand_over(self) -> None:
-        """The run has come to where commands begin: pages get the controls."""
+        """Give pages the controls: the run has come to where commands begin."""
         self._repeats = None
         self._missions += 1
 
@@ -135,7 +135,7 @@ class LiveRun(PageSink):
 class SameRun:
     """Lets a recorded run go on again to a time (ns), and compares it with what was recorded until then.
 
-    There `live` hands over to its pages, if they are the same. It is a `fame.scenario.run.Pace`, and raises ConfigError
+    If both are the same, `live` then hands over to its pages. It is a `fame.scenario.run.Pace`, and raises ConfigError
     with the first difference. Reports of elements are not compared: another version of FAME has others.
     """
 
@@ -193,7 +193,7 @@ _Instant = Mapping[tuple[str, str], list[Any]]
 
 
 def _by_robot(steps: Iterable[_Steps]) -> _Instant:
-    """The steps of an instant."""
+    """The steps of an instant, by topic and robot."""
     found: dict[tuple[str, str], list[Any]] = {}
     for _, topic, robot, told in steps:
         found.setdefault((topic, robot), []).extend(told)

@@ -140,7 +140,7 @@ class Replay(Closing):
             packer.run(packer.robot(run.robot), run.files)
 
     def _drawings(self, robot: str) -> dict[str, Any]:
-        """The pool of a robot with models of its own, and its drawings: each with the time (ns) after which it is."""
+        """The pool of a robot with models of its own, and its drawings by the time (ns) after which each is shown."""
         packer, places = Packer(self.catalogue, [robot]), list[tuple[int, dict[str, int]]]()
         for run in reversed(self._runs):
             if run.robot == robot:
@@ -332,7 +332,7 @@ _GAPS = b'{"gaps"'
 _MALFORMED = (LookupError, TypeError, ValueError, AttributeError)
 """What messages of another form raise."""
 _BEYOND = 100
-"""Messages after the instant that is asked for which an answer has at most: the cursor may move on a little."""
+"""Most messages of an answer after the instant that is asked for: the cursor may move on a little."""
 _PAUSE = 0.08
 """Seconds that the reader leaves the processor to a page that has got an answer and draws it."""
 _LONGEST = 365 * 24 * 3600 * SECOND

@@ -430,7 +430,7 @@ async def _body(request: Request) -> str | None:
 
 
 def _nothing(time: int) -> Mapping[str, Any]:
-    """The block around an instant, of a source that has no more than what it says it has."""
+    """Raise LookupError: the source has no blocks but those that it names."""
     raise LookupError(time)
 
 

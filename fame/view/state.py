@@ -63,11 +63,11 @@ class RunState:
     world: dict[str, Any] = field(default_factory=dict)
 
     def count(self, robot: int, element: int, outcome: int, by: int = 1) -> None:
-        """One more execution of an element with an outcome."""
+        """Count executions of an element with an outcome."""
         self.counts[robot, element][outcome] += by
 
     def add(self, key: TokenKey, since: int) -> None:
-        """One more token at a place, since a time (ns)."""
+        """Add a token at a place, there since a time (ns)."""
         held = self.tokens.get(key)
         if held is None:
             self.tokens[key] = [1, since]
@@ -75,7 +75,7 @@ class RunState:
             held[0] += 1
 
     def event(self, time: int, key: TokenKey, what: int) -> None:
-        """An event happened."""
+        """Change the state by an event."""
         if what == ENTER:
             self.add(key, time)
         elif what == TAKE:
@@ -86,7 +86,7 @@ class RunState:
             self._ended(key)
 
     def _by_path(self, key: TokenKey) -> TokenKey:
-        """The place of the same token if of its scope the path alone is known."""
+        """The place of the same token, if only the path of its scope is known."""
         same = (one for one in self.tokens if one.scope < NOWHERE and one == key._replace(scope=one.scope))
         return next(same, key)
 
@@ -102,14 +102,14 @@ class RunState:
         self.count(key.robot, key.element, outcome)
 
     def _ended(self, key: TokenKey) -> None:
-        """An instance ended, and with it whatever it still did."""
+        """End an instance, and with it whatever it still did."""
         for other in [other for other in self.tokens if other[:2] == key[:2]]:
             self.count(other.robot, other.element, CANCELLED, self.tokens.pop(other)[0])
         for place in [place for place, info in self.scopes.items() if (place[0], info.instance) == key[:2]]:
             del self.scopes[place]
 
     def end(self, robot: int, status: str, time: int) -> None:
-        """An instance ended with a status."""
+        """Note that an instance ended with a status."""
         ended, failed, _, _ = self.ends.get(robot, (0, 0, "", -1))
         self.ends[robot] = ended + 1, failed + (status == "failed"), status, time
 

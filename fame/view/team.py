@@ -217,7 +217,7 @@ class TeamView(PageSink, Closing):
         return said | {"steers": self._call(lambda: self._hand(robot))}
 
     def _hand(self, robot: str) -> bool:
-        """Make what a robot is steered with; whether the robot listens to that."""
+        """Make the publisher that steers a robot; gives whether somebody listens to it."""
         topic = resolve(MANUAL, robot)
         if robot not in self._hands:
             self._hands[robot] = self._node.publisher(topic, TWIST)
