@@ -7,6 +7,7 @@ mission         the process that a robot runs, with everything that it refers to
 endpoints       publishers and subscriptions of its events and scripts; messages to one robot
 acknowledged    signals that are sent until each receiver has acknowledged them; delivery_protocol: its decisions
 scripts         the runner of its scripts, and the interface that they find
+suspension      a person's suspension of the mission, and who steers the robot meanwhile
 service_tasks   service tasks that call ROS services and actions
 services        services that a task runs for as long as its scope lasts
 timers          ISO 8601 timers on the scheduler
@@ -15,10 +16,12 @@ events          events of a run, and observers of them
 changes         what changes from instant to instant: events, variables, waiting tokens
 robot_state     the state that these changes lead to
 live            publishes these changes for views and recorders
+clock_server    tells others the engine's time
 plain_values    variables as plain data, for these changes
 
 durable         durable execution: records, effects, resumption
-journal         the file of these records
+restoring       gives a node the state of a journal or file, and lets it go on
+journal         the file of these records; disk: the operations that it needs
 state_tables    the state of an engine as data; stored_values: values of its variables
 state_transfer  transfer the state of an old process to a new one
 """

@@ -110,7 +110,7 @@ class AcknowledgedSignals:
                 self._publisher(_signals(name, robot))
 
     def begin(self) -> None:
-        """The process has started, or goes on: announce this robot to all that throw what it catches."""
+        """Announce this robot to all that throw what it catches: the process has started, or goes on."""
         self._begun = True
         for name in self.outgoing:
             self._tick(name)
@@ -126,7 +126,7 @@ class AcknowledgedSignals:
                 self._answer(name, Answer(robot, "", 0), left=True)
 
     def close(self) -> None:
-        """Send nothing again."""
+        """Stop sending signals again, and handling what comes."""
         self._begun = False
         if self._timer is not None:
             self._timer.cancel()

@@ -1,7 +1,7 @@
 """Changes in one robot: events, variables, and what its tokens wait for.
 
-A `ChangeTracker` hears what happens in one engine. At the end of the instant (`flush`) it compares variables and
-waiting tokens with what it knew, and gives the messages of what is different (docs/recording_format.md), as plain data.
+A `ChangeTracker` is told what happens in one engine. At the end of the instant (`flush`) it compares variables and
+waiting tokens with what it knew, and passes on the messages of what is different (docs/recording_format.md).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _JOIN = {"kind": "join", "text": "tokens on its other flows"}
 class ChangeTracker:
     """Finds the changes in the engine of `node`. `put` gets every message.
 
-    While it is not `active`, it gives nothing but events, to be counted; after that, the next `flush` gives everything.
+    While it is not `active`, it passes on events alone, to be counted; afterwards the next `flush` passes on everything.
     """
 
     active: bool = True
@@ -55,7 +55,7 @@ class ChangeTracker:
         self._groups.append(({"instance": event.instance, "scope": event.scope}, (event[4:],)))
 
     def trail(self, trail: Trail) -> None:
-        """Tokens moved."""
+        """Take what tokens did, from the engine."""
         self._groups += [(_place(scope), marks) for scope, marks in trail]
         if not self.active and len(self._groups) > _MANY:
             self.give_events(0)

@@ -1,4 +1,4 @@
-"""An engine's time for who asks for it: questions and answers on ``/<robot>/bpmn_clock``, as JSON."""
+"""Tells others the engine's time: questions and answers on ``/<robot>/bpmn_clock``, as JSON."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STRING, CLOCK_TOPIC = "std_msgs/msg/String", "bpmn_clock"
 
 
 class ClockServer:
-    """Answers questions for the time on ``/<robot>/bpmn_clock``: `now` (ns) since the date `epoch`; and its version."""
+    """Answers questions on ``/<robot>/bpmn_clock``: the time `now` (ns) since the date `epoch`, and FAME's version."""
 
     def __init__(self, node: Node, now: Callable[[], int], epoch: datetime) -> None:
         self._now, self._epoch = now, date_text(epoch)

@@ -271,7 +271,10 @@ class Answer:
 
 
 def step_incoming(state: Incoming, event: SignalReceived) -> tuple[Incoming, tuple[Accept | Answer, ...]]:
-    """The next state of the catching end, and what is to be done in this order. One is left out: it is sent again."""
+    """The next state of the catching end, and what is to be done in this order.
+
+    A signal whose predecessor is missing is dropped: it is sent again.
+    """
     sender = event.robot, event.life
     last = state.accepted.get(sender, 0)
     if not event.number or event.receiver != state.life or event.number <= last:

@@ -61,7 +61,7 @@ _Effect = _Signals | _Request
 
 
 def _nothing() -> None:
-    """The default context manager around writing a state: does nothing."""
+    """Do nothing before or after writing a state: the default."""
 
 
 class DurableRecorder:
@@ -119,7 +119,7 @@ class DurableRecorder:
         start: Callable[[], object],
         timers: TableRows | None,
     ) -> None:
-        """The same, and something before and after it; if the disk cannot be written, all of it is tried again.
+        """Call `before`, write the state as `begin` does, call `after`; if the disk fails, all of it is tried again.
 
         `start` is called when it has been written. `timers`: those of the process that this one takes over, None for
         one that starts from its beginning. Until the record after `start`, the state says that it is to be started.
@@ -250,7 +250,7 @@ class DurableRecorder:
         self.node.scheduler.soon(self.settled, Kind.RESUMPTION)
 
     def _let_leave(self, batch: str) -> None:
-        """The record of a batch of effects is on the disk."""
+        """Send the effects of a batch, whose record is on the disk."""
         if self._quiet:
             return
         for effect in self._leaving.pop(batch, ()):
@@ -286,7 +286,7 @@ class DurableRecorder:
         attach: Callable[[bytes], object] | None,
         lost: Callable[[str], object],
     ) -> None:
-        """A task is to make a request: later, when its record is on the disk; or go on with the one of before."""
+        """Make a request of a task when its record is on the disk, or take up the one that it made before."""
         wait = self.node.engine.waits.get(key)
         if wait is None:
             begin(None)
@@ -302,7 +302,7 @@ class DurableRecorder:
             lost("it was made before the engine ended")
 
     def repeat(self, key: int, request: Act | Call, begin: Callable[[bytes | None], object]) -> None:
-        """A task is to make its last request again."""
+        """Make the last request of a task again."""
         wait = self.node.engine.waits.get(key)
         if wait is None:
             begin(None)
@@ -325,7 +325,7 @@ class DurableRecorder:
     # ---- trouble -----------------------------------------------------------------------------------------------------
 
     def _fail(self, error: OSError) -> None:
-        """The disk cannot be written: nothing leaves until all of the state is written."""
+        """Report that the disk cannot be written: nothing leaves until the whole state is written."""
         if not self._trouble:
             self._trouble = error.strerror or str(error)
             self._on_trouble(self._trouble)

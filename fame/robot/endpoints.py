@@ -5,8 +5,8 @@ needed. A topic whose type is known only while the mission runs gets its endpoin
 
 Messages for one robot: ``order`` for Worker_2 is sent on ``/Worker_2/bpmn_message/order``. Each robot subscribes to
 such a topic for every message that its events catch, besides the topic that reaches all. The publisher towards a robot
-is made when that robot is discovered (`DirectMessages.connect`), and a message waits until it is connected: no message
-for a robot that is there is lost to discovery.
+is made when that robot is discovered (`DirectMessages.connect`), and a message waits until it is connected, at most
+some seconds: so no message for a robot that is there is lost to discovery.
 """
 
 from __future__ import annotations

@@ -96,7 +96,7 @@ class EventLog(Observer):
                 yield Event(*where, *mark)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a `pandas.DataFrame` with a row for each event: the fields of `Event`, with ``time`` in seconds.
+        """A `pandas.DataFrame` with a row for each event: the fields of `Event`, with ``time`` in seconds.
 
         Raises UnavailableError if pandas is not installed.
         """

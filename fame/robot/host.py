@@ -49,7 +49,7 @@ class Outbox(Protocol):
         """Record the end of an instance."""
 
     def note(self, text: str) -> None:
-        """Prepare for a change of the running process from outside."""
+        """Add a line for people to the next record."""
 
 
 class EngineHost:

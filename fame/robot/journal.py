@@ -241,7 +241,7 @@ class StateDirectory:
         return sorted(found, key=lambda item: int(item.name.removeprefix(_PREFIX)))
 
     def read(self) -> SegmentContents | None:
-        """Return the newest segment, or None. Raises ConfigError as `read_segment` does."""
+        """The newest segment, None without one. Raises ConfigError as `read_segment` does."""
         segments = self.segments()
         return read_segment(segments[-1], self.disk) if segments else None
 
@@ -292,7 +292,7 @@ class Journal:
 
     header  what the first line of each segment says, besides its format
     worker  makes the worker that waits for the disk
-    failed  called with the error if that cannot write it
+    failed  called with the error if that worker cannot write
 
     Methods raise OSError if the disk cannot be written; what was written before stays readable.
     """

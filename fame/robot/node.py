@@ -243,7 +243,7 @@ class RobotNode:
         return {key: time for key, time in times.items() if time is not None}
 
     def waiting_tokens(self, most: int | None = None) -> list[WaitingToken]:
-        """The waiting tokens, at `most` so many, and what each waits for.
+        """The waiting tokens, at most `most`, and what each waits for.
 
         If nothing runs: the start events that wait for their trigger.
         """
@@ -271,11 +271,11 @@ class RobotNode:
         return goes_on
 
     def others_at(self, element: str, act: str) -> int:
-        """How many tokens a request could also mean; it takes the first (`fame.engine.Engine.others_at`)."""
+        """How many tokens a request could mean besides the first, which it takes (`fame.engine.Engine.others_at`)."""
         return self.engine.others_at(element, act)
 
     def activate(self, element: str) -> None:
-        """Start an element of an open ad-hoc sub-process. Raises MissionError if it is not in one."""
+        """Start an element of an open ad-hoc sub-process. Raises MissionError if it cannot start in any."""
         self.engine.activate(element)
         self.runner.poll()
 

@@ -49,7 +49,7 @@ def plain(value: Any) -> Any:
 
 
 def plain_and_text(value: Any) -> tuple[Any, object]:
-    """The plain data of a value, and what equals that of other data only if their JSON is the same."""
+    """The plain data of a value, and a key for comparison: equal keys mean that the JSON is the same."""
     text = _message_json(value) if isinstance(value, Message) else None
     if text is not None and len(text) <= SIZE:
         return orjson.loads(text), text

@@ -77,7 +77,7 @@ def go_on(node: RobotNode) -> None:
 
 
 def restored(node: RobotNode, contents: SegmentContents) -> Tables:
-    """Restore the engine of a robot's node from a journal; nothing moves until `Recorder.go_on`.
+    """Restore the engine of a robot's node from a journal; nothing moves until `DurableRecorder.go_on`, or `go_on`.
 
     Raises ConfigError for the journal of another program or robot.
     """

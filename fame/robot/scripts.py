@@ -89,7 +89,7 @@ class Scripts:
         return {"__builtins__": another(self._builtins)}
 
     def forget(self, variables: dict[str, Any]) -> None:
-        """Take the interface of scripts out of the variables of an instance that has ended."""
+        """Take the interface of scripts out of the variables of an ended instance, unless JavaScript still needs it."""
         self.javascript.sweep()
         if not self.javascript.realms:
             variables.pop("__builtins__", None)

@@ -222,7 +222,7 @@ class _VariableTable:
     def _note_value(
         self, key: str, name: str, value: Any, known: dict[str, tuple[Any, Any]], values: TableRows
     ) -> None:
-        """A value whose content may change: compare that."""
+        """Note a value whose content may change in place, if it has changed."""
         old = known.get(name)
         type: Any = getattr(value, "__msgtype__", None)
         text = message_json(type, value) if type is not None else None
@@ -330,7 +330,7 @@ def _packed(counts: list[int]) -> str | list[int]:
 
 
 def instance_of(data: Mapping[str, Any], program: Program, load: Callable[[Any], Any]) -> Instance:
-    """The instance again."""
+    """The instance that `instance_data` made such data of."""
     variables = {name: decode(value, load) for name, value in data["values"].items()}
     instance = Instance(data["key"], program, variables)
     instance.status = data["status"]

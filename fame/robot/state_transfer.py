@@ -96,13 +96,13 @@ def _known(value: Any) -> Any:
 
 
 def _short(value: Any) -> Any:
-    """Return a short value as it is, a long or deep one as an unknown value."""
+    """A short value as it is, a long or deep one as an unknown value."""
     text = json.dumps(value)
     return value if len(text) <= _LONG and not is_deep(text, _DEEP) else {"$object": None}
 
 
 def transfer_state(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[MigratedToken]:
-    """Give a loaded process the state of the old one, which is held. Nothing moves until `go_on_after`.
+    """Transfer the state of the old process, which is held, to a loaded one. Nothing moves until `go_on_after`.
 
     Raises MissionError if a token cannot go over; then nothing has changed.
     """

@@ -164,7 +164,7 @@ class WaitingTokens:
         return (self._graph, warned) != before
 
     def list(self, engine: Engine, most: int | None = None) -> list[WaitingToken]:
-        """The tokens that wait, at `most` so many. Call it regularly: times and gaps are those between calls."""
+        """The tokens that wait, at most `most`. Call it regularly: times and gaps are those between calls."""
         waits = list(islice(_waits(engine), most))
         joins = list(islice(_joins(engine), None if most is None else most - len(waits)))
         now, publishers = self._scheduler.now, self._publishers()
