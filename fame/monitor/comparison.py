@@ -95,7 +95,7 @@ def compared(old: JudgedRuns, new: JudgedRuns) -> ModelComparison:
 
 
 def right(run: JudgedRun) -> bool | None:
-    """Whether the verdict is that of the labels; None without labels."""
+    """Return whether the verdict is that of the labels; None without labels."""
     if run.label is None:
         return None
     return run.latency is not None if run.label == -1 else run.verdict == "benign"

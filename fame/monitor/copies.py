@@ -13,7 +13,7 @@ RUN_HASHES = "run_hashes"
 
 
 def run_hash(values: Any) -> str:
-    """The same for the same values (n, channels)."""
+    """Return a hash that is the same for the same values (n, channels)."""
     data = np.ascontiguousarray(values, dtype=np.float64)
     return hashlib.sha256(f"{data.shape}".encode() + data.tobytes()).hexdigest()[:16]
 

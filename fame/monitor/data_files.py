@@ -314,7 +314,7 @@ def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP, elemen
 
 
 def _written_in_seconds(line: str, separator: str, names: Sequence[str], stamp: str) -> bool:
-    """Whether the stamp of the first row is a date, or one of `fame monitor record`, which writes ns as decimals."""
+    """Return whether the first stamp is a date, or one of `fame monitor record`, which writes ns as decimals."""
     cells = list[str]()
     with suppress(csv.Error):  # a field that is too long is refused as a number
         cells = next(csv.reader([line], delimiter=separator), [])
@@ -439,7 +439,7 @@ def _is_number(text: str) -> bool:
 
 
 def read_bag(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[float, str, Any]]:
-    """Give every message of some topics (full name -> type), in the order of recording: time (s), topic, message.
+    """Yield every message of some topics (full name -> type), in the order of recording: time (s), topic, message.
 
     Raises ConfigError for a file that is neither a bag nor a recording of FAME, lacks a topic, or has it with another
     type.
@@ -462,12 +462,12 @@ def read_bag(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[floa
 
 
 def is_bag(path: Path) -> bool:
-    """Whether `read_bag` reads a file or folder, not `read_runs`."""
+    """Return whether `read_bag` reads a file or folder, not `read_runs`."""
     return path.is_dir() or path.suffix in (".mcap", ".bag", ".db3") or _is_recording(path)
 
 
 def _is_recording(path: Path) -> bool:
-    """Whether a file is MCAP of no profile: a bag has that of ROS 2."""
+    """Return whether a file is MCAP of no profile: a bag has that of ROS 2."""
     try:
         with path.open("rb") as stream:
             head = stream.read(21)  # magic, kind and length of the header, length of its profile
@@ -477,7 +477,7 @@ def _is_recording(path: Path) -> bool:
 
 
 def incomplete(path: Path) -> list[str]:
-    """What is missing of a recording of FAME; nothing of other files, of which none is read in part."""
+    """Return what a recording of FAME lacks; nothing for other files, of which none is read in part."""
     if not _is_recording(path):
         return []
     from fame.log import Recording
@@ -487,7 +487,7 @@ def incomplete(path: Path) -> list[str]:
 
 
 def _read_recording(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[float, str, Any]]:
-    """The same of a recording of FAME, which has robots' topics with ``--log-topics``, and ``bpmn_events`` always."""
+    """Yield messages of a recording of FAME: ``bpmn_events``, and with ``--log-topics`` other topics of robots."""
     from fame.log import Recording
     from fame.middleware import codec
 
@@ -506,7 +506,7 @@ def _read_recording(path: str | Path, topics: Mapping[str, str]) -> Iterator[tup
 
 
 def _batches(recording: Recording, robots: Mapping[str, str]) -> Iterator[tuple[int, str, Any]]:
-    """What happens in some robots (name -> topic), as they publish it live: time (ns), topic, message."""
+    """Yield what happens in some robots (name -> topic), as they publish it live: time (ns), topic, message."""
     from fame.middleware import messages
 
     epoch = recording.metadata.get("epoch", date_text(EPOCH))

@@ -39,7 +39,7 @@ class DriftMonitor:
 
     @classmethod
     def of(cls, names: Sequence[str], calibration: Calibration) -> DriftMonitor:
-        """A new monitor for the runs after a calibration."""
+        """Return a new monitor for the runs after a calibration."""
         levels, deviations = np.array(calibration.levels), np.array(calibration.deviations)
         return cls(tuple(names), levels, deviations, np.zeros(len(names)))
 

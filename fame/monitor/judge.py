@@ -215,7 +215,7 @@ class JudgedRuns:
         }  # fmt: skip
 
     def cut_in(self, files: Iterable[Path]) -> JudgedRuns:
-        """The same where files are incomplete: the last run of each is cut."""
+        """Return the runs, the last one of each incomplete file marked as cut."""
         runs, last = list(self.runs), {run.file: number for number, run in enumerate(self.runs)}
         for number in {last[str(file)] for file in files if str(file) in last}:
             note = "the recording is incomplete: how the run went on is not known"
@@ -461,7 +461,7 @@ def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str 
 
 
 def _without(left_out: Sequence[LeftOut], run: JudgedRun) -> JudgedRun:
-    """The run of a bag of whose messages some were left out: nobody knows of which runs they are."""
+    """Return a run of a bag with the share of messages that were taken: of which runs the others are is not known."""
     texts = [each.text for each in left_out if each.seen < 1]
     return replace(run, share=min([run.share, *(each.seen for each in left_out)]), notes=(*run.notes, *texts))
 

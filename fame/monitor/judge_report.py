@@ -194,7 +194,7 @@ def _card(card: dict[str, Any]) -> str:
 
 
 def _svg(width: float, height: float, draw: Callable[..., object], *shown: Any, rows: int = 1) -> str:
-    """Give a plot of what is shown as SVG for the page; of several `rows`, `draw` gets an array of axes over one time.
+    """Return a plot of what is shown as SVG; of several `rows`, `draw` gets an array of axes over one time.
 
     Raises UnavailableError without matplotlib.
     """

@@ -1,6 +1,6 @@
 """Plots of monitoring, and the drawing of a pipeline.
 
-`plot_loss` and `plot_series` show numbers over time; `joint_space`, `deviations` and `confusion` show what was learned
+`plot_loss` and `plot_series` show numbers over time; `joint_space`, `deviations` and `matrices` show what was learned
 of a task and how well. They write PNG files and raise UnavailableError without matplotlib. `draw` writes an SVG file:
 the nodes of some configurations and the topics between them, from left to right. All raise ConfigError for a file that
 cannot be written.
@@ -55,7 +55,7 @@ def line_style(number: int) -> tuple[str, str]:
 
 
 def plot_loss(loss: Samples, file: str | Path, *, thresholds: Sequence[float] = (), title: str = "") -> None:
-    """Loss over time, a line per channel, each with its threshold in its colour (one for all in black).
+    """Plot loss over time, a line per channel, each with its threshold in its colour (one for all in black).
 
     Writes a PNG. Raises UnavailableError without matplotlib.
     """
@@ -76,7 +76,7 @@ def plot_loss(loss: Samples, file: str | Path, *, thresholds: Sequence[float] = 
 
 
 def plot_series(series: Sequence[Line], file: str | Path, *, thresholds: Sequence[float] = ()) -> None:
-    """Numbers of topics over time. Writes a PNG. Raises UnavailableError without matplotlib."""
+    """Plot numbers of topics over time. Writes a PNG. Raises UnavailableError without matplotlib."""
     figure, axes = _over_time()
     begin = min(each.stamps[0] for each in series if each.stamps)
     for each in series:
@@ -100,7 +100,7 @@ _INCHES, _DPI = (7.0, 5.6), 120
 
 
 def joint_space(path: Path, recording: Recording, predicted: Any = None, *, title: str = "Joint space") -> None:
-    """All points on three principal components. `predicted` (points,) are labels that a classifier gave them."""
+    """Plot all points on three principal components. `predicted` (points,) are labels that a classifier gave them."""
     figure = _figure(_INCHES)
     axes: Any = figure.add_subplot(projection="3d")
     points = _components(recording.values)
@@ -113,7 +113,7 @@ def joint_space(path: Path, recording: Recording, predicted: Any = None, *, titl
 
 
 def deviations(path: Path, detector: PathDetector, runs: Iterable[tuple[str, Recording]]) -> None:
-    """How far each run is off the benign paths and how late it is along the path, with the limits. Runs have names."""
+    """Plot how far runs, each with a name, are off the benign paths and how late along them, with the limits."""
     figure = _figure((8.0, 6.0))
     above, below = figure.subplots(2, 1, sharex=True)
     for name, run in runs:
@@ -133,7 +133,7 @@ def deviations(path: Path, detector: PathDetector, runs: Iterable[tuple[str, Rec
 
 
 def matrices(path: Path, titled: Sequence[tuple[str, ConfusionMatrix]]) -> None:
-    """A confusion matrix for each candidate: its title and counts."""
+    """Plot confusion matrices, each with its title."""
     columns = min(3, max(1, len(titled)))
     rows = -(-len(titled) // columns) or 1
     figure = _figure((2.6 * columns + 0.4, 2.5 * rows + 0.4))
@@ -166,7 +166,7 @@ def _save_with_legend(figure: Figure, axes: Any, file: str | Path) -> None:
 
 
 def _mark(above: Any, below: Any, readings: Sequence[PointScores]) -> None:
-    """Dots where a point is anomalous."""
+    """Draw dots where a point is anomalous."""
     bad = [reading for reading in readings if reading.anomalous]
     phase = [reading.phase for reading in bad]
     above.plot(phase, [1000 * reading.deviation for reading in bad], ".", color=ANOMALOUS_COLOUR, markersize=4)
@@ -189,7 +189,7 @@ def _groups(labels: Any, predicted: Any) -> list[tuple[str, str, Any]]:
 
 
 def _components(values: Floats) -> Floats:
-    """The points (points, joints) on their first three principal components (points, 3)."""
+    """Return the points (points, joints) on their first three principal components (points, 3)."""
     centred = values - values.mean(axis=0)
     _, _, directions = np.linalg.svd(centred, full_matrices=False)
     found: Floats = centred @ directions[:3].T
@@ -264,7 +264,7 @@ def _graph(configurations: Sequence[Configuration]) -> tuple[dict[str, _Box], li
 
 
 def _place(boxes: dict[str, _Box], edges: Sequence[tuple[str, str]]) -> None:
-    """Columns by the longest way from the left, each filled from the top. A loop goes back."""
+    """Place boxes in columns by the longest way from the left, each filled from the top. A loop goes back."""
     for _ in boxes:
         for source, target in edges:
             if boxes[target].column <= boxes[source].column < len(boxes):

@@ -101,7 +101,7 @@ class PropertyWatch:
             self._context.changed()
 
     def results(self) -> None:
-        """Never give results: the watch does not end by itself."""
+        """Return None: the watch does not end by itself."""
 
     def close(self) -> None:
         self._found.cancel()

@@ -46,7 +46,7 @@ class _NodeService:
         self._node = node
 
     def results(self) -> None:
-        """Never give results: the node does not end by itself."""
+        """Return None: the node does not end by itself."""
 
     def close(self) -> None:
         self._node.close()

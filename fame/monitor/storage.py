@@ -62,7 +62,7 @@ def write_artefact(content: Any, path: str | Path) -> None:
 
 
 def _write_settled(data: io.BytesIO, path: Path) -> None:
-    """What skops dumped, without what differs from time to time: addresses in memory, by which it names parts and
+    """Write what skops dumped, without what differs from time to time: addresses in memory, by which it names parts and
     files, become numbers in their order, and the files have no date."""
     numbers: dict[str, str] = {}
 
@@ -86,8 +86,8 @@ def _source(file: Path | io.BytesIO) -> dict[str, Any]:
 
 
 def read_artefact(path: Path, maker: str) -> Any:
-    """What `write_artefact` stored, by the command `maker`. Raises ConfigError if it is not there, corrupt, or holds
-    anything that could run."""
+    """Read what `write_artefact` stored, by the command `maker`. Raises ConfigError if it is not there, corrupt, or
+    holds anything that could run."""
     if not path.is_file():
         raise ConfigError(f"there is no such file{similar_file(path)}", file=str(path))
     most = _INFLATION * path.stat().st_size + _SLACK
@@ -133,7 +133,7 @@ class StoredModel:
     detectors: ClassVar[Mapping[str, Any]]
 
     def check(self) -> None:
-        """Raises ValueError or another error if its parts do not fit each other."""
+        """Raise ValueError or another error if its parts do not fit each other."""
 
     def to_plain(self) -> dict[str, Any]:
         """Return all values as plain data and arrays, as they are stored."""

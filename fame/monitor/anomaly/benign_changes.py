@@ -138,7 +138,7 @@ class Lateness:
         self.rest: float = 0.0
 
     def step(self, clock: float, lateness: float, *, resting: bool) -> tuple[float, float]:
-        """Take the clock and the lateness (samples) of a point; give what remains, and its change over the window."""
+        """Take the clock and the lateness (samples) of a point; return what remains, and its change over the window."""
         if resting:
             self.rest += max(0.0, clock - self._clock)
         self._clock = clock
@@ -202,12 +202,12 @@ class LostSamples:
 
     @property
     def recent(self) -> bool:
-        """Whether a sample is missing shortly before."""
+        """Whether a sample is missing shortly before the last point."""
         return self._since <= _AFTER
 
     @property
     def share(self) -> float:
-        """Of the samples that there should be; 0 of a few, which are no evidence."""
+        """The share of the samples that are missing; 0 for a few, which are no evidence."""
         return self.count / (self.points + self.count) if self.count >= _FEW else 0.0
 
     @property

@@ -78,7 +78,7 @@ def _build(cls: Any, candidate: CandidateClassifier, parameters: dict[str, Any])
 
 
 def expand_candidates(learning: Learning) -> Iterator[CandidateClassifier]:
-    """Every classifier to try, each with its parameters and reduction: the candidates, multiplied by the grid."""
+    """Yield every classifier to try, with its parameters and reduction: the candidates, multiplied by the grid."""
     for candidate in learning.classifiers or _defaults(learning):
         own = dict(learning.grid.get(candidate.name, {}))
         reductions = own.pop("reduction", None)
@@ -144,7 +144,7 @@ class AnomalyDetector:
         return {name: detector.predict(data) for name, detector in self._supervised.items()}
 
     def evaluate(self, data: Recording) -> dict[str, ConfusionMatrix]:
-        """The confusion matrix of points of each."""
+        """Return the confusion matrix of points of each classifier, by name."""
         found = {**self.classify_unsupervised(data), **self.classify_supervised(data)}
         return {name: by_point(data, predicted) for name, predicted in found.items()}
 
@@ -199,7 +199,7 @@ class ConfusionMatrix(NamedTuple):
         return (*map(str, self), *(f"{ratio:.4f}" for ratio in self.ratios.values()))
 
     def plus(self, other: ConfusionMatrix) -> ConfusionMatrix:
-        """Both counts together."""
+        """Return the sums of both counts."""
         return ConfusionMatrix(*(mine + its for mine, its in zip(self, other, strict=True)))
 
 
@@ -207,14 +207,14 @@ class OutputMatrix:
     """The published role."""
 
     def output_matrix(self, true_y: Any, pred_y: Any) -> ConfusionMatrix:
-        """The matrix of true and predicted labels (+1 benign, -1 anomalous), of points or of runs."""
+        """Return the matrix of true and predicted labels (+1 benign, -1 anomalous), of points or of runs."""
         true, found = (np.asarray(labels).ravel() == ANOMALOUS for labels in (true_y, pred_y))
         counts = ((true & found), (~true & found), (~true & ~found), (true & ~found))
         return ConfusionMatrix(*(int(part.sum()) for part in counts))
 
 
 def run_scores(recording: Recording, predicted: Any) -> list[float]:
-    """The anomaly score of each run: its anomalous points divided by all its points."""
+    """Return the anomaly score of each run: its anomalous points divided by all its points."""
     return [float(np.mean(predicted[rows] == ANOMALOUS)) for rows in recording.slices()]
 
 
@@ -223,7 +223,7 @@ def by_point(recording: Recording, predicted: Any) -> ConfusionMatrix:
 
 
 def by_run(labels: Sequence[int], scores: Sequence[float], threshold: float) -> ConfusionMatrix:
-    """A run is anomalous if its score exceeds the threshold."""
+    """Return the confusion matrix of runs, which are anomalous if their score exceeds the threshold."""
     return OutputMatrix().output_matrix(labels, [-1 if score > threshold else 1 for score in scores])
 
 
@@ -297,7 +297,7 @@ def rows(learned: Sequence[TrainedClassifier], chosen: TrainedClassifier | None 
 
 
 def plain(learned: Sequence[TrainedClassifier], chosen: TrainedClassifier) -> list[dict[str, Any]]:
-    """The same as plain data for JSON."""
+    """Return the results of `rows` as plain data for JSON."""
     return [
         {
             "name": item.candidate.name,

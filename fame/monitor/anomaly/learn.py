@@ -212,7 +212,7 @@ class _Fitted(NamedTuple):
 def _run(
     tasks: Sequence[_Task], candidates: Sequence[CandidateClassifier], learning: Learning, data: LearningData, jobs: int
 ) -> Iterator[tuple[_Task, _Fitted]]:
-    """All fits, in order, `jobs` at a time in processes of their own."""
+    """Yield all fits, in order, `jobs` at a time in processes of their own."""
     if jobs == 1:
         yield from ((task, _fit(candidates[task.candidate], task.fold, learning, data)) for task in tasks)
         return
@@ -241,7 +241,7 @@ def _fit(candidate: CandidateClassifier, fold: int, learning: Learning, data: Le
 
 
 def fold_numbers(recording: Recording, folds: int) -> Any:
-    """The fold of each run: contiguous, of each class alike."""
+    """Return the fold of each run: contiguous, of each class alike."""
     labels = np.array(recording.run_labels())
     numbers = np.zeros(len(labels), dtype=np.int64)
     for label in np.unique(labels):
@@ -251,13 +251,13 @@ def fold_numbers(recording: Recording, folds: int) -> Any:
 
 
 def _without(source: Recording, held: Recording) -> Recording:
-    """The runs that are not among the held-out ones (the same runs may stand in two files)."""
+    """Return the runs that are not among the held-out ones (the same runs may stand in two files)."""
     out = {data_hash_of_run(run) for run in held}
     return source.select([number for number, run in enumerate(source) if data_hash_of_run(run) not in out])
 
 
 def data_hash_of_run(run: Recording) -> str:
-    """The same for the same points, wherever they stand."""
+    """Return a hash that is the same for the same points, wherever they stand."""
     return data_hash(replace(run, runs=run.runs[:0], labels=run.labels[:0]))
 
 
@@ -307,7 +307,7 @@ def _learned(
 
 
 def _learned_from(data: LearningData) -> Iterator[Recording]:
-    """Give each run of the files that train."""
+    """Yield each run of the files that train."""
     yield from (run for source in (data.both, data.benign) if source is not None for run in source)
 
 
@@ -373,7 +373,7 @@ class Interface:
                 self._show(source.source, self.detector.evaluate(source), "train (learned from)")
 
     def get_testing_predictions(self) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-        """For unsupervised and supervised classifiers: per testing file, the labels (points,) by name."""
+        """Return, for unsupervised and supervised classifiers, the labels (points,) by name for each testing file."""
         unsupervised, supervised = [], []
         for data in self.data.testing:
             unsupervised.append(self.detector.classify_unsupervised(data))

@@ -87,7 +87,7 @@ class CandidateClassifier:
     place: ConfigValue = field(default_factory=lambda: ConfigValue(None), repr=False, compare=False)
 
     def error(self, key: str, text: str) -> ConfigError:
-        """An error about one of its keys, or about a default classifier."""
+        """Return an error about one of its keys, or about a default classifier."""
         if not self.place.path:
             return ConfigError(text, element=self.name)
         return self.place.source.error(join(self.place.path, key), text)

@@ -223,7 +223,7 @@ class RunMonitor(ArmRuns):
 
 
 def _rests(before: Sequence[float], values: Sequence[float]) -> bool:
-    """Whether the arm is at rest near home."""
+    """Return whether the arm is at rest near home."""
     return math.hypot(*values) < NEAR and max(abs(a - b) for a, b in zip(values, before, strict=True)) < STILL
 
 
@@ -267,7 +267,7 @@ class Collector(ArmRuns):
             self._another(len(self.rows))
 
     def step(self, stamp: float, values: list[float]) -> None:
-        """One more point."""
+        """Take one more point."""
         if not self._running or self.done:
             return
         if self._first:
@@ -308,7 +308,7 @@ class Collector(ArmRuns):
 
 
 def _whole(recording: Recording) -> Recording:
-    """All runs but those that were cut off."""
+    """Return all runs but those that were cut off."""
     lengths = [len(run) for run in recording]
     usual = int(np.quantile(lengths, 0.5, method="higher"))
     cut = [number for number, length in enumerate(lengths) if length < WHOLE * usual]

@@ -49,7 +49,7 @@ class DataProcess:
             raise ConfigError(f"expected a scaling of {', '.join(SCALINGS)}, got {self.scaling!r}")
 
     def split(self, in_file: str | Path, x_cols: Sequence[int], y_cols: Sequence[int]) -> tuple[Floats, Any]:
-        """The input columns (points, inputs) and the label column (points,) of a CSV file; columns count from 0."""
+        """Return input columns (points, inputs) and the label column (points,) of a CSV file; columns count from 0."""
         recording = read_csv(in_file, x_cols, y_cols[0] if y_cols else None)
         return recording.values, recording.labels
 
@@ -75,7 +75,7 @@ class DataProcess:
         return np.asarray(self.pca.transform(scaled) if self.pca is not None else scaled)
 
     def affine(self, inputs: int) -> tuple[Floats, Floats]:
-        """The same as one matrix and offset: ``transform(x) == x @ matrix + offset``."""
+        """Return the transformation as matrix and offset: ``transform(x) == x @ matrix + offset``."""
         offset = self.transform(np.zeros((1, inputs)))[0]
         return self.transform(np.eye(inputs)) - offset, offset
 
@@ -112,7 +112,7 @@ class PointClassifier:
         return self
 
     def predict(self, recording: Recording) -> Any:
-        """Labels (points,): +1 benign, -1 anomalous."""
+        """Return labels (points,): +1 benign, -1 anomalous."""
         return np.where(self.classifier.predict(self.process.transform(recording.values)) == ANOMALOUS, -1, 1)
 
     def decision(self, joints: int) -> Callable[[Floats], bool]:
@@ -165,14 +165,14 @@ class Model(StoredModel):
     conditions: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self) -> None:
-        """Raises ValueError or another error if its parts do not fit each other."""
+        """Raise ValueError or another error if its parts do not fit each other."""
         if self.reference.ndim != 2 or self.reference.shape[1] != len(self.joints):
             raise ValueError(f"reference of shape {self.reference.shape} for {len(self.joints)} joints")
         self.scorer().step(self.reference[0].tolist())
         self.alarm_text()
 
     def predict(self, recording: Recording) -> Any:
-        """Labels (points,): +1 benign, -1 anomalous."""
+        """Return labels (points,): +1 benign, -1 anomalous."""
         return self.detector.predict(recording)
 
     def scorer(self) -> Scorer:
@@ -199,7 +199,7 @@ class Model(StoredModel):
         return self.detector.score(scores) if isinstance(self.detector, Several) else scores[0]
 
     def alarm_text(self, threshold: float | None = None) -> str:
-        """The threshold in points and time."""
+        """Return the threshold in points and time."""
         limit = self.threshold if threshold is None else threshold
         if not isinstance(self.detector, Several):
             return self._alarm_text(limit, self.period)
@@ -219,7 +219,7 @@ class Model(StoredModel):
         return max(map(_period, self.parts.values()))
 
     def worst_joint(self, values: Floats) -> tuple[str, float]:
-        """The joint that is farthest from the nearest benign point, and how far (rad)."""
+        """Return the joint that is farthest from the nearest benign point, and how far (rad)."""
         nearest = self.reference[np.argmin(((self.reference - values) ** 2).sum(axis=1))]
         apart = np.abs(values - nearest)
         worst = int(apart.argmax())
@@ -231,7 +231,7 @@ def _period(detector: Any) -> float:
 
 
 def data_hash(*recordings: Recording) -> str:
-    """SHA-256 of the values, labels and runs of recordings."""
+    """Return the SHA-256 of the values, labels and runs of recordings."""
     digest = hashlib.sha256()
     for recording in recordings:
         for part in (recording.values, recording.labels, recording.runs):

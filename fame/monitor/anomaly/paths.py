@@ -72,7 +72,7 @@ class Paths:
     turns: Floats
 
     def without(self, runs: Sequence[int]) -> Paths:
-        """All runs but these."""
+        """Return all runs but these."""
         kept = ~np.isin(self.runs, runs)
         return replace(self, **{name: getattr(self, name)[kept] for name in _ARRAYS})
 
@@ -128,16 +128,16 @@ class PathDetector:
         return self
 
     def follow(self, run: Recording) -> list[PointScores]:
-        """Every point of one run."""
+        """Return the scores of every point of one run."""
         return self.tracker().follow(run)
 
     def predict(self, recording: Recording) -> Any:
-        """Labels (points,): +1 benign, -1 anomalous."""
+        """Return labels (points,): +1 benign, -1 anomalous."""
         readings = [reading for run in recording for reading in self.follow(run)]
         return np.where([reading.anomalous for reading in readings], -1, 1)
 
     def tracker(self) -> Tracker:
-        """What follows one run after the other, point by point."""
+        """Return a tracker, which follows one run after the other, point by point."""
         assert self.paths is not None
         return Tracker(self, self.paths)
 
@@ -156,7 +156,7 @@ class PathDetector:
         return Paths(places, ways, times, np.full(len(places), float(number)), arrival, turns)
 
     def limits_text(self) -> str:
-        """What the detector does not see, in a sentence."""
+        """Return what the detector does not see, in a sentence."""
         if self.paths is None or not len(self.paths.turns):
             text = "It was learned by an earlier version and does not see the orientation of the tool"
             return f"{text}: fame monitor adm learn makes it anew."
@@ -188,7 +188,7 @@ class Tracker:
         self.reset()
 
     def reset(self) -> None:
-        """A new run begins."""
+        """Begin a new run."""
         self._before: Vector | None = None
         self._first: Vector | None = None
         self._offset: float | None = None  # what to add to the time for the clock; None until the tool has left
@@ -200,7 +200,7 @@ class Tracker:
         self._changes = BenignChanges(self._parameters, self._usual)
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> PointScores:
-        """One more point: angles (rad), and its time (s) if there is one."""
+        """Take one more point: angles (rad), and its time (s) if there is one."""
         before, time = self._time, self._update_time(stamp)
         if not any(values):
             return NO_READING
@@ -231,7 +231,7 @@ class Tracker:
         return changes.excuse(self._judge(changes.above(deviation), late, phase, self._tilt(values, beside, along)))
 
     def follow(self, run: Recording) -> list[PointScores]:
-        """Every point of one run."""
+        """Return the scores of every point of one run."""
         stamps = [None] * len(run) if run.stamps is None else run.stamps.tolist()
         return [self.step(values, stamp) for values, stamp in zip(run.values.tolist(), stamps, strict=True)]
 
@@ -274,22 +274,22 @@ class Tracker:
         return PointScores(deviation, change, lateness, phase, off_path, bool(kind), tilt, kind)
 
     def _direction(self, place: Vector) -> Vector:
-        """The direction of travel since the point before; all zero if that is too near."""
+        """Return the direction of travel since the point before; all zero if that is too near."""
         before, self._before = self._before or place, place
         x, y, z = place[0] - before[0], place[1] - before[1], place[2] - before[2]
         length = (x * x + y * y + z * z) ** 0.5
         return (x / length, y / length, z / length) if length > self._slow else (0.0, 0.0, 0.0)
 
     def _away(self, place: Vector, near: Any) -> tuple[Vector, Any]:
-        """The mean vector from the neighbours to the place, without its parts along their directions; and these, m."""
+        """Return the mean vector (m) from the neighbours to the place, without the parts along their directions; these."""
         away, directions = np.subtract(place, self._places[near]), self._directions[near]
         along = (away * directions).sum(axis=1)
         x, y, z = ((away.sum(axis=0) - along @ directions) / NEIGHBOURS).tolist()
         return (x, y, z), along
 
     def _tilt(self, values: Sequence[float], near: Any, along: Any) -> float:
-        """The angle (rad) from the neighbours' orientations: the mean rotation vector, to first order, without what
-        they turn themselves on the way `along` to the point."""
+        """Return the angle (rad) from the neighbours' orientations: the mean rotation vector, to first order, without
+        what they turn themselves on the way `along` to the point."""
         if self._turns is None:
             return 0.0
         turned = _turned(self._turns[near], self._chain.quaternion(values)) - along @ self._turning[near]
@@ -299,20 +299,20 @@ class Tracker:
 
 
 def _product(turn: Any) -> Any:
-    """The matrix that turns a quaternion into the product of its conjugate and `turn`."""
+    """Return the matrix that turns a quaternion into the product of its conjugate and `turn`."""
     w, x, y, z = turn
     return (w, -x, -y, -z), (x, w, z, -y), (y, -z, w, x), (z, y, -x, w)
 
 
 def _turned(turns: Floats, turn: Any) -> Any:
-    """The sum of the rotation vectors from orientations (n, 4) to one, to first order; angles are at most pi."""
+    """Return the sum of the rotation vectors from orientations (n, 4) to one, to first order; angles are at most pi."""
     product = turns @ _product(turn)
     return np.where(product[:, 0] < 0, -2.0, 2.0) @ product[:, 1:]
 
 
 def turning(paths: Paths, slow: float) -> Floats:
-    """How the benign paths turn, per metre of their way: rotation vectors (points, 3) by the points before and after,
-    zero where the tool rests."""
+    """Return how the benign paths turn, per metre of their way: rotation vectors (points, 3) by the points before and
+    after, zero where the tool rests."""
     found = np.zeros((len(paths.places), 3))
     ways = np.linalg.norm(paths.places[2:] - paths.places[:-2], axis=1)
     moving = (paths.runs[2:] == paths.runs[:-2]) & (ways > 2 * slow)
@@ -328,12 +328,12 @@ def _mean(vectors: Collection[Vector]) -> Vector:
 
 
 def bin_of(phase: float, count: int, size: int) -> int:
-    """Which of the `count` pieces of `size` samples along the path holds the phase (samples)."""
+    """Return which of the `count` pieces of `size` samples along the path holds the phase (samples)."""
     return max(0, min(int(phase) // size, count - 1))
 
 
 def directions(places: Floats, slow: float = PathParameters().slow) -> Floats:
-    """The direction of travel at each place (points, 3): unit vectors, or zero where the tool rests."""
+    """Return the direction of travel at each place (points, 3): unit vectors, or zero where the tool rests."""
     step = np.gradient(places, axis=0) if len(places) > 1 else np.zeros_like(places)
     length = np.linalg.norm(step, axis=1, keepdims=True)
     return np.asarray(np.where(length > slow, step / np.maximum(length, slow), 0.0))
@@ -345,6 +345,6 @@ def join_paths(paths: Sequence[Paths]) -> Paths:
 
 
 def _period(runs: Sequence[Recording]) -> float:
-    """The usual time (s) between two samples; 0 without stamps."""
+    """Return the usual time (s) between two samples; 0 without stamps."""
     steps = [np.diff(run.stamps) for run in runs if run.stamps is not None]
     return float(np.median(np.concatenate(steps))) if len(steps) == len(runs) else 0.0

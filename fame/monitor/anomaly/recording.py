@@ -65,7 +65,7 @@ def blocks(values: Floats, labels: Whole, apart: NDArray[np.bool_]) -> list[slic
 
 
 def number_runs(values: Floats, labels: Whole) -> tuple[NDArray[np.bool_], Whole]:
-    """Which rows are points of a run, and the number of the run of each of those."""
+    """Return which rows are points of a run, and the number of the run of each of those."""
     apart = separators(values)
     numbers: list[Whole] = []
     count = 0
@@ -78,13 +78,13 @@ def number_runs(values: Floats, labels: Whole) -> tuple[NDArray[np.bool_], Whole
 
 
 def boundaries(values: Floats) -> list[int]:
-    """The first row of each run in one block, by the rule that fits it."""
+    """Return the first row of each run in one block, by the rule that fits it."""
     at_home = (np.linalg.norm(values, axis=1) < NEAR).any()
     return home_boundaries(values) if at_home else dwell_boundaries(values)
 
 
 def home_boundaries(values: Floats) -> list[int]:
-    """The first row of each run that leaves home (all joints 0) and comes back."""
+    """Return the first row of each run that leaves home (all joints 0) and comes back."""
     distance = np.linalg.norm(values, axis=1)
     near = distance < NEAR
     comes = np.flatnonzero(near[1:] & ~near[:-1]) + 1
@@ -98,7 +98,7 @@ def home_boundaries(values: Floats) -> list[int]:
 
 
 def dwell_boundaries(values: Floats) -> list[int]:
-    """The first row of each loop that begins and ends at rest on the same corner."""
+    """Return the first row of each loop that begins and ends at rest on the same corner."""
     step = np.abs(np.diff(values, axis=0, prepend=values[:1])).max(axis=1)
     resting = np.flatnonzero((step < STILL) & (np.abs(values - values[0]).max(axis=1) < CORNER))
     rests = np.split(resting, np.flatnonzero(np.diff(resting) > 1) + 1)
@@ -203,19 +203,19 @@ class Recording:
             yield self.rows(rows)
 
     def rows(self, chosen: slice | NDArray[np.bool_]) -> Recording:
-        """Some of the points, runs numbered anew."""
+        """Return some of the points, runs numbered anew."""
         numbers = self.runs[chosen]
         renumbered = np.cumsum(np.diff(numbers, prepend=numbers[:1]) != 0).astype(np.int64)
         stamps = None if self.stamps is None else self.stamps[chosen]
         return replace(self, values=self.values[chosen], labels=self.labels[chosen], runs=renumbered, stamps=stamps)
 
     def select(self, numbers: Sequence[int]) -> Recording:
-        """Some of the runs, in their order."""
+        """Return some of the runs, in their order."""
         return self.rows(np.isin(self.runs, numbers))
 
 
 def join(recordings: Sequence[Recording]) -> Recording:
-    """One after another. All must have the same number of joints; stamps are kept if all have them."""
+    """Join recordings of the same number of joints, one after another; stamps are kept if all have them."""
     offsets = np.cumsum([0, *(item.count for item in recordings)])
     stamps = [item.stamps for item in recordings]
     return Recording(
@@ -231,7 +231,7 @@ def join(recordings: Sequence[Recording]) -> Recording:
 
 
 def of_runs(runs: Sequence[Floats], label: int, joints: Sequence[str], source: str = "") -> Recording:
-    """A recording made of runs, each an array (points, joints)."""
+    """Return a recording made of runs, each an array (points, joints)."""
     lengths = [len(run) for run in runs]
     return Recording(
         joints=tuple(joints),
@@ -287,14 +287,14 @@ def write_csv(path: str | Path, recording: Recording) -> None:
 
 
 def merge(paths: Sequence[str | Path]) -> Recording:
-    """Labelled files as one recording. Raises ConfigError if they are not of the same joints."""
+    """Read labelled files as one recording. Raises ConfigError if they are not of the same joints."""
     recordings = [read_csv(path) for path in paths]
     require_same_joints(recordings)
     return join(recordings)
 
 
 def require_same_joints(recordings: Sequence[Recording]) -> None:
-    """Raises ConfigError if two have different joints; names made up for a headerless file fit any."""
+    """Raise ConfigError if two have different joints; names made up for a headerless file fit any."""
     for first, other in combinations(recordings, 2):
         if not _same(other.joints, first.joints):
             raise ConfigError(
@@ -320,7 +320,7 @@ def in_joint_order(recording: Recording, joints: Sequence[str]) -> Recording:
 
 
 def _same(some: Sequence[str], others: Sequence[str]) -> bool:
-    """Whether there are as many, and all of the same name, unless one of them was made up."""
+    """Return whether there are as many, and all have the same names, unless one was made up."""
     made_up = re.compile(r"joint_\d+").fullmatch
     return len(some) == len(others) and all(
         one == other or made_up(one) or made_up(other) for one, other in zip(some, others, strict=True)
@@ -339,7 +339,7 @@ def _notes(path: Path, table: CsvTable, kept: NDArray[np.bool_]) -> tuple[str, .
 def _columns(
     table: CsvTable, path: Path, inputs: Sequence[int] | None, output: int | None
 ) -> tuple[list[int], int | None]:
-    """Which columns are joints, which is the label."""
+    """Return which columns are joints, which is the label."""
     width = table.cells.shape[1]
     if inputs is None:
         special = {STAMP, RUN, LABEL}
@@ -382,7 +382,7 @@ def _reject_times(table: CsvTable, inputs: Sequence[int], path: Path) -> None:
 
 
 def _grows_steadily(values: Floats) -> bool:
-    """Whether values grow from each row to the next, most of the steps by about the same."""
+    """Return whether values grow from each row to the next, most of the steps by about the same."""
     steps = np.diff(values)
     if len(steps) < 2 or not (steps > 0).all():
         return False

@@ -38,10 +38,10 @@ BENIGN_POINT = PointVerdict(False)
 
 class Scorer:
     def reset(self) -> None:
-        """The next run begins."""
+        """Begin the next run."""
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> PointVerdict:
-        """One point: values of the joints in the model's order, and its time (s) if known."""
+        """Score one point: values of the joints in the model's order, and its time (s) if known."""
         raise NotImplementedError
 
     def changes(self) -> Sequence[Change]:

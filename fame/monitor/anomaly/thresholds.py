@@ -23,7 +23,7 @@ from fame.monitor.pipeline.detectors import Several, combined
 def set_threshold(
     candidate: CandidateClassifier, learning: Learning, whole: Recording, held: Evaluation | None
 ) -> tuple[float, str, Calibration | None]:
-    """The threshold, what is wrong with it, and its calibration if a rate of false alarms is asked for."""
+    """Return the threshold, what is wrong with it, and its calibration if a rate of false alarms is asked for."""
     if not learning.false_alarms:
         return *_threshold(candidate, whole, held), None
     return _calibrated(learning, whole, held, 0.0 if candidate.threshold in ("auto", None) else candidate.threshold)

@@ -48,7 +48,7 @@ class FittedDetector(Protocol):
     kind: ClassVar[str]
 
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
-        """Give the loss (n, channels) of scaled windows (n, window, channels) that end at `times`, s since the start"""
+        """Return the loss (n, channels) of scaled windows (n, window, channels) that end at `times` (s)."""
 
 
 # ---- autoencoders ----------------------------------------------------------------------------------------------------
@@ -252,7 +252,7 @@ def _chosen(windows: Floats, count: int, seed: int) -> Floats:
 
 
 def _shared(score: Floats, windows: Floats) -> Floats:
-    """Give each channel its share of a score (n,): all of it to the channel with the largest deviation."""
+    """Return the share of each channel in a score (n,): all of it for the channel with the largest deviation."""
     energy = np.einsum("nwc,nwc->nc", windows, windows) + _TINY
     return np.asarray(score[:, None] * energy / energy.max(axis=1, keepdims=True))
 
@@ -388,7 +388,7 @@ class Several:
         return float(combined(self.rule, np.asarray(scores) / np.maximum(self.usual[:, 0], _LEAST)))
 
     def predict(self, recording: Any) -> Any:
-        """Labels (points,): +1 benign, -1 anomalous."""
+        """Return labels (points,): +1 benign, -1 anomalous."""
         return np.where(combined(self.rule, [part.predict(recording) == -1 for part in self.parts]), -1, 1)
 
     @classmethod
@@ -412,7 +412,7 @@ def _folds(number: int, times: Floats | None) -> list[NDArray[np.bool_]]:
 
 
 def _left_out(name: str, windows: Floats, settings: Training, times: Floats | None, fold: NDArray[np.bool_]) -> Floats:
-    """The largest losses of some windows, by a detector that learned from all others."""
+    """Return the largest losses of some windows, by a detector that learned from all others."""
     here, others = (None, None) if times is None else (times[fold], times[~fold])
     losses: Floats = _KINDS[name].fit(windows[~fold], settings, others).loss(windows[fold], here).max(axis=0)
     return losses

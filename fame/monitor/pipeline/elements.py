@@ -69,7 +69,7 @@ def run_times(run: Samples, stamps: Floats, axis: Axis) -> Floats:
 
 
 def foreign(stamps: Floats, changes: ActiveElements, axis: Axis) -> NDArray[np.bool_]:
-    """Whether the element at each stamp (n,) is one that no training run had."""
+    """Return whether the element at each stamp (n,) is one that no training run had."""
     names, _ = active(stamps, changes)
     return np.isin(names, ["", *axis], invert=True) if axis else np.zeros(len(stamps), dtype=bool)
 

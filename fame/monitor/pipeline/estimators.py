@@ -74,7 +74,7 @@ class Autoencoder(Processor):
         return self._moving(windows, trained.loss(windows.values, since))
 
     def _moving(self, windows: Samples, loss: Floats) -> Result:
-        """The loss of the windows but those that it says nothing about: a dead sensor fits every detector."""
+        """Return the loss of the windows but those that it says nothing about: a dead sensor fits every detector."""
         still = self.trained.still(windows.values)
         out = still.any(axis=1) & (loss <= self.trained.thresholds).all(axis=1)
         for channel in np.flatnonzero(still[out].any(axis=0)):
@@ -102,7 +102,7 @@ class Autoencoder(Processor):
         return begins
 
     def _channels(self, samples: Samples) -> Samples:
-        """The channels in the order of the model. Raises ValueError if it was trained on others."""
+        """Return the channels in the order of the model. Raises ValueError if it was trained on others."""
         columns, names = self.trained.columns, samples.names
         values = samples.channels() if len(samples) else samples.values
         if len(samples) and values.shape[1] != len(columns) and not set(columns) <= set(names):
@@ -118,7 +118,7 @@ class Autoencoder(Processor):
 
 
 def _named(names: tuple[str, ...]) -> bool:
-    """Whether channels have names, not numbers alone."""
+    """Return whether channels have names, not numbers alone."""
     return bool(names) and not all(name.rpartition(".")[2].isdecimal() for name in names)
 
 
@@ -180,7 +180,7 @@ class Estimator(Processor):
 
 
 def load_estimator(path: str | Path) -> Any:
-    """An estimator that skops stored, or an ONNX model.
+    """Load an estimator that skops stored, or an ONNX model.
 
     Raises ConfigError for anything else, and for what could run code.
     """

@@ -49,7 +49,7 @@ def unusable(text: str, names: Sequence[str], wanted: Sequence[str]) -> Unusable
 
 
 def has_stamp(type: str) -> bool:
-    """Whether messages of a type carry a time."""
+    """Return whether messages of a type carry a time."""
     fields = typesystem.definition(type).fields
     return any(field.name == "header" and field.base == "std_msgs/msg/Header" for field in fields)
 
@@ -91,7 +91,7 @@ def _read(content: Definition, path: FieldPath, done: tuple[Any, ...]) -> Read:
 
 
 def _read_element(content: Definition, field: Field, rest: FieldPath, place: tuple[Any, ...]) -> Read:
-    """One message of a list of messages."""
+    """Return the function that reads one message of a list of messages."""
     if not rest or type(rest[0]) is not int:
         text = f"{format_path(place)} is a list of {field.base}; expected an index such as 0 after it"
         raise MessageError(text, type=content.name)
@@ -147,7 +147,7 @@ def _read_whole(field: Field, beside: str | None) -> Read:
 def _read_places(
     field: Field, beside: str | None, wanted: Sequence[Any], place: tuple[Any, ...], *, single: bool
 ) -> Read:
-    """Some places of an array, by index or by name; where names stand is kept as long as they stay the same."""
+    """Return the function that reads places of an array, by index or by name; where a name stands is remembered."""
     get, places = attrgetter(field.attribute), [0]
     kept: list[str] | None = None
     channels = () if single else tuple(map(str, wanted))
@@ -176,7 +176,7 @@ def _read_places(
 
 
 def names_field(content: Definition, field: Field) -> str | None:
-    """The field that names the places of an array, if the type has one."""
+    """Return the field that names the places of an array, if the type has one."""
     for other in content.fields:
         if other.name in _NAMES and other.base == "string" and other.shape != "single" and field.base == "float64":
             return other.attribute
@@ -241,7 +241,7 @@ class Writer:
     slots: tuple[_Slot, ...]
 
     def message(self, values: Sequence[Any], stamp: float, names: tuple[str, ...] = ()) -> Any:
-        """A message with these values, one per path, and names of the channels of a whole array if they are known.
+        """Return a message with these values, one per path, and names of the channels of a whole array if known.
 
         Raises MessageError if they do not fit.
         """
@@ -259,7 +259,7 @@ class Writer:
 
 
 def writer(type: str, paths: Sequence[FieldPath]) -> Writer:
-    """What makes messages of a type from values at these paths.
+    """Return what makes messages of a type from values at these paths.
 
     Raises MessageError for a path that the type lacks, for two outputs at one place, and for gaps in an array.
     """
@@ -299,7 +299,7 @@ def _slot(
 def _checked(
     content: Definition, path: FieldPath, done: tuple[str, ...]
 ) -> tuple[tuple[str, ...], Any, bool, str | None]:
-    """The names of fields of a path, what follows them, whether that is in an array, and the field for its names."""
+    """Return the fields of a path, what follows them, whether that is in an array, and the field for its names."""
     if not path:
         have = ", ".join(field.name for field in content.fields)
         raise MessageError(f"the path ends at a message; expected one of its fields: {have}", type=content.name)
@@ -320,7 +320,7 @@ def _checked(
 
 
 def _fitting(value: Any, slot: _Slot) -> Any:
-    """The value for a whole field: a list for an array, one value otherwise."""
+    """Return the value for a whole field: a list for an array, one value otherwise."""
     array = np.asarray(value)
     if slot.several:
         return array.ravel() if array.dtype != object else array.ravel().tolist()

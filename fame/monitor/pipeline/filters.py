@@ -104,7 +104,7 @@ class Resample(Processor):
         return samples.replace(values=out[near], stamps=grid[near])
 
     def _grid(self, begin: float, stamps: Floats) -> Floats:
-        """The multiples of 1 / rate after `begin`, among the stamps, without those deep in a gap: it may be years."""
+        """Return the multiples of 1 / rate after `begin`, among the stamps, but not deep in a gap: it may be years."""
         lows, highs = self._last_of(np.concatenate(([begin], stamps[:-1]))) + 1, self._last_of(stamps)
         wide = stamps - np.concatenate((stamps[:1], stamps[:-1])) > self.gap
         lows = np.where(wide, np.maximum(lows, highs), lows)  # the sample behind a gap may stand on the grid itself
@@ -114,7 +114,7 @@ class Resample(Processor):
         return np.asarray(grid[grid >= stamps[0]])
 
     def _last_of(self, stamps: Floats) -> Floats:
-        """The number of the last multiple of 1 / rate that is not after each stamp."""
+        """Return the number of the last multiple of 1 / rate that is not after each stamp."""
         last = np.floor(stamps * self.rate)
         last += (last + 1) / self.rate <= stamps  # the product may have been rounded either way
         return np.asarray(last - (last / self.rate > stamps))
@@ -167,7 +167,7 @@ class Windower:
         rate: float = 0.0,
         report: Callable[[str], object] = lambda text: None,
     ) -> Samples:
-        """The windows that these samples complete: values (k, size, ...), stamps of their last samples (k,)."""
+        """Return the windows that these samples complete: values (k, size, ...), stamps of their last samples (k,)."""
         values, stamps = samples.values, samples.stamps
         if self._tail is not None and self._tail.values.shape[1:] == values.shape[1:]:
             values = np.concatenate((self._tail.values, values))
@@ -186,7 +186,7 @@ class Windower:
 
 
 def _of_rate(ends: Whole, stamps: Floats, size: int, rate: float, report: Callable[[str], object]) -> Whole:
-    """Those windows that are as long as they should be."""
+    """Return the windows that are as long as they should be; report the others."""
     if not rate or not len(ends):
         return ends
     length = (size - 1) / rate

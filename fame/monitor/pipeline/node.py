@@ -91,7 +91,7 @@ class Publications:
 
 
 def _finite_rows(arrays: Sequence[Any], stamps: Floats) -> Any:
-    """Which rows are finite in all of them, at a time that a message can hold."""
+    """Return which rows are finite in all arrays, at a time that a message can hold."""
     finite = np.isfinite(stamps) & (np.abs(stamps) < _LAST_SECOND)
     for values in arrays:
         if values.dtype.kind == "f":
@@ -237,5 +237,5 @@ class ProcessingNode:
 
 
 def _without_numbers(text: str) -> str:
-    """What counts as the same thing to report, though its numbers differ."""
+    """Return a text without its numbers: reports that differ in them alone are the same."""
     return re.sub(r"\d[\d.]*", "#", text)

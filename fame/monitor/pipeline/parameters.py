@@ -29,7 +29,7 @@ from fame.monitor.pipeline.subscriptions import ThrottledReport
 
 
 def owners(processors: Sequence[Any]) -> dict[str, tuple[Any, Parameter]]:
-    """Name of a parameter -> whose it is."""
+    """Return the parameters by name, each with its processor."""
     known: dict[str, tuple[Any, Parameter]] = {}
     for number, processor in enumerate(processors):
         for parameter in declared_parameters(processor):
@@ -63,7 +63,7 @@ class ParameterServer:
             table.offer(node)
 
     def set(self, name: str, value: Any) -> Any:
-        """Raises ConfigError for an unknown one, or a value that does not fit."""
+        """Set a parameter. Raises ConfigError for an unknown one, or a value that does not fit."""
         if name not in self.owners:
             raise ConfigError(f"unknown parameter; known are {', '.join(self.owners) or 'none'}", element=name)
         processor, parameter = self.owners[name]
@@ -112,7 +112,7 @@ class ParameterServer:
             self._report(f"refused {name}", f"{name} stays as it is: {error}")
 
     def _changed(self, parameters: Any) -> Iterator[tuple[str, Any]]:
-        """Names and values of those that are ours and new."""
+        """Yield names and values of the offered parameters that change."""
         for item in parameters:
             if item.name in self.owners:
                 processor, parameter = self.owners[item.name]
@@ -137,19 +137,19 @@ class ParameterClient:
         self._node, self._scheduler, self.other, self._timeout = node, scheduler, other.rstrip("/"), timeout
 
     def names(self) -> list[str]:
-        """Raises MissionError if the node does not answer."""
+        """Return the names of its parameters. Raises MissionError if the node does not answer."""
         return list(self._call("ListParameters", {}).result.names)
 
     def get(self, names: Sequence[str]) -> list[Any]:
-        """Values; None for a parameter that the node does not have."""
+        """Return the values; None for a parameter that the node does not have."""
         return [from_value(value) for value in self._call("GetParameters", {"names": list(names)}).values]
 
     def describe(self, names: Sequence[str]) -> list[Any]:
-        """Messages of rcl_interfaces/msg/ParameterDescriptor."""
+        """Return messages of rcl_interfaces/msg/ParameterDescriptor."""
         return list(self._call("DescribeParameters", {"names": list(names)}).descriptors)
 
     def set(self, name: str, value: Any) -> None:
-        """Raises ConfigError if the node refuses, with its reason."""
+        """Set a parameter. Raises ConfigError if the node refuses, with its reason."""
         (now,) = self.get([name])
         if isinstance(now, float) and type(value) is int:
             value = float(value)
@@ -178,7 +178,7 @@ class ParameterClient:
 
 
 def type_of(value: Any) -> str:
-    """The type of a parameter that takes a value as it was typed. Raises ConfigError."""
+    """Return the type of a parameter that takes a value as it was typed. Raises ConfigError."""
     if isinstance(value, list) and value and all(isinstance(item, str) for item in value):
         return "strs"
     if isinstance(value, list) and all(type(item) in (int, float) for item in value):

@@ -94,7 +94,7 @@ class Machine(Processor):
 
 
 def parse_line(text: str) -> list[str] | dict[str, str]:
-    """Tokens of a line, by name if it has names."""
+    """Return the tokens of a line, by name if it has names."""
     tokens = [token for token in re.split(r"[\s,;]+", text) if token]
     if tokens and all("=" in token for token in tokens):
         return dict(token.split("=", 1) for token in tokens)
@@ -154,7 +154,7 @@ class _SerialConnection:
 
 
 def _drain(receive: Callable[[], bytes]) -> bytes:
-    """All that is there. Raises OSError at the end of the stream."""
+    """Receive all that is there. Raises OSError at the end of the stream."""
     parts: list[bytes] = []
     try:
         while part := receive():
@@ -167,7 +167,7 @@ def _drain(receive: Callable[[], bytes]) -> bytes:
 
 
 def _callable(source: str, folder: Path) -> Callable[[], Any] | None:
-    """The function of ``module:function``; None for an address. Raises ConfigError."""
+    """Return the function of ``module:function``; None for an address. Raises ConfigError."""
     if "://" in source:
         return None
     from fame.config.loader import find_object
@@ -180,7 +180,7 @@ def _callable(source: str, folder: Path) -> Callable[[], Any] | None:
 
 
 def _opener(source: str) -> Callable[[], Connection]:
-    """What opens an address. Raises ConfigError."""
+    """Return what opens an address. Raises ConfigError."""
     import termios
 
     try:

@@ -51,18 +51,18 @@ class Samples:
     elements: ActiveElements = ()
 
     def __len__(self) -> int:
-        """The number of samples."""
+        """Return the number of samples."""
         return len(self.stamps)
 
     def replace(
         self, values: NDArray[Any], stamps: Floats | None = None, names: tuple[str, ...] | None = None
     ) -> Samples:
-        """The same with other values and, if given, other stamps and names."""
+        """Return these samples with other values and, if given, other stamps and names."""
         stamps, names = self.stamps if stamps is None else stamps, self.names if names is None else names
         return Samples(values, stamps, names, self.elements)
 
     def channels(self) -> NDArray[Any]:
-        """The values as (n, channels)."""
+        """Return the values as (n, channels)."""
         return self.values.reshape(len(self.stamps), -1) if self.values.ndim != 2 else self.values
 
 
@@ -96,7 +96,7 @@ class Parameter:
     fixed: bool = False
 
     def convert(self, value: Any) -> Any:
-        """The value as the processor keeps it. Raises ConfigError for what does not fit."""
+        """Return the value as the processor keeps it. Raises ConfigError for what does not fit."""
         several = self.type in ("floats", "strs")
         items = value if several and isinstance(value, (list, tuple)) else [value]
         if not items and self.default:
@@ -163,7 +163,7 @@ class Processor:
 
 
 def declared_parameters(processor: Any) -> Sequence[Parameter]:
-    """The parameters of any processor."""
+    """Return the parameters of any processor."""
     return tuple(getattr(processor, "parameters", ()))
 
 
@@ -192,7 +192,7 @@ def output_names(processor: Any, inputs: Sequence[str] | None) -> tuple[str, ...
 
 
 def stacked(inputs: Mapping[str, Samples]) -> Samples:
-    """All channels of all inputs, in their order: values (n, channels).
+    """Return all channels of all inputs, in their order: values (n, channels).
 
     Inputs of one topic have the same stamps. Raises ValueError for inputs that do not.
     """
@@ -214,7 +214,7 @@ def _made_up(key: str, item: Samples) -> tuple[str, ...]:
 
 
 def per_channel(values: tuple[float, ...], shape: tuple[int, ...], name: str) -> Floats | float:
-    """One number for all channels of values of a shape (n, channels), or one for each. Raises ValueError."""
+    """Return one number for all channels of values of a shape (n, channels), or one for each. Raises ValueError."""
     if len(values) == 1:
         return values[0]
     if len(shape) < 2 or len(values) != shape[1]:

@@ -57,7 +57,7 @@ def make_processors(configuration: Configuration) -> list[Any]:
 
 
 def find_classes(configuration: Configuration) -> list[type]:
-    """The classes of its processors, which may need models that are not trained yet. Raises ConfigError."""
+    """Return the classes of its processors, which may need models that are not trained yet. Raises ConfigError."""
     found = []
     for stage in configuration.stages:
         try:
@@ -167,7 +167,7 @@ def _arguments(kind: type, given: Mapping[str, Any], folder: Path) -> dict[str, 
 def run(
     processors: Sequence[SupportsExecute], inputs: Mapping[str, Samples], frequency: float = 0.0
 ) -> dict[str, Samples]:
-    """What a chain of processors computes: the outputs of each are the inputs of the next.
+    """Return what a chain of processors computes: the outputs of each are the inputs of the next.
 
     `frequency` (Hz) is that of the calls, as a node would make them; 0: one call with everything. A processor that
     computes the same however its samples are cut gives the same for each. Raises what a processor raises.
@@ -180,7 +180,7 @@ def run(
 
 
 def step(processors: Sequence[SupportsExecute], inputs: Mapping[str, Samples]) -> dict[str, Samples]:
-    """One call of a chain. Bare values get the stamp of the latest sample that was given."""
+    """Call a chain once. Bare values get the stamp of the latest sample that was given."""
     current = dict(inputs)
     for processor in processors:
         latest = max((float(item.stamps[-1]) for item in current.values() if len(item)), default=0.0)
@@ -192,7 +192,7 @@ def step(processors: Sequence[SupportsExecute], inputs: Mapping[str, Samples]) -
 
 
 def as_samples(value: Any, stamp: float) -> Samples:
-    """A result as samples: one of that stamp if it is a bare value. Raises ValueError for stamps that do not fit."""
+    """Return a result as samples: a bare value as one of that stamp. Raises ValueError for stamps that do not fit."""
     if not isinstance(value, Samples):
         return Samples(np.asarray(value)[None], np.array([stamp]))
     values, stamps = np.asarray(value.values), np.asarray(value.stamps, dtype=np.float64)

@@ -140,7 +140,7 @@ class RecordingNode:
         self._begun = False
 
     def end(self, message: Any = None) -> None:
-        """The run ends; what comes until the next is recorded with it."""
+        """End the run; what comes until the next is recorded with it."""
 
     def wait(self, until: int) -> None:
         """Let simulated time pass without messages. It may be years: once silence is reported, nothing is done."""
@@ -152,7 +152,7 @@ class RecordingNode:
         self._scheduler.run(until)
 
     def stop(self) -> bool:
-        """Nothing has to be waited for."""
+        """Return False: nothing has to be waited for."""
         return False
 
     def close(self) -> None:
@@ -219,7 +219,7 @@ class RecordingNode:
         self._entry = self._flush_later()
 
     def _flush_later(self) -> Entry | None:
-        """Nothing is due for a node without files: simulated time without messages may then end."""
+        """Flush later, unless there are no files: simulated time without messages may then end."""
         return self._scheduler.after(round(FLUSH * SECOND), self._flush, Kind.TIMER) if self._files else None
 
     def _stop_flushing(self) -> None:
@@ -267,7 +267,7 @@ class BagTables(NamedTuple):
 def tables_of(
     paths: Sequence[str | Path], configuration: Path | None, options: RecordingOptions
 ) -> Iterator[BagTables]:
-    """Give files with a CSV file for each bag, by the Inputs of a configuration; without one, bags are not converted.
+    """Yield files with a CSV file for each bag, by the Inputs of a configuration; without one, bags are not converted.
 
     The CSV files last until the block ends; an error about one names its bag. Raises ConfigError.
     """

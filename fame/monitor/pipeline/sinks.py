@@ -77,7 +77,7 @@ def columns_of(row: Row) -> list[str]:
 
 
 def cells_of(row: Row) -> list[float]:
-    """The values, flat."""
+    """Return the values, flat."""
     if len(row.values) == 1 and row.values[0].__class__ is not float:
         return list(row.values[0].ravel().tolist())
     cells: list[float] = []
@@ -202,14 +202,14 @@ class CsvFile:
 
 
 def _header(columns: Iterable[str]) -> str:
-    """The first line. A name with a comma is quoted, one with a line break gets spaces instead."""
+    """Return the first line. A name with a comma is quoted, one with a line break gets spaces instead."""
     line = io.StringIO()
     csv.writer(line, lineterminator="\n").writerow([STAMP, RUN, *(" ".join(name.splitlines()) for name in columns)])
     return line.getvalue()
 
 
 def _recover(path: Path) -> tuple[str, int]:
-    """The header and the number of the next run of a file to go on with; a torn last line is cut off."""
+    """Return the header and the number of the next run of a file to go on with; a torn last line is cut off."""
     data, begins = path.read_bytes(), f"{STAMP},{RUN},".encode()
     if data[: len(begins)] != begins[: len(data)]:
         raise ConfigError("was not recorded by fame monitor record", file=str(path), line=1)
@@ -373,7 +373,7 @@ class Influx:
             return 0
 
     def _next(self) -> bytes:
-        """The next whole lines that were not sent yet."""
+        """Return the next whole lines that were not sent yet."""
         with self._lines.open("rb") as stream:
             stream.seek(self._offset())
             data = stream.read(_BYTES)
@@ -381,7 +381,7 @@ class Influx:
         return b"".join(lines[:BATCH])
 
     def _send(self, batch: bytes) -> bool:
-        """Whether it is out of the way: stored, or refused for good."""
+        """Send lines. Returns whether they are out of the way: stored, or refused for good."""
         try:
             if not self._database_exists:
                 self._post(
@@ -422,7 +422,7 @@ class Influx:
 
 
 def _is_host(parts: urllib.parse.SplitResult) -> bool:
-    """Whether it names a host, and a port if any, and nothing that would have to be kept secret."""
+    """Return whether an address names a host, perhaps a port, and nothing that would have to be kept secret."""
     try:
         return bool(parts.hostname) and parts.port != 0 and "@" not in parts.netloc
     except ValueError:  # of the port

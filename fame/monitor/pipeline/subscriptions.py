@@ -135,7 +135,7 @@ class LeftOut(NamedTuple):
         return self.taken / max(1, self.taken + self.number - self.others)
 
     def concerns(self, columns: Sequence[str]) -> bool:
-        """Whether some of the columns of a table are of this topic."""
+        """Return whether some of the columns of a table are of this topic."""
         return any(column == name or column.startswith(f"{name}.") for name in self.inputs for column in columns)
 
 
@@ -293,7 +293,7 @@ class Subscriptions:
                 del kept[: _MAX_WAITING // 2]
 
     def _is_repeated(self, stream: _Stream, message: Any) -> bool:
-        """Whether a message has the values of the last one that was taken: without it, nothing is lost."""
+        """Return whether a message has the values of the last one that was taken: without it, nothing is lost."""
         try:
             return all(map(np.array_equal, self._read(stream, message), stream.latest))
         except UnusableMessage:

@@ -79,7 +79,7 @@ class Threshold(Processor):
         return {**alarms, "active": Samples(active, samples.stamps)}
 
     def _channels(self, samples: Samples) -> tuple[tuple[str, ...], tuple[float, ...]]:
-        """Names and thresholds of the channels. Data that name theirs are matched to `names`, in whichever order.
+        """Return names and thresholds of the channels. Data that name theirs are matched to `names`, in any order.
 
         Raises ValueError if there are not as many names as channels.
         """
@@ -167,7 +167,7 @@ _CONSTANTS = {"pi": np.pi, "e": np.e}
 
 
 def compile_formula(text: str) -> Evaluate:
-    """A function of the arrays by name. Raises ConfigError for anything but a formula."""
+    """Return a function of the arrays by name. Raises ConfigError for anything but a formula."""
     try:
         tree = ast.parse(text.strip(), mode="eval").body
         return _evaluator(tree)
@@ -228,7 +228,7 @@ def _folded(function: Callable[..., Any], operands: list[ast.expr]) -> Evaluate:
 
 
 def _index(node: ast.expr) -> Any:
-    """A literal index: ``[:, 3]``, ``[0]``, ``[1:]``."""
+    """Return a literal index: ``[:, 3]``, ``[0]``, ``[1:]``."""
     if isinstance(node, ast.Tuple):
         return tuple(_index(item) for item in node.elts)
     if isinstance(node, ast.Slice):

@@ -52,7 +52,7 @@ class Series:
     label: str
 
     def __init__(self, node: Node, scheduler: Scheduler, topic: str, type: str, path: FieldPath) -> None:
-        """Raises MessageError if the type has no such path."""
+        """Subscribe. Raises MessageError if the type has no such path."""
         self._scheduler, self._read, self._stamped = scheduler, reader(type, path), has_stamp(type)
         self.label = f"{topic} {'.'.join(map(str, path))}"
         self.stamps: list[float] = []
@@ -71,12 +71,12 @@ class Series:
 
 
 def parse_path(text: str) -> FieldPath:
-    """``effort.3``, ``effort.elbow_joint``, ``pose.position.x``."""
+    """Read a path: ``effort.3``, ``effort.elbow_joint``, ``pose.position.x``."""
     return tuple(int(step) if step.isdecimal() else step for step in text.replace("/", ".").split("."))
 
 
 def format_message(value: Any, limit: int = 8, indent: str = "") -> str:
-    """A message as plain data, like YAML, long lists cut."""
+    """Return a message as text like YAML, long lists cut."""
     if isinstance(value, dict):
         return "".join(_entry(name, item, limit, indent) for name, item in value.items())
     return printable(str(value))
@@ -101,7 +101,7 @@ def _number(value: Any) -> str:
 def wait_for_types(
     middleware: Middleware, scheduler: Scheduler, topics: Sequence[str], patience: float = 3.0
 ) -> dict[str, str]:
-    """The type of each topic, as soon as all are there. Raises MessageError after `patience` s."""
+    """Return the type of each topic, as soon as all are there. Raises MessageError after `patience` s."""
     end = scheduler.now + round(patience * SECOND)
     while True:
         try:

@@ -206,7 +206,7 @@ def suited_detector(runs: Sequence[Samples]) -> str:
 
 
 def repeats(runs: Sequence[Samples]) -> bool:
-    """Whether runs are of like lengths, and their channels, in the median, follow the time since the start."""
+    """Return whether runs are of like lengths, and their channels, in the median, follow the time since the start."""
     shortest, longest = min(map(len, runs)), max(map(len, runs))
     if longest > UNLIKE * shortest or not shortest:
         return False
@@ -246,7 +246,7 @@ def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedMo
 def left_out(
     runs: Sequence[Samples], config: Training, rate: float, report: ReportProgress = lambda text: None
 ) -> Iterator[tuple[int, TrainedModel]]:
-    """Give each of the filtered runs, by its index, with a detector that learned from the other folds."""
+    """Yield each of the filtered runs, by its index, with a detector that learned from the other folds."""
     folds = round(1 / config.held_back) if config.held_back else config.folds
     order = np.random.default_rng(config.seed).permutation(len(runs))
     for number, held in enumerate(np.array_split(order, min(max(folds, 2), len(runs))), start=1):
@@ -295,7 +295,7 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:
-    """The smoothed loss of a run whose data have gone through the low-pass before: values (k, channels)."""
+    """Return the smoothed loss of a run whose data have gone through the low-pass before: values (k, channels)."""
     chain: list[Any] = [Autoencoder(model, stride=stride)]
     chain[0].elements = run.elements
     if model.cutoff:
@@ -398,8 +398,8 @@ def _check_count(runs: Sequence[Samples]) -> None:
 
 
 def _windows(runs: Sequence[Samples], config: Training, rate: float, axis: Axis) -> tuple[Floats, Floats]:
-    """Give the windows that train (n, window, channels), and the times of their ends (n,), s on the axis of phases; NaN
-    behind the time that half of the runs last.
+    """Return the windows that train (n, window, channels), and the times of their ends (n,), s on the axis of phases;
+    NaN behind the time that half of the runs last.
 
     Phases need the windows of all runs, and by themselves only the reduced ones; of others `samples` are drawn.
     """

@@ -80,8 +80,8 @@ class TrainedModel(StoredModel):
         return np.asarray(self.conditions.get(LEAST_MOVEMENT, np.zeros(len(self.columns))), dtype=np.float64)
 
     def still(self, windows: Floats) -> NDArray[np.bool_]:
-        """Whether a channel hardly moves in a window, as a sensor that is dead, stuck or has another unit, and as none
-        did in training: (n, window, channels) to (n, channels)."""
+        """Return whether a channel hardly moves in a window, as a sensor that is dead, stuck or has another unit, and as
+        none did in training: (n, window, channels) to (n, channels)."""
         least = self.least_movement
         return windows.std(axis=1) < STILL * least if least.any() else np.zeros((len(windows), len(least)), dtype=bool)
 
@@ -93,7 +93,7 @@ class TrainedModel(StoredModel):
         return self.detector
 
     def loss(self, windows: Any, times: Floats | None = None) -> Floats:
-        """The loss of each window by the detector, in the scaled unit: (n, window, channels) to (n, channels).
+        """Return the loss of each window by the detector, in the scaled unit: (n, window, channels) to (n, channels).
 
         `times` (n,) are those of their ends, s since the start of the run, for a detector that knows phases.
         """
@@ -123,7 +123,7 @@ class TrainedModel(StoredModel):
         return model
 
     def check(self) -> None:
-        """Raises ValueError or another error if its parts do not fit each other."""
+        """Raise ValueError or another error if its parts do not fit each other."""
         channels = len(self.columns)
         numbers = (self.mean, self.scale, np.array(self.thresholds))
         if any(part.shape != (channels,) for part in numbers):
@@ -252,7 +252,7 @@ class OnnxEstimator:
             self.n_features_in_ = self._input.shape[-1]
 
     def predict(self, features: Floats) -> Any:
-        """The first output."""
+        """Return the first output."""
         return self._session.run(None, {self._input.name: np.ascontiguousarray(features, dtype=self._type)})[0]
 
 
