@@ -34,7 +34,7 @@ _JOIN = {"kind": "join", "text": "tokens on its other flows"}
 class ChangeTracker:
     """Finds the changes in the engine of `node`. `put` gets every message.
 
-    While it is not `active`, it passes on events alone, to be counted; afterwards the next `flush` passes on everything.
+    While it is not `active`, it passes on events alone, to be counted; the next `flush` after that passes on all.
     """
 
     active: bool = True
