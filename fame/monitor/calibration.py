@@ -231,7 +231,7 @@ def _log_scale(scores: Floats) -> tuple[Floats, Floats]:
 
 
 def left_out_thresholds(scores: Floats, rate: float, margin: float | None = None) -> Floats:
-    """Return the thresholds of each run (runs, channels), set by the others. Raises ConfigError for fewer than three."""
+    """Return the thresholds of each run (runs, channels), set by the others. Raises ConfigError if fewer than three."""
     return np.array([calibrate(np.delete(scores, n, axis=0), rate, margin).thresholds for n in range(len(scores))])
 
 

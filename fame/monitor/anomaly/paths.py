@@ -281,7 +281,8 @@ class Tracker:
         return (x / length, y / length, z / length) if length > self._slow else (0.0, 0.0, 0.0)
 
     def _away(self, place: Vector, near: Any) -> tuple[Vector, Any]:
-        """Return the mean vector (m) from the neighbours to the place, without the parts along their directions; these."""
+        """Return the mean vector (m) from the neighbours to the place, without the parts along their directions; the
+        neighbours."""
         away, directions = np.subtract(place, self._places[near]), self._directions[near]
         along = (away * directions).sum(axis=1)
         x, y, z = ((away.sum(axis=0) - along @ directions) / NEIGHBOURS).tolist()

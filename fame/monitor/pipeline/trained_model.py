@@ -80,7 +80,7 @@ class TrainedModel(StoredModel):
         return np.asarray(self.conditions.get(LEAST_MOVEMENT, np.zeros(len(self.columns))), dtype=np.float64)
 
     def still(self, windows: Floats) -> NDArray[np.bool_]:
-        """Return whether a channel hardly moves in a window, as a sensor that is dead, stuck or has another unit, and as
+        """Return whether a channel hardly moves in a window, as a sensor that is dead, stuck or in another unit, and as
         none did in training: (n, window, channels) to (n, channels)."""
         least = self.least_movement
         return windows.std(axis=1) < STILL * least if least.any() else np.zeros((len(windows), len(least)), dtype=bool)
