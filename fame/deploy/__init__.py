@@ -18,14 +18,15 @@ Each end is a pure state machine, ``(state, event) -> (state, actions)``, in a s
     late_joiners       robots that join late or restart
     machine            runs a state machine: events in, actions out
     options            what an engine runs with, and a deployment is sent with
-    resumption         the deployment on disk, for engines that resume
+    resumption         the deployment on disk, for engines that resume; resumed_mission: loads it and lets it go on
     migration          plans of migrations, and their preview
 
     envelope           messages on bpmn_process and bpmn_status, their fields checked with `fields`
-    signing            keys and signatures of messages
+    signing            keys and signatures of messages; request_verifier: which messages an engine accepts
     authentication     which reports of a robot, and which diagrams for splitters, are accepted
     status             a robot's reports, with the warnings of its engine
-    diagnostics        the same on /diagnostics of ROS
+    diagnostics        the same on /diagnostics of ROS; metrics: the same for Prometheus
+  lifecycle          the engine as a lifecycle node of ROS
     requests           requests of people: complete a task, activate an element, abort a deployment
     assignment         which robot gets which part, which topics connect them, and where an error of a robot is
 """

@@ -146,7 +146,7 @@ class SourceMap:
 
 
 def _by_file(closure: list[tuple[Definitions, Process]]) -> list[tuple[Definitions, Process]]:
-    """File by file, in the order in which they are met: so are they put together."""
+    """The processes file by file, files in the order in which they are met: so are they put together."""
     files = list(dict.fromkeys(home.file for home, _ in closure))
     return sorted(closure, key=lambda found: files.index(found[0].file))
 

@@ -67,7 +67,7 @@ class ReportReader:
 
     @classmethod
     def of_sender(cls, robot: str, key: Any, patience: float = math.inf) -> ReportReader:
-        """Return the authentication of a sender that signs with `key`, or of one without keys if it is None."""
+        """The reader of a sender that signs with `key`, or of one without keys if it is None."""
         return cls(robot, signed=key is not None, trusted=[] if key is None else [key.public_key()], patience=patience)
 
     def read(self, text: str, now: float = 0.0) -> Report | None:

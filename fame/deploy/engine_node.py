@@ -309,7 +309,7 @@ class EngineNode:
             self._refuse(deployment, unexpected(error), "error")
 
     def _verify_task(self, request: TaskRequest) -> str:
-        """Give the fingerprint of who signed a request. Raises DeploymentError, also for one that cannot be met now."""
+        """The fingerprint of who signed a request. Raises DeploymentError, also for one that cannot be met now."""
         signer = self._verifier.verify_task(request)
         if request.act == "take_over" and self._protocol.state.candidate is not None:
             raise DeploymentError("a deployment is under way: nobody takes the robot over", cause="deployment")
@@ -364,7 +364,7 @@ class EngineNode:
             self.running.suspension.deactivate()
 
     def _suspend_inactive(self, process: RobotNode) -> None:
-        """What begins without an activation is suspended: what ran, or was promised, before this engine started."""
+        """Suspend a process that begins without activation: it ran, or was promised, before this engine started."""
         if not self._is_active:
             process.suspension.deactivate()
 
@@ -488,9 +488,9 @@ class EngineNode:
             self._protocol.handle(Mapped(foreseen.blocked))
 
     def _take_over(self, candidate: LoadedCandidate, before: str) -> tuple[Callable[[], object], dict[str, Any] | None]:
-        """Give the candidate's process the state of what runs, of the model `before`.
+        """Transfer the state of what runs, of the model `before`, to the candidate's process.
 
-        Returns what lets it go on, and the timers that this sets; none if it starts from its beginning.
+        Returns what lets it go on, and the timers that this sets; None for them if it starts from its beginning.
         """
         assert self.running is not None
         envelope = candidate.envelope
@@ -545,14 +545,14 @@ class EngineNode:
             candidate.close()
 
     def _decided(self, deployment: str) -> None:
-        """Nothing is promised for this deployment any more."""
+        """Drop the promise for a deployment, and let the mission go on unless another one holds it."""
         if self._keeper is not None and not self._stopped:
             self._keeper.drop_promise(deployment)
         if self.running is not None and not self._protocol.state.holds:
             self.running.release(_DEPLOYMENT)
 
     def _close_running(self, safe: str) -> None:
-        """Command the safe state last: scripts that end may have sent other commands."""
+        """Close what runs. The safe state is commanded last: scripts that end may have sent other commands."""
         if self._resumed is not None:
             self._resumed.drop()
         if self.running is not None:
@@ -612,7 +612,7 @@ class EngineNode:
             self._protocol.handle(Received(promises[-1].envelope))
 
     def _read_promises(self) -> None:
-        """What the engine before had promised to start, if that is not what runs: nothing else is taken before it."""
+        """Read what the engine before had promised to start and does not run: nothing else is taken before it."""
         assert self._keeper is not None
         envelopes, lost = self._keeper.promised(self._trusted)
         if lost:  # others of its team are told that it does not know
@@ -626,7 +626,7 @@ class EngineNode:
         self._protocol.state = replace(self._protocol.state, promises=older + tuple(map(Kept, envelopes[-1:])))
 
     def _on_disk_trouble(self, reason: str) -> None:
-        """Hold the mission while its state cannot be written."""
+        """Hold the mission while its state cannot be written; an empty `reason` means that it can again."""
         running, self._trouble = self.running, reason
         self._note(
             f"holds: its state cannot be written: {reason}" if reason else "continues: its state can be written again"
@@ -637,7 +637,7 @@ class EngineNode:
     # ---- the end ---------------------------------------------------------------------------------------------------
 
     def stop(self) -> bool:
-        """Cancel what runs and take no more; whether scripts are still leaving, which `close` would not wait for."""
+        """Cancel what runs and take no more. Returns whether scripts still leave: `close` does not wait for them."""
         if not self._stopped:
             self._stopped = True
             self.status.close()

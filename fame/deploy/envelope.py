@@ -83,7 +83,7 @@ STATES = ("waiting", "loading", "ready", "holding", "running", "suspended", "inc
 
 
 def _is_proof(value: Any) -> bool:
-    """The fields of an envelope that has no proof itself."""
+    """Whether these are fields of an envelope that has no proof itself."""
     if not isinstance(value, dict) or value.get("proof", {}) != {}:
         return False
     rest = {name: each for name, each in value.items() if name != "proof"}

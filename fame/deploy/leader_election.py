@@ -50,7 +50,7 @@ class SplitterStatus:
     signature: fields.Name = ""
 
     def signed(self, key: Any, now: float) -> SplitterStatus:
-        """Return it signed by a private key `now`, or unchanged without a key."""
+        """The status signed by a private key `now`, or unchanged without a key."""
         if key is None:
             return self
         issued = replace(self, issued=now)

@@ -166,19 +166,19 @@ def preload(scheduler: Scheduler, waits: Callable[[], bool], engines: Callable[[
 
 
 def preload_all() -> None:
-    """Load all of that now."""
+    """Load what any process needs, now."""
     for _ in _steps():
         pass
 
 
 def _preload(steps: Iterator[str]) -> bool:
-    """Do the next step; whether there was one. What it loads stays: no garbage collection has to look at it."""
+    """Do the next step. Returns whether more may follow. No garbage collection looks at what was loaded."""
     with uncollected(stays=True):
         return next(steps, None) is not None
 
 
 def _steps() -> Iterator[str]:
-    """Each returns the current value."""
+    """Load one part after the other; the name of each but the last."""
     import fame.bpmn.reader
 
     yield "reader"

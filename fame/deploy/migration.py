@@ -63,7 +63,7 @@ def _variable(value: ConfigValue) -> Any:
 
 
 def plan_of(data: Mapping[str, Any]) -> MigrationPlan:
-    """Return the plan that `read_plan` gave, perhaps from an envelope. Parts that are not valid are ignored."""
+    """The plan that `read_plan` gave, perhaps from an envelope. Parts that are not valid are ignored."""
     from fame.engine.migration import MigrationPlan
 
     elements, variables = (
@@ -139,9 +139,10 @@ def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) 
 def migrate_robot(
     new: RobotNode, old: RobotNode, plan: Mapping[str, Any], text: str
 ) -> tuple[Callable[[], object], dict[str, Any]]:
-    """Give a loaded process the state of what runs, which is held.
+    """Transfer the state of what runs (`old`), which is held, to a loaded process (`new`).
 
-    Returns what lets it go on, and reports the `text`; and the timers that it sets then, as `timers_of` gives them.
+    Returns a function that reports `text` and lets the new one go on, and the timers that this sets, as `timers_of`
+    gives them.
     Raises MissionError if the state does not fit.
     """
     from fame.robot.state_transfer import go_on_after, timers_of, transfer_state

@@ -73,7 +73,7 @@ class TaskRequest:
     signature: fields.Name = ""
 
     def signed(self, robot: str, key: Any, *, born: int, now: float) -> TaskRequest:
-        """Return it signed by a private key `now` (s since 1970) for the engine of a robot that was `born` then."""
+        """The request signed by a private key `now` (s since 1970) for the engine of a robot that was `born` then."""
         request = replace(self, robot=robot, born=born, issued=now)
         return replace(request, signature=sign(fields.values(request), key))
 

@@ -89,7 +89,7 @@ class ResumedMission:
         self._ended()
 
     def drop(self) -> None:
-        """Something else takes its place, or the engine ends."""
+        """Drop the mission: something else takes its place, or the engine ends."""
         self._stored = None
         if self._candidate is not None:
             self._candidate.close()

@@ -144,12 +144,12 @@ class StateKeeper:
         return ""
 
     def drop_promise(self, deployment: str) -> None:
-        """A deployment was called off. The promise of what runs stays until its journal is on the disk."""
+        """Drop the promise of a deployment that was called off; of what runs, it stays until the journal is on disk."""
         if any(one.deployment == deployment for one in self._kept):
             self._keep_only([one for one in self._kept if one.deployment != deployment])
 
     def forget_promises(self, order: tuple[int, str]) -> None:
-        """What was promised up to this deployment (`Envelope.order`) is decided: it runs, and that is on the disk."""
+        """Drop all promises up to the deployment of this `Envelope.order`: it runs, and that is on the disk."""
         if any(one.order <= order for one in self._kept):
             self._keep_only([one for one in self._kept if one.order > order])
 
@@ -200,7 +200,7 @@ class StateKeeper:
                 self.directory.remove_file(path.name)
 
     def resume(self, stored: StoredMission, process: RobotNode) -> Callable[[], object]:
-        """Give a loaded process the stored state. Returns a function that lets it go on.
+        """Transfer the stored state to a loaded process. Returns a function that lets it go on.
 
         Raises ConfigError for the state of another program.
         """

@@ -176,7 +176,7 @@ class _Transition:
         return self.state.kept(deployment) is not None
 
     def _release(self, kept: Kept) -> None:
-        """The sender, or a person, aborts what was promised and is not loaded."""
+        """Abort, for the sender or a person, what was promised and is not loaded."""
         deployment, waiting = kept.envelope.deployment, self.state.waiting
         self._forget(deployment)
         if waiting is not None and waiting.deployment == deployment:
@@ -188,12 +188,12 @@ class _Transition:
             self._load_next()
 
     def _forget(self, deployment: str) -> None:
-        """A promise that waited is decided."""
+        """Drop a promise that waited: it is decided."""
         if self._taken(deployment) is not None:
             self._do(Forget(deployment))
 
     def _taken(self, deployment: str) -> Kept | None:
-        """The promise that waited, which does so no more."""
+        """Take the promise for a deployment out of those that wait. Returns it, if there was one."""
         kept = self.state.kept(deployment)
         self.state = replace(self.state, promises=tuple(one for one in self.state.promises if one is not kept))
         return kept
@@ -330,7 +330,7 @@ class _Transition:
             self._do(Promise())
 
     def promised(self, error: str) -> None:
-        """From now on only the sender, or the others of its team, decide: unless the promise cannot be kept."""
+        """Become ready: from now on only the sender, or the others of its team, decide. With an `error`, refuse."""
         candidate = self.state.candidate
         if candidate is None or candidate.stage != "promising":
             return
@@ -340,7 +340,7 @@ class _Transition:
         self._become_ready(candidate, None)
 
     def _become_ready(self, candidate: Candidate, commit: Ready | None) -> None:
-        """`commit` is that of a promise that was set aside: its robot holds, and goes on asking."""
+        """Answer `ready`, or go on asking with the `commit` of a promise that was set aside: then the robot holds."""
         if commit is None:
             commit = Ready(frozenset(candidate.envelope.team) - {self.state.robot})
         holds = commit.asking
@@ -382,7 +382,7 @@ class _Transition:
                 self._drop("aborted", reason)
 
     def _ask_others(self, candidate: Candidate) -> None:
-        """Others that are there answer at once: only a robot that asks again has to hold."""
+        """Ask the other robots. Those that are there answer at once: only a robot that asks again has to hold."""
         self._do(AskOthers(), _await_answers(candidate))
         self._do(Reply("asking", candidate.envelope.deployment, candidate.why_it_holds))
         if candidate.asked:

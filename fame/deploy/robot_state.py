@@ -60,7 +60,7 @@ class Kept:
 
     @property
     def answer(self) -> str:
-        """What another robot is told that asks."""
+        """What a robot that asks is told."""
         return "ready" if self.commit is None else "asking"
 
 

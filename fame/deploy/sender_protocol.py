@@ -299,7 +299,7 @@ def _why_not_yet(state: SenderState, event: RobotAnswered) -> bool:
 
 
 def _vote(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderAction, ...]]:
-    """One refusal ends it for all; when all are ready, all are started, which is not undone."""
+    """End it for all after one refusal; start all when all are ready, which is not undone."""
     states = {each.state for each in state.robots}
     if states & (REFUSALS | {"asking"}):
         return _end(state, failed=True)
@@ -319,7 +319,7 @@ def _start(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderActio
 
 
 def _refused(state: SenderState, refusal: str) -> tuple[SenderState, tuple[SenderAction, ...]]:
-    """A migration must not start: each robot goes on with what it had."""
+    """End a migration that must not start: each robot goes on with what it had."""
     return _end(_map(state, lambda each: replace(each, reason=each.reason or refusal)), failed=True)
 
 

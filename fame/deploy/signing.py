@@ -165,7 +165,7 @@ def sign(content: Mapping[str, Any], key: Ed25519PrivateKey) -> str:
 
 
 def verify_signature(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> None:
-    """Raises DeploymentError unless a trusted key signed it, whenever that was."""
+    """Raise DeploymentError unless a trusted key signed it, whenever that was."""
     signature = content.get("signature", "")
     if not signature:
         raise DeploymentError(
@@ -210,7 +210,7 @@ def signer(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> s
 
 
 def verify(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: float, born: int = 0) -> None:
-    """Raises DeploymentError unless a trusted key signed it, not long ago, for the engine that was `born` then (ns).
+    """Raise DeploymentError unless a trusted key signed it, not long ago, for the engine that was `born` then (ns).
 
     `now` in s since 1970.
     """

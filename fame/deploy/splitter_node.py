@@ -261,7 +261,7 @@ class SplitterNode:
         self._status.publish(messages.create(STRING, status.to_json()))
 
     def stop(self) -> bool:
-        """End at once: the robots go on without it."""
+        """Whether it needs time to end: never, since the robots go on without it."""
         return False
 
     def close(self) -> None:

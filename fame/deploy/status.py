@@ -64,7 +64,7 @@ class EngineWarnings:
 
 
 class RateLimiter:
-    """Pass a text on to `tell` at once, and more of the same cause at the end of each second, as one with a count."""
+    """Passes a text on to `warn` at once, and more of the same cause at the end of each second, as one with a count."""
 
     def __init__(self, scheduler: Scheduler, warn: Callable[[str], object]) -> None:
         self._scheduler, self._pass_on = scheduler, warn
@@ -93,7 +93,7 @@ class RateLimiter:
             self._pass_on(f"{text} ({count} like this within a second)" if count > 1 else text)
 
     def close(self) -> None:
-        """Stop."""
+        """Stop, and drop what is held back."""
         if self._timer is not None:
             self._timer.cancel()
 

@@ -106,7 +106,7 @@ NONE_STARTED = "the sender fell silent before it started any robot"
 
 
 def step(state: Ready, event: TerminationEvent) -> tuple[Ready, TerminationAction | None]:
-    """The next state and the actions. After `StartCandidate` and `Abort` nothing follows."""
+    """The next state, and the action if there is one. After `StartCandidate` and `Abort` nothing follows."""
     match event:
         case Instruction(phase="abort"):
             return state, Abort()
