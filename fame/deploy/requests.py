@@ -103,8 +103,8 @@ class TaskServer:
     """The robot's end. `running` gives its node, `report` publishes (answer, id of the request, reason,
     and the cause of a refusal by keyword).
 
-    `check` raises DeploymentError for a request that is not from somebody who is trusted, and gives the fingerprint of
-    the key that signed it, if it was signed.
+    `check` raises DeploymentError for a request that is not from somebody who is trusted, and returns the fingerprint
+    of the key that signed it, if it was signed.
     """
 
     def __init__(

@@ -3,6 +3,7 @@
 ::
 
     interface         protocols of all backends: nodes, publishers, subscriptions, services, clients; quality of service
+  insistent         requests that are sent again until a server responds
     qos               policies as models write them; which endpoints match
     errors            errors and warnings of all backends
     actions           goals of actions, on services and topics

@@ -2,7 +2,7 @@
 
 An action is three services and a topic below its name, all hidden from ``ros2 topic list`` (ROS 2 design, article
 Actions): ``_action/send_goal``, ``_action/get_result``, ``_action/cancel_goal``, ``_action/feedback``. A second topic,
-``_action/status``, has the status of all goals for observers.
+``_action/status``, tells observers the status of the unfinished goals, and of one that has just ended.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from fame.middleware.interface import LATCHED, AnyMessage, Client, DeferredRespo
 
 GoalOutcome = Literal["succeeded", "canceled", "aborted", "rejected"]
 GoalEnd = GoalOutcome | Literal["unknown", "gone"]
-"""How following a goal ends: its outcome; its server does not know it; or its server has left, or another has come, and
-the goal may still run (`ActionClient.attach` finds out)."""
+"""How following a goal ends: its outcome; ``unknown``: its server does not know it; ``gone``: its server has left, or
+another has come, and the goal may still run (`ActionClient.attach` finds out)."""
 OnEnd = Callable[[GoalEnd, AnyMessage], object]
 
 CANCEL = "action_msgs/srv/CancelGoal"
@@ -128,7 +128,7 @@ class Goal:
         self._accepted, self._cancelled = accepted, False
 
     def cancel(self) -> None:
-        """Request cancelling, of a server that is away when it is back; neither feedback nor outcome follow.
+        """Request cancelling, once its server is there; neither feedback nor outcome follow.
 
         Does nothing if the goal has ended.
         """
@@ -139,7 +139,7 @@ class Goal:
                 self._request_cancel()
 
     def on_accepted(self, response: AnyMessage) -> None:
-        """The server has accepted or rejected the goal."""
+        """Handle that the server has accepted or rejected the goal."""
         if not response.accepted:
             self._end("rejected", None)
         elif self._cancelled:
@@ -161,7 +161,7 @@ class Goal:
             self.request_result()
 
     def on_result(self, response: AnyMessage) -> None:
-        """The goal has ended, or is unknown."""
+        """Handle that the goal has ended, or is unknown."""
         if response.status == UNKNOWN:
             if self._client.goals.get(self.id) is self:
                 self._request_cancel()  # the request to accept it may still wait at the server
@@ -170,7 +170,7 @@ class Goal:
             self._end(OUTCOMES.get(response.status, "aborted"), response.result)
 
     def on_gone(self) -> None:
-        """The server of a request has left, or another has come. Until it is attached to, it can be cancelled."""
+        """Handle that the server has left, or another has come. The goal can be cancelled until it is attached to."""
         if self._cancelled:
             self._request_cancel()  # it may have accepted the goal
         elif self._client.goals.get(self.id) is self:

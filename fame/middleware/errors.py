@@ -28,25 +28,25 @@ def check_name(name: str) -> None:
 
 
 def publish_error(topic: str, type: str, message: object, *, closed: bool) -> MessageError:
-    """The publisher is closed, or the message is not of its type."""
+    """The error of a publisher that is closed, or of a message that is not of its type."""
     if closed:
         return MessageError(f"the publisher on {topic} is closed", type=type)
     return MessageError(f"{topic}: expected a message, got {describe(message)}", type=type)
 
 
 def type_conflict(topic: str, used: str, users: Iterable[str], type: str) -> MessageError:
-    """A topic has another type already, at nodes of these names."""
+    """The error of a topic that has another type already, at nodes of these names."""
     names = ", ".join(dict.fromkeys(users))
     return MessageError(f"topic {topic} is in use with {used}, by {names}: it has one type", type=type)
 
 
 def service_conflict(name: str, owner: str, type: str) -> MessageError:
-    """A node offers a service of that name already."""
+    """The error of a service whose name another node offers already."""
     return MessageError(f"the service {name} is offered by {owner} already", type=type)
 
 
 def unavailable_error(name: str, request_type: str, offered: Iterable[str]) -> MessageError:
-    """No node offers the service with this type; `offered` are the types with which it is offered."""
+    """The error of a service that no node offers with this type; `offered` are the types with which it is offered."""
     type = request_type.removesuffix("_Request")
     for other in offered:
         if other != type:
@@ -62,32 +62,32 @@ def unfit_text(name: str, request_type: str, offered: Iterable[str]) -> str:
 
 
 def mismatch_warning(topic: str, subscriber: str, publisher: str, reason: str) -> EndpointWarning:
-    """Two endpoints are not connected."""
+    """The warning that two endpoints are not connected."""
     return EndpointWarning(topic, f"{subscriber} receives nothing from {publisher}: {reason}", "mismatch")
 
 
 def unanswered_warning(name: str, node: str) -> EndpointWarning:
-    """A service was closed while a client waited for its response."""
+    """The warning that a service was closed while a client waited for its response."""
     return EndpointWarning(name, f"the service was closed before it answered {node}", "unanswered")
 
 
 def unheard_warning(name: str, node: str) -> EndpointWarning:
-    """A client was closed while its server was away that it had to tell something."""
+    """The warning that a client was closed before it could tell its server something."""
     text = f"{node} closed while the server was away: what was to be cancelled may still run"
     return EndpointWarning(name, text, "unanswered")
 
 
 def dropped_warning(topic: str, reason: str) -> EndpointWarning:
-    """A message could not be read."""
+    """The warning that a message could not be read."""
     return EndpointWarning(topic, f"dropped a message: {reason}", "dropped")
 
 
 def lost_text(topic: str, node: str, count: int, more: bool = False) -> str:
-    """Warn that a subscription of a node has lost messages; `more`: it may have lost others that nobody could count."""
+    """The text that a subscription of a node has lost messages; `more`: perhaps others, which nobody could count."""
     number = f"at least {count}" if more else f"{count}"
     return f"{topic}: {node} lost {number} messages, which came faster than it takes them or not at all"
 
 
 def unreadable_text(topic: str, node: str, count: int) -> str:
-    """Warn that a subscription of a node has got more than one message that it could not read."""
+    """The text that a subscription of a node has got more than one message that it could not read."""
     return f"{topic}: {node} could not read {count} more messages"

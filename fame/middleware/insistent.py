@@ -1,4 +1,4 @@
-"""Requests that are sent again whenever a server comes, until one responds: they end what it may still be doing."""
+"""Requests that are sent again whenever a server comes, until one responds, such as to cancel what it may still do."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class InsistentRequests:
         return len(self._open)
 
     def add(self, request: Any, servers: Set[Hashable]) -> None:
-        """Send a request, now if a server is there; `servers` are those of now."""
+        """Send a request, now if a server is there; `servers` are those that are there now."""
         number, self._servers = next(self._numbers), servers
         self._open[number] = request
         if len(self._open) > _MOST:

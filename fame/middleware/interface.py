@@ -236,7 +236,7 @@ class Node(Protocol):
     full_name: str
 
     def publisher(self, topic: str, type: str, qos: QoS = SIGNAL) -> Publisher:
-        """Raises MessageError if the type is unknown or the topic is in use with another one."""
+        """Make a publisher. Raises MessageError if the type is unknown or the topic is in use with another one."""
 
     def subscription(
         self, topic: str, type: str, callback: Callable[[AnyMessage], object], qos: QoS = SIGNAL
@@ -252,7 +252,7 @@ class Node(Protocol):
         """
 
     def client(self, name: str, type: str) -> Client:
-        """Raises MessageError if the type is unknown."""
+        """Make a client of a service. Raises MessageError if the type is unknown."""
 
     def close(self) -> None:
         """Close all endpoints."""
@@ -262,9 +262,9 @@ class Node(Protocol):
 class EndpointWarning:
     """A warning about an endpoint; `topic` is its full name, or that of its service.
 
-    kind  ``mismatch`` (two endpoints are not connected), ``unanswered`` (a service
-          closed before it answered), ``dropped`` (a message that cannot be read), ``slow`` (a subscriber or client
-          does not keep up), ``clock`` (simulated time jumps), ``backend`` (an error of the backend itself)
+    kind  ``mismatch`` (two endpoints are not connected), ``unanswered`` (a service closed before it answered),
+          ``dropped`` (a message that cannot be read), ``slow`` (a subscriber or client does not keep up), ``clock``
+          (simulated time jumps), ``backend`` (an error of the backend itself)
     """
 
     topic: str

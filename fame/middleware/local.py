@@ -77,7 +77,7 @@ class LocalMiddleware:
         self._on_warning = on_warning
 
     def node(self, name: str, namespace: str = "", part: str = "") -> LocalNode:
-        """A new node. Several may have the same name, as in ROS."""
+        """Make a node. Several may have the same name, as in ROS."""
         node = LocalNode(self, name, namespace.strip("/"))
         self.nodes.append(node)
         return node
@@ -124,7 +124,7 @@ class LocalMiddleware:
                 publisher.add_tap(tap)
 
     def on_servers_changed(self, service: str) -> None:
-        """A server of a service (full name) has come or left: tell the clients that wait for a response."""
+        """Tell the clients that wait for a response that a server of a service (full name) has come or left."""
         for node in self.nodes:
             for end in node.endpoints:
                 if isinstance(end, LocalClient) and end.name == service and (end.pending or end.insistent):
@@ -288,7 +288,7 @@ class _Tap:
 
 
 def _behind(end: object, subscription: LocalSubscription) -> object:
-    """The end itself if it is that of a subscription behind the network."""
+    """The end itself if it is `subscription` behind the network, else None."""
     return end if isinstance(end, NetworkedSubscription) and end.subscription is subscription else None
 
 
@@ -442,7 +442,7 @@ class LocalClient:
         return () if service is None else (service.request_type.removesuffix("_Request"),)
 
     def on_servers_changed(self) -> None:
-        """A server of this name has come or left, or can no longer be reached."""
+        """Look which servers are there: one has come or left, or the network connects it or cuts it off."""
         if self.pending and self.pending.servers_changed(self._servers()):
             self.node.middleware.warn(unanswered_warning(self.name, self.node.full_name))
         self.insistent.on_servers_changed(self._servers())

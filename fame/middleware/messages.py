@@ -106,7 +106,7 @@ def default_payload(type: str) -> Any:
 
 @cache
 def message_type(name: str) -> type[Message]:
-    """The class of a type. Raises MessageError for a type that is unknown (with similar names) or contains one."""
+    """The class of a type. Raises MessageError, with similar names, if it is unknown or contains such a type."""
     content = typesystem.definition(name)
     typesystem.check_references(content)
     with _lock:  # one class per type, whichever thread asks first

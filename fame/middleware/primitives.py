@@ -35,7 +35,7 @@ class Misfit(Exception):
         self.text, self.path = text, path
 
     def below(self, step: str) -> Misfit:
-        """Return the misfit with the path extended by the field that contains it."""
+        """Extend the path by the field that contains the value. Returns the misfit."""
         self.path = step + self.path if not self.path or self.path.startswith("[") else f"{step}.{self.path}"
         return self
 

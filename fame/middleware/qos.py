@@ -25,7 +25,7 @@ _SPELLINGS = {"leaseduration": "lease_duration"}
 
 
 def parse(policies: Mapping[str, Any], base: QoS = SIGNAL) -> QoS:
-    """`base` with the policies that a model names, such as ``{"reliability": "best_effort", "depth": "5"}``.
+    """The policies of `base`, with those that a model names: ``{"reliability": "best_effort", "depth": "5"}``.
 
     Names may begin with ``qos.``; values are text or numbers. A choice is a name (in any case) or its code, a depth an
     integer from 1 on, a time in s (0 or ``infinite``: no bound). Raises MessageError that says what is accepted.

@@ -2,8 +2,8 @@
 
 Needed for a middleware that does not report the sender of a message (rclpy). This module needs no ROS itself, so that
 it can be tested everywhere. A subscription records the messages of publishers of its own node, and drops the next
-sample with the same bytes. Echoes of one publisher arrive in order, so earlier ones than a recognised echo were lost;
-so was one that does not arrive within a second.
+sample with the same bytes. Echoes of one publisher arrive in order: those before a recognised one were lost, as was one
+that does not arrive within a second.
 """
 
 from __future__ import annotations

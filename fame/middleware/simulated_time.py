@@ -66,7 +66,7 @@ class Lockstep:
             enter(deliver)
 
     def flush(self) -> None:
-        """Wait until the other processes have received all sent messages."""
+        """Wait, for a while, until the other processes have received all sent messages."""
         self._middleware.flush()
 
 
@@ -115,7 +115,7 @@ class ClockFollower(Scheduler):
         node.subscription(CLOCK, CLOCK_TYPE, lambda message: self.on_clock(nanoseconds(message.clock)), _FOLLOWER_QOS)
 
     def subscribe_in_lockstep(self, node: Node, lockstep: Lockstep) -> None:
-        """Follow the clock step by step, and report each step as done. The first only waits for earlier messages.
+        """Follow the clock step by step, and report each step as done. The first message only sets the time.
 
         A world repeats a step for an engine that has come back: engines that have done it report it again.
         """

@@ -218,7 +218,7 @@ def register_files(path: str | Path, package: str = "") -> list[str]:
 
 
 def _missing_reference(names: Iterable[str]) -> str:
-    """Why one of some types refers to none, or to itself; empty if all is well."""
+    """Why one of these types cannot be used: it refers to an unknown type, or to itself; empty if all can."""
     try:
         for full in names:
             check_references(definition(full))

@@ -57,7 +57,7 @@ _PARAMETERS = "parameters"
 
 
 class WarningsOnce:
-    """Called with each warning. Keeps it once, and passes it to `on_warning` in the scheduler."""
+    """Called with each warning. Keeps it once, up to a maximum, and passes it to `on_warning` in the scheduler."""
 
     def __init__(self, scheduler: Scheduler, on_warning: OnWarning | None) -> None:
         self.kept: list[EndpointWarning] = []
@@ -125,7 +125,7 @@ class WireMiddleware(ABC):
         """Announce that nodes or their endpoints have changed, if the backend does not do so by itself."""
 
     def on_servers_changed(self, services: Container[str]) -> None:
-        """Servers of services of these names (full names) have come or left: tell their clients."""
+        """Tell the clients of these services (full names) that servers have come or left."""
         for node in list(self.nodes):
             for end in list(node.services):
                 if isinstance(end, WireClient) and end.name in services:
@@ -219,7 +219,7 @@ class WireNode:
             subscription.held = held
 
     def others(self) -> list[Any]:
-        """Return the other parts of the node, in the order in which they were made."""
+        """The other parts of the node, in the order in which they were made."""
         nodes = self.middleware.nodes if self.part else ()
         return [node for node in nodes if node is not self and node.part and node.full_name == self.full_name]
 

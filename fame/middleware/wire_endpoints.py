@@ -263,7 +263,7 @@ class WireClient(ServiceEndpoint):
         self.pending.add(key, self.servers(), callback, lost, or_new)
 
     def on_servers_changed(self) -> None:
-        """A server of this name has come or left: drop the requests that get no response now, and warn of them."""
+        """Drop the requests that get no response now that a server has come or left; warn if one has left with some."""
         if not self.pending and not self.insistent:
             return
         servers = self.servers()

@@ -41,7 +41,7 @@ _USED: tuple[tuple[Any, tuple[str, ...]], ...] = (
 
 
 def check_version(used: tuple[tuple[Any, tuple[str, ...]], ...] = _USED) -> None:
-    """Raises UnavailableError if cyclonedds lacks something that is used here."""
+    """Raise UnavailableError if cyclonedds lacks something that is used here."""
     lacking = [f"{owner.__name__}.{name}" for owner, names in used for name in names if not hasattr(owner, name)]
     if lacking:
         text = f"cyclonedds {version('cyclonedds')} has no {', '.join(lacking)}: pip install cyclonedds==11.0.1"
@@ -102,7 +102,7 @@ class KeyedWaitSet:
         self._waitset._waitset_attach(self._waitset._ref, entity._ref, key)
 
     def detach(self, entity: Entity) -> None:
-        """Wait for it no more."""
+        """Wait for an entity no more."""
         self._waitset._waitset_detach(self._waitset._ref, entity._ref)
 
     def wait(self, timeout: int) -> list[int]:
@@ -111,7 +111,7 @@ class KeyedWaitSet:
         return [key or 0 for key in self._keys[: min(number, _MAX_REPORTED)]]  # 0 comes as None
 
     def close(self) -> None:
-        """Delete it."""
+        """Delete the wait set."""
         delete(self._waitset)
 
 

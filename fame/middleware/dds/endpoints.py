@@ -86,7 +86,7 @@ class DdsSubscription(WireSubscription):
     """A subscription.
 
     The messages of publishers of FAME are numbered, so that all that are missing are counted. Of others, Cyclone keeps
-    one message more than the depth until it is asked: that it dropped some from there is noticed, though not how many.
+    one message more than the depth: so it is noticed that some were dropped, though not how many.
     While it is `held`, messages wait in Cyclone alone, for `drain`.
     """
 
@@ -143,7 +143,7 @@ class DdsSubscription(WireSubscription):
         self.schedule()
 
     def _accepted(self, samples: Iterable[Any]) -> Iterator[tuple[bytes, Any]]:
-        """The messages of other nodes, each with what DDS says of it. Counts those that are missing before them."""
+        """The messages of other nodes, each with its sample info of DDS. Counts those that are missing before them."""
         for sample in samples:
             info = sample.sample_info
             if info.valid_data and info.publication_handle not in self._own:
@@ -154,7 +154,7 @@ class DdsSubscription(WireSubscription):
                 yield sample.data, info
 
     def _count(self, sender: int, time: int) -> None:
-        """Count the messages that are missing before one."""
+        """Count the messages of a sender that are missing before one of this source time."""
         last = self._last.get(sender)
         if last is not None:
             number = wire.missing(last, time)

@@ -153,7 +153,7 @@ class Participant:
                 yield (endpoint, other) if endpoint.writes else (other, endpoint)
 
     def _served_to_another_dds(self, endpoint: DiscoveredEndpoint) -> str:
-        """The service of this participant that an endpoint of another DDS is a client of; an action's, once."""
+        """The service of this participant that this endpoint, of another DDS, is a client of; of an action only one."""
         service = wire.service_of(endpoint.topic) if endpoint.writes and endpoint.is_foreign else ""
         own = service and any(server.participant == self.discovery.participant for server in self.servers(service))
         return service if own and ("/_action/" not in service or service.endswith("/send_goal")) else ""

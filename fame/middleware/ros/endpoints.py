@@ -398,7 +398,7 @@ class RosClient(WireClient):
         return not self.closed and bool(self._end.service_is_ready())
 
     def servers(self) -> frozenset[int]:
-        """ROS only counts them: if one has left, it was the oldest."""
+        """The servers, as numbers. ROS only counts them: of one that has left, this takes it that it was the oldest."""
         there = self._ros.node.count_services(self.name)
         del self._servers[: max(0, len(self._servers) - there)]
         self._servers += [next(self._numbers) for _ in range(there - len(self._servers))]
@@ -428,7 +428,7 @@ class RosClient(WireClient):
             self.node.middleware.scheduler.after(_POLL, self._check)
 
     def _check(self) -> None:
-        """Look whether servers have come or left, as long as a request waits for its response."""
+        """Check whether servers have come or left, as long as a request waits for its response."""
         self._polls = not self.closed and bool(self.pending or self.insistent)
         if self._polls:
             self.node.middleware.scheduler.after(_POLL, self._check)

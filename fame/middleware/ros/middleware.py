@@ -38,7 +38,7 @@ from fame.middleware.wire_base import NAMING_DELAY, EndpointClasses, WireMiddlew
 
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _LOOK = SECOND
-"""How often topics of several types are looked for: rclpy reports endpoints of other types on no topic."""
+"""How often topics of several types are looked for (ns): rclpy does not report endpoints of different types."""
 _OF_EVERY_NODE = ("/rosout", "/parameter_events")
 """Topics that every node of ROS has; the graph leaves them out."""
 
@@ -96,7 +96,7 @@ class RosMiddleware(WireMiddleware):
         return RosNode(self, name, namespace.strip("/"), part)
 
     def shared(self, name: str, namespace: str, part: str) -> Node | None:
-        """Return the node of rclpy that a new node shares: that of the other parts, or the observer; else None."""
+        """The node of rclpy that a new node shares: that of the other parts, or the observer; else None."""
         if name.startswith("_"):
             return self.observer
         requested = name, namespace
@@ -142,7 +142,7 @@ class RosMiddleware(WireMiddleware):
         self.executor.shutdown(timeout_sec=0)  # coroutines that wait for a response end
 
     def on_mismatch(self, topic: str) -> None:
-        """Endpoints of a topic do not match; rclpy does not say which: find out when nodes have names."""
+        """Find out which endpoints of a topic do not match, once nodes have names: rclpy does not say which."""
         self.scheduler.after(NAMING_DELAY, partial(self._report, topic))
 
     def _info(self, topic: str, types: list[str]) -> TopicInfo:
@@ -226,7 +226,7 @@ class RosNode(WireNode):
 
 
 def _names(node: Node) -> tuple[str, str]:
-    """Return name and namespace of a node of rclpy, which remappings may have changed."""
+    """Name and namespace of a node of rclpy, which remappings may have changed."""
     return node.get_name(), node.get_namespace().strip("/")
 
 

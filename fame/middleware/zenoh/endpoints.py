@@ -202,7 +202,7 @@ class ZenohSubscription(WireSubscription):
         self._on_sample(sample)
 
     def _listen(self, samples: Iterable[zenoh.Sample]) -> None:
-        """Until it is withdrawn."""
+        """Take what comes, until the subscriber is withdrawn."""
         for sample in samples:
             self._on_sample(sample)
 
@@ -233,7 +233,7 @@ class ZenohSubscription(WireSubscription):
             self._listener.join(_PATIENCE)
 
     def _note(self, sample: zenoh.Sample) -> None:
-        """Keep a sample until the scheduler takes it; at most as many as there may wait."""
+        """Keep a sample until the scheduler takes it; at most as many as the queue holds."""
         arrived = self._arrived
         if len(arrived) == self._queue.maxlen:
             with suppress(IndexError, MessageError):  # the scheduler has just taken it; it is refused elsewhere
@@ -389,7 +389,7 @@ class ZenohClient(WireClient):
             self.pending.respond(number, response)
 
     def _on_end(self, number: int) -> None:
-        """No response follows: the service has left, or it is still there and has dropped the request."""
+        """Drop a request without response: its service has left, or it is still there and has dropped the request."""
         if self.servers():
             self.node.middleware.scheduler.after(_DROPPED, partial(self._drop, number))
         else:

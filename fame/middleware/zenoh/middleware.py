@@ -60,7 +60,7 @@ class Graph:
         self._nodes: list[str] | None = None
 
     def add(self, entity: Entity) -> bool:
-        """Whether it was not there, and there is room for it."""
+        """Add a node or an endpoint. Returns whether it was new, and there was room for it."""
         with self._lock:
             if entity.token in self._entities or len(self._entities) >= _MAX_ENTITIES:
                 return False
@@ -122,10 +122,10 @@ class Graph:
 
 
 class Wakeups:
-    """The waiter of a `DataScheduler`: subscriptions with samples, which it takes in its own thread.
+    """The waiter of a `DataScheduler`: subscriptions with samples, which the scheduler takes in its own thread.
 
-    A lock that is released by who wakes up is far faster than a condition. (`SimpleQueue.get` of CPython 3.11 is as
-    fast, but can forget its timeout on a busy machine, and wait forever.)
+    To release a lock is far faster than to notify a condition. (`SimpleQueue.get` of CPython 3.11 is as fast, but can
+    forget its timeout on a busy machine, and wait forever.)
     """
 
     def __init__(self) -> None:
@@ -231,7 +231,7 @@ class ZenohMiddleware(WireMiddleware):
         token.undeclare()
 
     def _note_server(self, entity: Entity) -> None:
-        """Tell the clients of a service, if that is what has come or left."""
+        """Tell the clients of a service, if a service is what has come or left."""
         if entity.kind == tokens.SERVICE:
             self.scheduler.soon(partial(self.on_servers_changed, (entity.name,)))
 
@@ -244,7 +244,10 @@ class ZenohMiddleware(WireMiddleware):
             self._barrier = self.session.declare_queryable(key, answer, complete=True)
 
     def flush(self) -> None:
-        """Wait until all confirming sessions have received what this one sent. Messages of a link arrive in order."""
+        """Wait until all confirming sessions have received what this one sent, at most `_FLUSH_PATIENCE` s.
+
+        Messages of a link arrive in order.
+        """
         for _ in self.session.get(
             self._barrier_key("*"),
             target=zenoh.QueryTarget.ALL,
@@ -300,7 +303,7 @@ class ZenohMiddleware(WireMiddleware):
                 self._takes = False
 
     def _on_token(self, sample: zenoh.Sample) -> None:
-        """Its own tokens are in the graph already."""
+        """Note who has come or left. The tokens of this session are in the graph already."""
         token = str(sample.key_expr)
         if sample.kind == zenoh.SampleKind.DELETE:
             entity = self.entities.remove(token)

@@ -62,7 +62,7 @@ ACKNOWLEDGED = 2**62
 
 
 def read_attachment(data: bytes) -> Attachment:
-    """Raises MessageError if the data are no attachment of ROS."""
+    """The attachment in these data. Raises MessageError if they are none of ROS."""
     if len(data) != _ATTACHMENT.size or data[16] != _GID:
         raise MessageError(f"expected an attachment of {_ATTACHMENT.size} bytes as ROS has it, got {len(data)} bytes")
     number, sent, _, gid = _ATTACHMENT.unpack(data)
