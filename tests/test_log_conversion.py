@@ -340,7 +340,7 @@ def test_what_an_incomplete_recording_does_not_violate_is_not_known(
     (found,) = json.loads(capsys.readouterr().out)["runs"].values()
     assert {one["verdict"] for one in found} == {"not known"}
     assert all("the recording is incomplete after" in one["text"] for one in found)
-    for form in ("jsonl", "xes"):
+    for form in ("jsonl", "xes", "ocel.json"):
         log = str(tmp_path / f"run.{form}")
         assert main(["log", "convert", str(cut), "-o", log]) == 0
         assert main(["log", "judge", scenario, log]) == 2

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from fame.bpmn.model import Definitions
-from fame.clock import EPOCH, SECOND, date_text
+from fame.clock import EPOCH, date_text
 from fame.errors import ConfigError, ModelError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
@@ -110,7 +110,7 @@ def _kept(recording: Recording, robots: Sequence[str] | None, mission: MissionLe
     chosen = robots is not None or mission is not None
     parts = [f"level {'all' if mission is None else 'mission'}"] if chosen else []
     parts += [f"robots {', '.join(robots)}"] if robots else []
-    parts += [f"incomplete after {recording.end / SECOND:.1f} s"] if recording.warnings else []
+    parts += [recording.lack] if recording.lack else []
     return ", ".join(parts)
 
 

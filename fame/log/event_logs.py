@@ -23,6 +23,7 @@ from fame.errors import ConfigError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.elements import UNKNOWN, element_info
 from fame.log.mission_level import PART
+from fame.log.ocel import RECORDING
 from fame.log.reading import PART_MESSAGE, rows_of
 from fame.properties.vocabulary import is_of_pool
 
@@ -159,6 +160,9 @@ def _values(parent: ElementTree.Element) -> dict[str, str]:
 def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
     data = json.loads(path.read_text(encoding="utf-8"))
     starts, ends, partly = list[dict[str, Any]](), list[dict[str, Any]](), set[str]()
+    for one in data["objects"]:
+        if one["type"] == RECORDING:
+            raise ConfigError(PART_MESSAGE.format(one["attributes"][0]["value"]), file=str(path))
     instances = [each for each in data["objects"] if each["type"] == "instance"]
     for one in instances:
         robot, _, number = one["id"].removeprefix("instance:").rpartition("/")

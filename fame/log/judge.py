@@ -59,9 +59,9 @@ def judge_log(
                 others = _replay(recording, properties, model, team, late={robot: apart})
                 found = [_unordered(one, apart) if one.verdict == "violated" != other.verdict else one
                          for one, other in zip(found, others, strict=True)]  # fmt: skip
-            if is_open or not recording.warnings:
+            if is_open or not recording.lack:
                 return found
-            lacking = f"the recording is incomplete after {recording.end / SECOND:.1f} s"
+            lacking = f"the recording is {recording.lack}"
             return [_not_known(one, lacking) if one.verdict != "violated" else one for one in found]
     if model is None:
         raise ConfigError("has no model: expected one beside the properties, NAME.bpmn of NAME.properties.yaml",

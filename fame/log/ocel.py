@@ -20,6 +20,8 @@ number, is an object of type ``parcel``. An event is related to the value that i
 At level ``mission`` the events are those of the activities and labelled elements in the files of the missions, without
 those in called files; an element that completes at once is one event. Signals are those of the topics that elements
 there name, without sensors and motors. Level ``all`` has every element and every message of the recording.
+
+The log of a recording that was cut off has an object of the type ``recording``, whose attribute ``part`` says so.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ from fame.errors import ConfigError
 from fame.iso8601 import parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.elements import ElementInfo, element_info
-from fame.log.mission_level import MissionLevel
+from fame.log.mission_level import PART, MissionLevel
 from fame.log.recording import RecordedMessage, Recording
 from fame.log.team_state import TeamState
 from fame.text import suggestion
@@ -47,12 +49,15 @@ ObjectVariables = Mapping[str, str]
 """Type of objects -> the variable whose values name them."""
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "abort", "fail": "fail"}
+RECORDING = "recording"
+"""The type of an object: only logs of a part of a run have one."""
 _SENT, _RECEIVED, _GOAL_SENT, _GOAL_ENDED = "signal sent", "signal received", "goal sent", "goal ended"
 _OBJECT_TYPES: Mapping[str, Mapping[str, str]] = {
     "robot": {},
     "instance": {"process": "string", "status": "string"},
     "signal": {"topic": "string", "type": "string"},
     "goal": {"action": "string"},
+    RECORDING: {PART: "string"},
     "property": {"sentence": "string", "verdict": "string", "slack": "float", "text": "string"},
 }
 _ELEMENT = {"element": "string", "kind": "string", "lifecycle": "string", "error": "string"}
@@ -93,6 +98,8 @@ def write_ocel(
     log.variables.check()
     for verdict in recording.verdicts:
         _add_verdict(log, verdict, recording.end)
+    if recording.lack:
+        log.object(RECORDING, RECORDING, recording.end, {PART: recording.lack})
     text = json.dumps(log.to_json(), ensure_ascii=False, separators=(",", ":"))
     stream.write(text.encode("utf-8", "backslashreplace"))
 

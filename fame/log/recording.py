@@ -195,6 +195,11 @@ class Recording(Closing):
             return [{**each} for each in json.loads(self.metadata.get("properties", "[]"))]
 
     @property
+    def lack(self) -> str:
+        """What it lacks if it was cut off (``incomplete after 5.0 s``); else nothing."""
+        return f"incomplete after {self.end / SECOND:.1f} s" if self.warnings else ""
+
+    @property
     def duration(self) -> float:
         """Its duration, s."""
         return (self.end - self.start) / SECOND
