@@ -391,6 +391,35 @@ def test_the_report_of_a_failed_test_has_the_state_of_its_missions(pytester: pyt
     )
 
 
+def test_stubs_and_fakes_that_a_mission_does_not_use_are_named(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        f"""
+        def test_it(mission):
+            m = mission.load({str(VEHICLES)!r})
+            m.stub("Explore", after=2)
+            m.stub("GoTo")
+            m.person({{"Go To": {{}}}}, robot="DINGO")
+            m.fake_service("/never", "std_srvs/srv/SetBool")
+            m.fake_topic("/REX/alone", "std_msgs/msg/String", values=["nobody hears it"])
+            m.fake_topic("/target_found", values=[{{"x": 1.0}}], every=0.5)
+            m.fake_topic("/fire", "std_msgs/msg/Empty")
+            m.advance(1)
+            m.expect("DINGO").entered("Go To")
+        """
+    )
+    result = pytester.runpytest_inprocess("-p", "fame.testing.plugin")
+    result.assert_outcomes(passed=1)
+    expected = ["fake_service('/never')", "fake_topic('/REX/alone')", "fake_topic('/fire')"]
+    result.stdout.fnmatch_lines(["*stubs and fakes not used*", *(f"*::test_it: {text}" for text in expected)])
+    result.stdout.no_fnmatch_line("*::test_it: [sp]*")
+
+
+def test_a_mission_that_has_not_run_has_entered_nothing_by_no_merit(vehicles: MissionUnderTest) -> None:
+    with pytest.raises(ConfigError, match="nothing has run yet: advance the mission before"):
+        vehicles.expect("DINGO").never_entered("Go To")
+    vehicles.advance(0).expect("DINGO").never_entered("Go To")
+
+
 def test_a_model_is_found_beside_the_test(pytester: pytest.Pytester) -> None:
     folder = pytester.mkdir("missions")
     one(folder, '<startEvent id="s"/>')

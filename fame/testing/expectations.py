@@ -44,8 +44,10 @@ class Expectation:
         return Passage(self, shown, steps)
 
     def never_entered(self, element: str) -> Expectation:
-        """No token has come to the element."""
+        """No token has come to the element. Raises ConfigError if nothing has run, and nothing is to happen at once."""
         __tracebackhide__ = True
+        if self._mission.untouched:
+            raise ConfigError(f"never_entered({element!r}): nothing has run yet: advance the mission before")
         ids, shown = self._find(element)
         steps = self._mission.trace.arrivals(self._robot, ids)
         if steps:

@@ -34,6 +34,7 @@ class Fakes:
     def __init__(self, mission: MissionUnderTest) -> None:
         self._mission = mission
         self._waiting: list[FakeTopic | FakeService | FakeAction] = []
+        self._all: list[FakeTopic | FakeService | FakeAction | _Person] = []
 
     def topic(self, topic: str, type: str, **given: Any) -> FakeTopic:
         return self._made(FakeTopic(self._mission, _full(topic), type, **given))
@@ -48,14 +49,21 @@ class Fakes:
         found = {
             id: dict(values or {}) for task, values in tasks.items() for id in self._mission.elements.find(robot, task)
         }
-        self._mission.trace.listeners.append(_Person(self._mission, robot, found, after).on_step)
+        person = _Person(self._mission, robot, found, after)
+        self._mission.trace.listeners.append(person.on_step)
+        self._all.append(person)
 
     def begin(self) -> None:
         """Make the endpoints."""
         for fake in self._waiting:
             fake.begin(self._mission.outside)
 
+    def unused(self) -> list[str]:
+        """Those that the mission has not used so far, each as the call that made it."""
+        return [str(fake) for fake in self._all if not fake.used]
+
     def _made(self, fake: _Fake) -> _Fake:
+        self._all.append(fake)
         if self._mission.begun:
             fake.begin(self._mission.outside)
         else:
@@ -106,6 +114,15 @@ class FakeTopic:
             if not (isinstance(time, int | float) and 0 <= time < math.inf):
                 raise ConfigError(f"fake_topic({topic!r}): expected times from 0 s on, got {time!r}")
         self._bag = bag
+        self._sent = self._heard = False
+
+    def __str__(self) -> str:
+        return f"fake_topic({self.topic!r})"
+
+    @property
+    def used(self) -> bool:
+        """Whether it has published something to which somebody subscribed, then or now."""
+        return self._heard or (self._sent and self._publisher.subscriber_count() > 0)
 
     def begin(self, node: Node) -> None:
         """Make the publisher, and schedule what is to be published."""
@@ -121,15 +138,20 @@ class FakeTopic:
             made.append((time, message))
         scheduler = self._mission.run.scheduler
         for time, message in made:
-            scheduler.after(round(time * SECOND), partial(self._publisher.publish, message))
+            scheduler.after(round(time * SECOND), partial(self._publish, message))
 
     def publish(self, value: Any = None, **fields: Any) -> None:
         """Publish a message now: a payload, or fields. Raises MessageError if it does not fit."""
         self._mission.settle()
         if not self._mission.begun:
             raise ConfigError(f"fake_topic({self.topic!r}): publish before the mission begins: give values or series")
-        self._publisher.publish(messages.create(self._publisher.type, fields or value))
+        self._publish(messages.create(self._publisher.type, fields or value))
         self._mission.settle()
+
+    def _publish(self, message: AnyMessage) -> None:
+        self._publisher.publish(message)
+        self._sent = True
+        self._heard = self._heard or self._publisher.subscriber_count() > 0
 
     def _known_type(self) -> str:
         topics = self._mission.run.middleware.topics
@@ -163,6 +185,14 @@ class FakeService:
         _, answer = messages.service(type)
         if not callable(response):
             messages.create(answer, response)  # refused now, not when it is called
+
+    def __str__(self) -> str:
+        return f"fake_service({self.name!r})"
+
+    @property
+    def used(self) -> bool:
+        """Whether something was requested."""
+        return bool(self.requests)
 
     def begin(self, node: Node) -> None:
         """Offer the service. Raises ConfigError if the mission calls one of this name with another type."""
@@ -213,6 +243,14 @@ class FakeAction:
                 messages.create(f"{self._type}_{part}", value)  # refused now, not when a goal has come
         self._results: dict[bytes, DeferredResponse] = {}
         self._ended: set[bytes] = set()
+
+    def __str__(self) -> str:
+        return f"fake_action({self.name!r})"
+
+    @property
+    def used(self) -> bool:
+        """Whether a goal has come."""
+        return bool(self.goals)
 
     def begin(self, node: Node) -> None:
         """Offer the action."""
@@ -272,10 +310,16 @@ class _Person:
         self, mission: MissionUnderTest, robot: str, tasks: Mapping[str, Mapping[str, Any]], after: float
     ) -> None:
         self._mission, self._robot, self._tasks, self._after = mission, robot, tasks, after
+        self.used = False  # whether a token has come to one of the tasks
+
+    def __str__(self) -> str:
+        names = " or ".join(self._mission.elements.shown(self._robot, task) for task in self._tasks)
+        return f"person of {self._robot} at {names}"
 
     def on_step(self, step: TraceStep) -> None:
         """Plan to complete the task that a token has entered."""
         if step.what == "enter" and step.robot == self._robot and step.element in self._tasks:
+            self.used = True
             self._mission.run.scheduler.after(round(self._after * SECOND), partial(self._complete, step.element))
 
     def _complete(self, element: str) -> None:

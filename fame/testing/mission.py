@@ -105,6 +105,11 @@ class MissionUnderTest:
         return self._run is not None
 
     @property
+    def untouched(self) -> bool:
+        """Whether nothing has run, and the test has done nothing that will happen when it begins."""
+        return self._run is None and not self._pending
+
+    @property
     def run(self) -> Run:
         """The run, which begins now if it has not."""
         if self._run is None:
@@ -390,6 +395,10 @@ class MissionUnderTest:
         """The judgements that are pending or not known, without those of which the test has said what it expects."""
         words = ("pending", "not known")
         return [one for one in self._judgements() if one.verdict in words and one.name not in self.expected_properties]
+
+    def unused(self) -> list[str]:
+        """The stubs and fakes that the mission has not used."""
+        return [*self.library.unused(), *self.fakes.unused()]
 
     def _judgements(self) -> list[Judgement]:
         judging = self._run.judging if self._run is not None else None

@@ -21,6 +21,9 @@ _LEFT_OUT = "steps left out"
 _UNDECIDED = "properties not decided"
 """Property of a test that ended before all properties of its mission were decided."""
 
+_UNUSED = "stubs and fakes not used"
+"""Property of a test that replaces what its mission does not use."""
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Declare the options of model coverage."""
@@ -114,12 +117,13 @@ def _folder(factory: pytest.TempPathFactory, name: str) -> Callable[[], Path]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Any:
-    """Fail a test whose mission has violated a property that the test does not mention; note what is not decided."""
+    """Fail a test whose mission violated a property that it does not mention; note what is not decided or used."""
     result = yield
     loader = item.stash.get(_LOADER, None)
     for loaded in loader.loaded if loader is not None else ():
         loaded.check_properties()
         item.user_properties += [(_UNDECIDED, str(one)) for one in loaded.undecided()]
+        item.user_properties += [(_UNUSED, text) for text in loaded.unused()]
     return result
 
 
@@ -187,9 +191,9 @@ def _write_reports(config: pytest.Config, coverage: Coverage) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Name the tests that went another way than they say or decided not all properties, and print the coverage."""
+    """Name the tests that went another way than they say, decided or used not all, and print the coverage."""
     reports = [one for one in terminalreporter.stats.get("", ()) if isinstance(one, pytest.TestReport)]
-    for title in (_LEFT_OUT, _UNDECIDED):
+    for title in (_LEFT_OUT, _UNDECIDED, _UNUSED):
         found = [(one.nodeid, text) for one in reports for name, text in one.user_properties if name == title]
         if found:
             terminalreporter.section(title)

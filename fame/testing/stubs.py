@@ -89,6 +89,10 @@ class StubLibrary(Library):
         self._stubs[name] = made, _definitions(name)
         return made
 
+    def unused(self) -> list[str]:
+        """The stubs that nothing has called so far, each as the call that made it."""
+        return [f"stub({name!r})" for name, (stub, _) in self._stubs.items() if not stub.calls]
+
     def services(self, robot: str) -> dict[str, ServiceFunction]:
         """The service of each stub, for one robot."""
         return {_operation(name): stub.service(robot) for name, (stub, _) in self._stubs.items()}
