@@ -145,6 +145,7 @@ def test_an_engine_that_is_ended_brings_its_robot_to_the_safe_state(ending: str 
         if ending != "the terminal":
             engine.send_signal(signal.SIGTERM if ending == "nohup" else ending)
         run_until(lambda: engine.poll() is not None)
+        scheduler.run(scheduler.now + SECOND // 2)  # what it has said before it ended
         assert (engine.returncode, speeds[-1]) == (0, 0.0)
     finally:
         engine.kill()
