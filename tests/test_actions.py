@@ -54,6 +54,20 @@ def test_a_goal_tells_how_far_it_is_and_its_result(here: World, place: Place) ->
     assert place.client.goals == {}
 
 
+def test_a_long_goal_has_its_result_after_many_short_ones(here: World, place: Place) -> None:
+    place.send(1000)
+    here.until(lambda: len(place.server.goals) == 1)
+    (long,) = place.server.goals
+    others: list[str] = []
+    for number in range(110):
+        place.client.send({"distance": 1}, lambda outcome, _: others.append(outcome), lambda said: None)
+        here.until(lambda: len(place.server.goals) == 2)
+        place.server.step()
+        here.until(lambda wanted=number + 1: len(others) == wanted)
+    place.server.end(long, 6)
+    here.until(lambda: place.heard and place.heard[-1] == ("aborted", 110.0))
+
+
 def test_goals_are_kept_apart(here: World, place: Place) -> None:
     other: list[Any] = []
     place.send(3)

@@ -9,7 +9,7 @@ from arm_data import BENIGN, needs_data, recording
 from bpmn_text import process
 
 import fame
-from fame.clock import SECOND, Scheduler
+from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
@@ -18,7 +18,7 @@ from fame.monitor.anomaly.nodes import TYPE
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import read_csv, write_csv
 from fame.monitor.services import SERVICES
-from fame.robot.services import ServiceContext
+from fame.robot.services import CommandService, ServiceContext
 from robots.arm.sabotage import alter, knots
 from robots.arm.task import FILE, MH5
 
@@ -130,6 +130,19 @@ def test_what_is_wrong_fails_the_mission_by_name(
     watch = Watch(tmp_path, calling(service), **variables)
     assert watch.status == "failed"
     assert said in str(watch.sim.instances[0].error)
+
+
+def test_a_command_that_is_killed_fails_with_what_became_of_it(tmp_path: Path) -> None:
+    scheduler, changed = WallScheduler(), list[int]()
+    middleware, done = LocalMiddleware(scheduler), lambda: changed.append(1)
+    context = ServiceContext("ARM", "ARM", middleware, scheduler, tmp_path, print, done, lambda topic, type: print)
+    service = CommandService(context, ["adm", "learn", "gone.yaml"], dict)
+    service._process.kill()
+    while not changed:
+        scheduler.run(scheduler.now + SECOND // 100)
+    with pytest.raises(ConfigError, match="fame adm learn ended without a result, with exit code -9"):
+        service.results()
+    service.close()
 
 
 @pytest.mark.parametrize("threshold", [float("nan"), -1, 1.0, 5])

@@ -32,14 +32,14 @@ from cyclonedds.topic import Topic
 from dds_child import FAREWELLS, TEXT
 from middleware_contract import DOMAIN, TIMEOUT, WallWorld, dds_world
 
-from fame.clock import SECOND, Kind
+from fame.clock import SECOND, Kind, Scheduler
 from fame.errors import ConfigError, MessageError, UnavailableError
 from fame.middleware import codec, messages
-from fame.middleware.dds import DdsMiddleware, DdsScheduler, cyclone, wire
+from fame.middleware.dds import DdsMiddleware, DdsScheduler, cyclone, domain, wire
 from fame.middleware.dds.domain import configuration, sockets
-from fame.middleware.interface import LATCHED, SENSOR_DATA, UNKNOWN_NODE, QoS
+from fame.middleware.interface import LATCHED, SENSOR_DATA, UNKNOWN_NODE, EndpointWarning, QoS
 from fame.middleware.messages import create
-from fame.middleware.wire_base import domain_id
+from fame.middleware.wire_base import WarningsOnce, domain_id
 
 pytestmark = pytest.mark.dds
 MILLISECOND = SECOND // 1000
@@ -357,10 +357,26 @@ def test_the_domain_is_that_of_ros(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (domain_id(), domain_id(7)) == (0, 7)
     monkeypatch.setenv("ROS_DOMAIN_ID", "42")
     assert (domain_id(), domain_id(7)) == (42, 7)
-    for wrong in ("233", "-1", "one", "1.0", "9" * 30):
+    for wrong in ("233", "-1", "one", "1.0", "9" * 30, "000000001234"):
         monkeypatch.setenv("ROS_DOMAIN_ID", wrong)
         with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID: expected a domain from 0 to 232, got '{wrong}'"):
             domain_id()
+
+
+def test_a_process_without_a_socket_is_not_bound_to_loopback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(domain, "sockets", lambda number: iter(()))
+    assert domain.bind_to_loopback(0) is False
+
+
+def test_after_many_warnings_the_last_one_says_that_there_may_be_others() -> None:
+    told: list[EndpointWarning] = []
+    scheduler = Scheduler()
+    warn = WarningsOnce(scheduler, told.append)
+    for number in range(1100):
+        warn(EndpointWarning(f"/x{number}", "is not read", "dropped"))
+    scheduler.run(0)
+    assert len(warn.kept) == len(told) == 1001
+    assert told[-1].text == "after 1000 warnings no others are kept"
 
 
 def test_nodes_of_another_domain_do_not_exist(here: WallWorld) -> None:

@@ -111,6 +111,12 @@ def test_a_partition_longer_than_the_lease_ends_the_match() -> None:
     assert Pair(cuts=(LONG,), qos=LATCHED).publish(0, 2, 14, 17).seen == [(0, 0), (16, 2), (17, 3)]
 
 
+def test_a_link_that_loses_everything_is_refused() -> None:
+    for loss in (1.0, -0.1, float("nan")):
+        with pytest.raises(ConfigError, match="loss: expected a probability below 1"):
+            Link(loss=loss)
+
+
 def test_links_are_for_pairs_and_topics_and_the_last_one_counts() -> None:
     slow, fast = Link(Delay("fixed", 1.0)), Link(Delay("fixed", 0.5), topic="/x")
     assert Pair(slow, fast).publish(0).seen == [(0.5, 0)]

@@ -34,7 +34,7 @@ from fame.middleware.parameters import KINDS, service_name
 pytestmark = pytest.mark.processes
 
 ROOT = Path(__file__).parent.parent
-LIMIT = 40
+LIMIT = 90
 """Seconds after which something is taken never to happen."""
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 
@@ -437,7 +437,8 @@ def test_in_mid_mission_one_tractor_is_called_home_the_others_go_on_also_without
     field.until(lambda: field.last("Tractor_2").completed, "it to come home")
     field.alive(*robots)
     home = field.world["robots"]["Tractor_2"]
-    assert math.dist((home["x"], home["y"]), (-1, 7.5)) < 0.5
+    # At ten times the speed an engine that waits 0.2 s for a processor brakes 2 s late.
+    assert math.dist((home["x"], home["y"]), (-1, 7.5)) < 1.5
     assert field.last("Drone").state == "running"
     assert {robot for robot in robots if field.last(robot).deployed == kept[robot]} == {*robots} - {"Tractor_2"}
 

@@ -55,6 +55,7 @@ def test_policies_are_merged_into_a_base() -> None:
         ("history", "2", "qos.history: expected keep_last (0) or keep_all (1), got '2'"),
         ("depth", "0", "qos.depth: expected a number of messages, from 1 on, got '0'"),
         ("depth", "9999999999", "qos.depth: expected a number of messages, from 1 on, got '9999999999'"),
+        ("depth", "10000000000000", "qos.depth: expected a number of messages, from 1 on, got '10000000000000'"),
         ("depth", "²", "qos.depth: expected a number of messages, from 1 on, got '²'"),
         ("deadline", "-1", "qos.deadline: expected a time in seconds, or infinite, got '-1'"),
         ("lifespan", "nan", "qos.lifespan: expected a time in seconds, or infinite, got 'nan'"),

@@ -234,8 +234,8 @@ class ActionServer:
             return
         self._result(goal.id).respond({"status": _STATUSES[outcome], "result": result})
         self._publish_status(goal.id, _STATUSES[outcome])
-        while len(self._results) > _KEPT + len(self.goals):
-            del self._results[next(iter(self._results))]
+        for ended in [id for id in self._results if id not in self.goals][:-_KEPT]:
+            del self._results[ended]
 
     def _send_goal(self, request: AnyMessage) -> Mapping[str, Any]:
         id = bytes(request.goal_id.uuid)

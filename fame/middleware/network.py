@@ -20,6 +20,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 from fame.clock import SECOND, Kind, Scheduler
+from fame.errors import ConfigError
 from fame.middleware.interface import AnyMessage, QoS
 
 if TYPE_CHECKING:
@@ -71,6 +72,10 @@ class Link:
     reorder: float = 0.0
     between: tuple[str, ...] = ()
     topic: str = ""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.loss < 1:
+            raise ConfigError(f"loss: expected a probability below 1, got {self.loss!r}")
 
     def concerns(self, pair: _Pair, topic: str) -> bool:
         """Whether it applies to a topic between two robots."""

@@ -123,8 +123,8 @@ class ParameterTable(dict[str, NodeParameter]):
         failed = next((result for result in results if not result["successful"]), None)
         if failed is not None:
             for item, result in zip(request.parameters, results, strict=True):
-                if result["successful"]:
-                    self._try(item.name, before[item.name])
+                if result["successful"] and not self._try(item.name, before[item.name])["successful"]:
+                    failed = {**failed, "reason": f"{failed['reason']}; {item.name} keeps its new value"}
         return {"result": failed or {"successful": True}}
 
     def _value(self, name: str) -> dict[str, Any]:

@@ -113,7 +113,7 @@ def _choice(policy: str, text: str) -> str:
 
 
 def _depth(text: str) -> int:
-    if text.isascii() and text.isdigit() and 1 <= int(text[:10]) <= _DEEPEST:
+    if text.isascii() and text.isdigit() and len(text) <= 10 and 1 <= int(text) <= _DEEPEST:
         return int(text)
     raise _refused("depth", text, "a number of messages, from 1 on")
 

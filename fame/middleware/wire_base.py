@@ -65,8 +65,10 @@ class WarningsOnce:
 
     def __call__(self, warning: EndpointWarning) -> None:
         with self._lock:
-            if warning in self.kept or len(self.kept) >= _MAX_WARNINGS:
+            if warning in self.kept or len(self.kept) > _MAX_WARNINGS:
                 return
+            if len(self.kept) == _MAX_WARNINGS:
+                warning = EndpointWarning("", f"after {_MAX_WARNINGS} warnings no others are kept", "backend")
             self.kept.append(warning)
         if self._on_warning is not None:
             self._scheduler.soon(partial(self._on_warning, warning))
@@ -310,7 +312,7 @@ def domain_id(given: int | None = None) -> int:
     text = os.environ.get("ROS_DOMAIN_ID", "").strip() if given is None else str(given)
     if not text:
         return 0
-    if text.isascii() and text.isdigit() and int(text[:9]) <= _LAST_DOMAIN:
+    if text.isascii() and text.isdigit() and len(text) < 9 and int(text) <= _LAST_DOMAIN:
         return int(text)
     source = "ROS_DOMAIN_ID" if given is None else "domain"
     raise ConfigError(f"expected a domain from 0 to {_LAST_DOMAIN}, got {text!r}", element=source)

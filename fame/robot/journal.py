@@ -423,6 +423,8 @@ class _Commits:
         if isinstance(error, OSError):
             self._failed(error)  # and stays busy: the state is to be written as a whole, to another file
             return
+        if error is not None:
+            raise error
         self.synced, self._busy = number, False
         for then in requests:
             then()

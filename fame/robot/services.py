@@ -86,7 +86,7 @@ class CommandService:
         arguments: Sequence[str],
         results: Callable[[Mapping[str, Any]], Mapping[str, Any]],
     ) -> None:
-        self._context, self._to_variables = context, results
+        self._context, self._to_variables, self._name = context, results, " ".join(arguments[:2])
         command = [sys.executable, "-m", "fame", *arguments, "--json", "--no-project"]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self._output: dict[str, Any] | None = None
@@ -109,11 +109,17 @@ class CommandService:
         self._worker.close()
 
     def _on_ended(self, output: tuple[str, str], error: Exception | None) -> None:
-        if self._open and error is None:
-            for line in output[1].splitlines():
-                self._context.report(line)
-            self._output = json.loads(output[0])
-            self._context.changed()
+        if not self._open:
+            return
+        said, reported = output if error is None else ("", str(error))
+        for line in reported.splitlines():
+            self._context.report(line)
+        try:
+            self._output = json.loads(said)
+        except ValueError:  # killed, for instance for the memory that it needs
+            text = f"fame {self._name} ended without a result, with exit code {self._process.returncode}"
+            self._output = {"error": {"text": text}}
+        self._context.changed()
 
 
 def compile_service(start: StartService, context: ServiceContext) -> Compiled:

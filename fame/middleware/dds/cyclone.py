@@ -18,7 +18,7 @@ from importlib.metadata import version
 from typing import Any
 
 from cyclonedds.builtin import BuiltinDataReader
-from cyclonedds.core import Entity, WaitSet
+from cyclonedds.core import DDSException, Entity, WaitSet
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.internal import dds_c_t
 from cyclonedds.qos import _CQos
@@ -108,6 +108,8 @@ class KeyedWaitSet:
     def wait(self, timeout: int) -> list[int]:
         """The keys of entities that have something, at most 64 at once, or none after `timeout` ns."""
         number = self._waitset._waitset_wait(self._waitset._ref, self._keys, _MAX_REPORTED, timeout)
+        if number < 0:
+            raise DDSException(number, "waiting for data")
         return [key or 0 for key in self._keys[: min(number, _MAX_REPORTED)]]  # 0 comes as None
 
     def close(self) -> None:

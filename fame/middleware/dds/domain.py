@@ -129,17 +129,19 @@ _BIND: dict[str, Callable[[socket.socket], None]] = {"linux": _linux, "darwin": 
 
 
 def bind_to_loopback(domain: int) -> bool:
-    """Bind the sockets that this process has in a domain to loopback. Returns whether that was possible."""
+    """Bind the sockets that this process has in a domain to loopback. Returns whether all are, and there are some."""
     bind = _BIND.get(sys.platform)
     if bind is None:
         return False
+    bound = 0
     try:
         for end in sockets(domain):
             with end:
                 bind(end)
+            bound += 1
     except OSError:
         return False
-    return True
+    return bound > 0
 
 
 def sockets(domain: int) -> Iterator[socket.socket]:

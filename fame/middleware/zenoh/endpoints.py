@@ -238,11 +238,8 @@ class ZenohSubscription(WireSubscription):
         if len(arrived) == self._queue.maxlen:
             with suppress(IndexError, MessageError):  # the scheduler has just taken it; it is refused elsewhere
                 dropped = arrived.popleft()
-                if not self._last:  # nothing has been taken yet: its number is where counting begins
-                    number, _, gid = tokens.read_attachment(
-                        dropped.attachment.to_bytes() if dropped.attachment else b""
-                    )
-                    self._last.setdefault(gid, number - 1)
+                number, _, gid = tokens.read_attachment(dropped.attachment.to_bytes() if dropped.attachment else b"")
+                self._last.setdefault(gid, number - 1)  # of a publisher that is new: where counting begins
         arrived.append(sample)
         if not self._noted and self._wakeups is not None:
             self._noted = True

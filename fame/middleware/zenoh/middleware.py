@@ -71,6 +71,10 @@ class Graph:
                 self._publishers[entity.gid] = entity
             return True
 
+    @property
+    def full(self) -> bool:
+        return len(self._entities) >= _MAX_ENTITIES
+
     def remove(self, token: str) -> Entity | None:
         with self._lock:
             entity = self._entities.pop(token, None)
@@ -248,13 +252,15 @@ class ZenohMiddleware(WireMiddleware):
 
         Messages of a link arrive in order.
         """
-        for _ in self.session.get(
+        for reply in self.session.get(
             self._barrier_key("*"),
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=_FLUSH_PATIENCE,
         ):
-            pass
+            if reply.err is not None:
+                text = f"a process did not confirm within {_FLUSH_PATIENCE:g} s what it has received"
+                self.warn(EndpointWarning("", text, "backend"))
 
     def release(self) -> None:
         atexit.unregister(self.close)
@@ -311,7 +317,12 @@ class ZenohMiddleware(WireMiddleware):
                 self._note_server(entity)
             return
         entity = tokens.read_token(token)
-        if entity is None or entity.session == self.id or not self.entities.add(entity):
+        if entity is None or entity.session == self.id:
+            return
+        if not self.entities.add(entity):
+            if self.entities.full:
+                text = f"there are more than {_MAX_ENTITIES} nodes and endpoints: the others are not known"
+                self.warn(EndpointWarning("", text, "backend"))
             return
         if entity.kind in (tokens.PUBLISHER, tokens.SUBSCRIPTION):
             self.report_mismatches(entity)
