@@ -367,6 +367,18 @@ def test_a_single_fault_that_leaves_another_robot_waiting() -> None:
     assert "forever" in outcomes["/done to REX is lost"]
 
 
+def test_faults_without_a_number_of_their_own_are_left_out_and_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = {"A": ["work", "throw go", "work"], "B": ["catch go", "work"]}
+    told = [outcome for search in found(steps, delivery="run", faults=True).searches for outcome in search.faults]
+    for module in ("exploration", "faults", "product", "search"):
+        monkeypatch.setattr(f"fame.check.explore.{module}.FAULTS", 3)
+    result = found(steps, delivery="run", faults=True)
+    assert (len(told), result.cuts, result.exhaustive) == (6, ("more than 2 single faults",), False)
+    outcomes = [outcome for search in result.searches for outcome in search.faults]
+    assert len(outcomes) == 2
+    assert {*outcomes} < {*told}
+
+
 # ---- bad input -------------------------------------------------------------------------------------------------------
 
 
@@ -376,6 +388,30 @@ def test_bad_requests_are_refused() -> None:
             found({"A": ["work"]}, **options)
     with pytest.raises(ConfigError, match="unknown multi-instance pool 'Crane'"):
         found({"A": ["work"]}, robots={"Crane": 2})
+
+
+PUBLISHING = [
+    ("signal('done')", True),
+    ("x = 1\nprint(signal(name='done'))", True),
+    ("robot.publish('/done', 'std_msgs/msg/Empty', {})", True),
+    ("signal('done') or log('info', 'done')", True),
+    ("log('info', 'done')", False),
+    ("'done'", False),
+    ("if robot.now > 9: signal('done')", False),
+    ("robot.now > 9 and signal('done')", False),
+    ("print(signal('done') if robot.now > 9 else 1)", False),
+    ("[signal('done') for x in range(int(robot.now))]", False),
+    ("print(lambda: signal('done'))", False),
+    ("0 < robot.now < signal('done')", False),
+]
+
+
+@pytest.mark.parametrize(("code", "certain"), PUBLISHING)
+def test_only_a_signal_outside_of_conditions_and_loops_is_certain(code: str, certain: bool) -> None:
+    """A script that only may throw it, and names it otherwise, leaves a robot waiting."""
+    maybe = "if robot.now > 99: signal('done')"
+    result = found({"A": [f"run await sleep(1)\n{code}\n{maybe}"], "B": ["queue done"]}, delivery="run")
+    assert ("deadlock" not in kinds(result)) == certain
 
 
 def test_scripts_with_effects_are_not_run(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from typing import Any
 
 import pytest
 from collaborations import Steps, generated, team
@@ -13,7 +14,7 @@ from fame.check.explore import Exploration, Request, explore_from
 from fame.engine import snapshot
 from fame.engine.encoding import Data
 from fame.engine.migration import MigrationPlan, migrate
-from fame.errors import MissionError
+from fame.errors import ConfigError, MissionError
 from fame.robot.node import RobotNode
 from fame.robot.stored_values import dump
 from fame.scenario.exploration import cast_of, explore
@@ -128,3 +129,10 @@ def test_no_library_is_needed_for_a_model_that_calls_nothing() -> None:
     _, _, cast = cast_of(model, {}, ())
     states = {robot: state_of(node) for robot, node in started(model, cast).items()}
     assert explore_from(model, Library(), cast, states, Request(delivery=("any",))).exhaustive
+
+
+@pytest.mark.parametrize("delivery", [(), ("slow",)])
+def test_without_a_known_delivery_nothing_would_be_explored(delivery: Any) -> None:
+    definitions, library, cast = cast_of(team(HANDSHAKE), {}, ())
+    with pytest.raises(ConfigError, match=r"expected at least one of run, fast, any, got"):
+        explore_from(definitions, library, cast, {}, Request(delivery=delivery))

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import CallActivity, Definitions, Element, Process
@@ -29,7 +29,7 @@ from fame.check.explore.running_states import as_explored, real_program
 from fame.check.explore.sampling import STEPS, Sampler, durations
 from fame.check.explore.search import explore
 from fame.check.explore.trace import Place, Runs
-from fame.check.explore.transitions import MASK
+from fame.check.explore.transitions import FAULTS, MASK
 from fame.check.explore.values import Values
 from fame.check.expressions import expressions_in
 from fame.engine import Program
@@ -57,7 +57,7 @@ _NAMES_ITSELF = re.compile(r"\brobot\b(?!\s*\.\s*(?:publish|subscribe|latest|cal
 class Request:
     """What to explore.
 
-    delivery  ways of delivery, see `fame.check.explore.product`
+    delivery  ways of delivery, at least one, see `fame.check.explore.product`
     ordered   timers of a robot fire in the order of their durations, where that is known; else in any order
     faults    also explore what single faults lead to
     reduced   leave out orders of steps that make no difference
@@ -454,6 +454,8 @@ class Team:
             yield f"the limit of {self.request.seconds:g} s is reached, which depends on the machine"
         if product.network.piles:
             yield "more messages under way than are kept apart"
+        if product.further_faults:
+            yield f"more than {FAULTS - 1} single faults"
         for local in dict.fromkeys(self.locals):
             if local.cut:
                 yield f"too many decisions in one step of {local.robot}"
@@ -487,10 +489,10 @@ def codes_named(properties: Iterable[Property]) -> frozenset[str]:
 def explore_team(definitions: Definitions, library: Library, cast: Mapping[str, Pool], request: Request) -> Exploration:
     """Explore the robots of `cast` (robot -> pool).
 
-    Raises ModelError for a model that cannot be compiled, ConfigError for a limit below 1.
+    Raises ModelError for a model that cannot be compiled, ConfigError for a limit below 1 or no delivery.
     """
     begun = time.perf_counter()
-    _expect_bounds(request)
+    _expect_valid(request)
     return _explored(Team(definitions, library, cast, request), begun)
 
 
@@ -512,15 +514,17 @@ def explore_from(
     about signals or elements of the part that is over.
 
     Raises ModelError for a model that cannot be compiled, MissionError for a snapshot of another model, ConfigError for
-    a limit below 1.
+    a limit below 1 or no delivery.
     """
     begun = time.perf_counter()
-    _expect_bounds(request)
+    _expect_valid(request)
     found = _explored(Team(definitions, library, cast, request, snapshots), begun)
     return replace(found, findings=tuple(one for one in found.findings if one.kind not in OF_WHOLE_MISSIONS))
 
 
-def _expect_bounds(request: Request) -> None:
+def _expect_valid(request: Request) -> None:
+    known = bool(request.delivery) and {*request.delivery} <= {*get_args(Delivery)}
+    expect(known, "delivery", request.delivery, f"at least one of {', '.join(get_args(Delivery))}")
     expect(request.limit > 0, "limit", request.limit, "a number of states above 0")
     expect(request.seconds is None or request.seconds > 0, "seconds", request.seconds, "a number of seconds above 0")
 

@@ -25,12 +25,15 @@ class Faults:
         self._numbers: dict[Fault, int] = {}
 
     def _happens(self, fault: Fault) -> int:
-        """The difference of a state when a fault happens."""
-        number = self._numbers.get(fault)
-        if number is None and len(self.product.faults) <= FAULTS:
-            number = self._numbers[fault] = len(self.product.faults)
-            self.product.faults.append(fault)
-        return (number or FAULTS) << self.product.fault_shift
+        """The difference of a state when a fault happens; what follows on one without a number is not explored."""
+        product = self.product
+        number = self._numbers.get(fault, FAULTS)
+        if number == FAULTS and len(product.faults) < FAULTS:
+            number = self._numbers[fault] = len(product.faults)
+            product.faults.append(fault)
+        elif number == FAULTS:
+            product.cut = product.further_faults = True
+        return number << product.fault_shift
 
     def add(self, state: int, found: list[Transition]) -> None:
         """Add what a single fault may do now; an error that is not caught is a fault of its behaviour."""

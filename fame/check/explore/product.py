@@ -90,12 +90,14 @@ class Product:
     settled         the states to which a transition leads once robots have taken all steps that no other one notices
     between         the transitions on the way to one of them
     cut             whether a step was met that leads to states which are not explored
+    further_faults  whether there are more faults than numbers: what follows on the others is not explored
     certain         (robot, element) of errors that nothing catches and no unknown value decides
     """
 
     robots: tuple[str, ...]
     locals: tuple[Local, ...]
     cut: bool
+    further_faults: bool
     options: Options
     network: Network
 
@@ -126,7 +128,7 @@ class Product:
         self.first_arrivals: Callable[[int, list[Transition]], list[Transition]] | None = None
         self.settled: Callable[[Transition], Sequence[int]] | None = None
         self.between: Callable[[int, int], Iterator[Transition]] | None = None
-        self.cut = False
+        self.cut = self.further_faults = False
         self.certain: set[tuple[int, str]] = set()
 
     def own(self, robot: int, state: int) -> tuple[Move, ...]:
@@ -297,7 +299,8 @@ class Product:
 
     def is_cut(self, state: int) -> bool:
         """Whether a state is one of those that are not explored."""
-        return state >> self.top == BEYOND or CUT in self.locals_of(state)
+        beyond = state >> self.top == BEYOND or state >> self.fault_shift & FAULTS == FAULTS
+        return beyond or CUT in self.locals_of(state)
 
     def locals_of(self, state: int) -> list[int]:
         return [state >> (robot * BITS) & MASK for robot in range(self.count)]

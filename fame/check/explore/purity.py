@@ -10,10 +10,13 @@ from __future__ import annotations
 import ast
 import math
 import re
+from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 from fame.bpmn.model import Expression
 from fame.errors import FameError
+from fame.scripting.analysis import script_topics
 from fame.scripting.python import parse_python
 
 STEPS = 100_000
@@ -212,17 +215,29 @@ def catches(script: Expression) -> bool:
 
 @lru_cache(maxsize=1024)
 def is_certain(script: Expression, topic: str) -> bool:
-    """Whether a script publishes on a topic each time that it ends: it does so outside of conditions and loops."""
+    """Whether a script publishes on a topic (qualified name) each time that it ends without an error.
+
+    It does if a statement outside of blocks, which nothing but an error can leave out, publishes in any case.
+    """
     if script.language != "python":
         return False
-    name = topic.removeprefix("/").removeprefix("~/")
     try:
         tree = parse_python(script)
     except FameError:
         return False
-    return any(
-        isinstance(one, ast.Constant) and isinstance(one.value, str) and one.value.removeprefix("/") == name
-        for statement in getattr(tree, "body", ())
-        if isinstance(statement, ast.Expr)
-        for one in ast.walk(statement)
-    )
+    statements = [one for one in getattr(tree, "body", ()) if isinstance(one, ast.Expr)]
+    always = "\n".join(ast.unparse(_AlwaysEvaluated().visit(one)) for one in statements)
+    found = script_topics(replace(script, text=always))
+    return any(one.direction == "publish" and one.qualified == topic for one in found)
+
+
+class _AlwaysEvaluated(ast.NodeTransformer):
+    """Reduces a statement to parts that are evaluated each time that it is executed."""
+
+    def visit(self, node: ast.AST) -> Any:
+        match node:
+            case ast.BoolOp(values=[first, *_]) | ast.IfExp(test=first) | ast.Compare(left=first):
+                return self.visit(first)
+            case ast.Lambda() | ast.ListComp() | ast.SetComp() | ast.DictComp() | ast.GeneratorExp():
+                return ast.Constant(None)
+        return self.generic_visit(node)

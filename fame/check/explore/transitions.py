@@ -18,6 +18,7 @@ DEAD = MASK
 """The local state of a robot whose engine has died."""
 FAULT_BITS = 10
 FAULTS = (1 << FAULT_BITS) - 1
+"""Mask of the number of a fault; as such a number, that of all faults for which no other is left."""
 MONITOR_BITS = 32
 MONITORED = (1 << MONITOR_BITS) - 1
 THROWN = "thrown"
