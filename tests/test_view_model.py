@@ -66,6 +66,19 @@ def test_a_file_that_is_replaced_is_read_again(watch: ModelWatch, model: Path) -
     eventually(lambda: any(one.get("name") == "Weed Found" for one in watch.mission()["elements"]))
 
 
+def test_an_error_that_nobody_foresaw_is_shown_and_the_file_is_followed(
+    watch: ModelWatch, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as broken:
+        broken.setattr("fame.view.watch.check", lambda *_, **__: {}["x"])
+        break_it(model)
+        eventually(lambda: watch.mission()["findings"])
+        assert watch.mission()["findings"][0]["text"] == "it could not be checked: KeyError: 'x'"
+        assert len(watch.mission()["planes"]) > 1
+    model.write_bytes((MODELS / "agriculture.bpmn").read_bytes())
+    eventually(lambda: any(one.get("name") == "Weed Found" for one in watch.mission()["elements"]))
+
+
 def test_a_scenario_is_watched_with_its_model() -> None:
     with ModelWatch(MODELS.parent / "examples" / "agriculture.yaml") as watch:
         assert watch.mission()["planes"][0]["title"] == "agriculture"

@@ -35,7 +35,7 @@ class OneRobot:
         raise LookupError(number)
 
     def block(self, number: int) -> Mapping[str, Any]:
-        return {"number": number}
+        return {"number": [0, 1][number]}
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         return True, [] if known else [{"type": "hello"}]
@@ -93,6 +93,11 @@ def test_without_the_token_there_is_nothing(server: Server, path: str, token: st
 @pytest.mark.parametrize("name", ["../server.py", "%2e%2e/server.py", "..%2fserver.py", "nothing.js", "main.py", ""])
 def test_only_files_of_the_page_are_served(server: Server, name: str) -> None:
     assert ask(server, f"/page/{name}")[0] == 404
+
+
+def test_what_is_missing_is_told_from_a_fault_of_the_source(server: Server) -> None:
+    asked = ("/block/1.json", "/plane/7.json", "/at/7.json", "/block/7.json")
+    assert [ask(server, path)[0] for path in asked] == [200, 404, 404, 500]
 
 
 @pytest.mark.parametrize(

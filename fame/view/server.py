@@ -66,7 +66,10 @@ _HEADERS = {
 
 
 class PageSource(Protocol):
-    """What a page shows. All methods may be called from any thread."""
+    """What a page shows. All methods may be called from any thread.
+
+    LookupError itself says that there is no such thing; a KeyError or IndexError is a fault of the source.
+    """
 
     def mission(self) -> Mapping[str, Any]:
         """Everything that the page needs first: robots, elements, planes, world, blocks."""
@@ -356,7 +359,9 @@ def _routes(source: PageSource, refusals: _RefusalLog) -> Starlette:
         async def endpoint(request: Request) -> Response:
             try:
                 found = await asyncio.to_thread(make, *request.path_params.values())
-            except LookupError:
+            except LookupError as error:
+                if type(error) is not LookupError:
+                    raise
                 return Response("no such thing\n", 404, _HEADERS, "text/plain")
             return reply(found)
 

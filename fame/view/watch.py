@@ -112,13 +112,16 @@ class ModelWatch(FileWatch):
                 from fame.scenario.scenario import scenario_findings
 
                 found += scenario_findings(self._path, library=self._folders)
+            catalogue, names = Catalogue(files, library.find), tuple(Path(file.file) for file in files)
+            return _Reading(catalogue, found, names, model, library)
         except (ModelError, ConfigError) as error:
-            last = before or _Reading(Catalogue([]))
-            return _Reading(last.catalogue, [of_error(error)], last.files)
+            problem = of_error(error)
         except FameError as error:
-            last = before or _Reading(Catalogue([]))
-            return _Reading(last.catalogue, [Finding("error", str(error), str(self._path))], last.files)
-        return _Reading(Catalogue(files, library.find), found, tuple(Path(file.file) for file in files), model, library)
+            problem = Finding("error", str(error), str(self._path))
+        except Exception as error:  # the page shows it, and what is saved next is read all the same
+            problem = Finding("error", f"it could not be checked: {type(error).__name__}: {error}", str(self._path))
+        last = before or _Reading(Catalogue([]))
+        return _Reading(last.catalogue, [problem], last.files)
 
     def _model(self) -> tuple[Definitions, Library]:
         if self._path.suffix.lower() in (".yaml", ".yml"):
