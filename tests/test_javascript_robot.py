@@ -523,6 +523,25 @@ def test_a_wrong_publish_in_a_callback_is_such_an_error() -> None:
     assert handled(text).instances[0].visits["caught"] == 1
 
 
+def test_an_error_of_a_callback_whose_scope_has_ended_is_reported() -> None:
+    """Nobody serves the request of a called process, which is over when that is known."""
+    ask = (
+        "this.environment.variables.node.createClient('std_srvs/srv/SetBool', 'arm').sendRequest({}, () => {}); next()"
+    )
+    called = f'<process id="Called" isExecutable="false"><startEvent id="cs"/>{task("ct", ask)}<endEvent id="ce"/>' \
+        f'{flows("cs", "ct", "ce")}</process>'  # fmt: skip
+    content = (
+        '<startEvent id="s"/><endEvent id="e"/><callActivity id="c" calledElement="Called"><extensionElements>'
+        '<camunda:in source="nothing" target="unused"/></extensionElements></callActivity>'
+        f"{flows('s', 'c', 'last', 'e')}{task('last', 'setTimeout(next, 9000)')}"
+    )
+    simulation = fame.Simulation(definitions(content, called), "P", robot="REX", variables={"nothing": 0})
+    assert simulation.run().instances[0].status == "completed"
+    (told,) = [event.detail for event in simulation.reports]
+    assert told.startswith("a callback failed after its scope had ended: error service was not caught: ")
+    assert "no node offers the service /REX/arm" in told
+
+
 def test_callbacks_without_end_at_one_instant_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fame.scripting.javascript.source.AT_ONE_INSTANT", 1000)
     text = """

@@ -111,7 +111,10 @@ FAILED = Node("", "(failed)", conclude_failed)
 
 
 def fail_without_token(engine: EngineState, variables: dict[str, Any], element: str, error: BaseException) -> None:
-    """Raise the error of a callback that an element's script has registered (see `Engine.fail_callback`)."""
+    """Raise the error of a callback that an element's script has registered (see `Engine.fail_callback`).
+
+    If the scope has ended, nothing can fail any more: the error is reported.
+    """
     known = [scope for instance in engine.instances.values() for scope in scopes_of(instance.root)]
     places = [scope for scope in known if scope.variables is variables]
     holder = _body_of(engine, element)
@@ -121,6 +124,9 @@ def fail_without_token(engine: EngineState, variables: dict[str, Any], element: 
         no_token = Node(element, element, real.step, line=real.line, file=real.file)  # without boundary events
         no_token.plain_step = real.plain_step
         fail(engine, inside[-1] if inside else places[0], no_token, error, again=False)
+    else:
+        code = error.code if isinstance(error, BpmnError) else "script"
+        engine.host.report(element, f"a callback failed after its scope had ended: {_describe(error, code)}")
 
 
 def _body_of(engine: EngineState, element: str) -> str:
