@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from fame.errors import FameError
+from fame.monitor.anomaly import PathDetector, Recording, read_csv
 from fame.monitor.anomaly.classifiers import (
     DEFAULTS,
     ConfusionMatrix,
@@ -26,8 +27,7 @@ from fame.monitor.anomaly.classifiers import (
 )
 from fame.monitor.anomaly.learning_file import CandidateClassifier
 from fame.monitor.anomaly.model import PointClassifier
-from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs, read_csv
+from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, join, of_runs
 from fame.monitor.plots import deviations, joint_space, matrices
 from fame.text import table
 from robots.arm.sabotage import KINDS, alter, envelope, knots, knots_of_slope

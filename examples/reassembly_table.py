@@ -19,10 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fame.errors import FameError
+from fame.monitor import LowPass, Samples
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline import processors
-from fame.monitor.pipeline.filters import LowPass
-from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.monitor.pipeline.training_checks import warnings_of

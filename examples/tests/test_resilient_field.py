@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fame.middleware.network import NetworkConfig, Partition
+from fame.middleware import NetworkConfig, Partition
 from fame.testing import MissionLoader, MissionUnderTest
 
 MODEL = "models/agriculture_resilient.bpmn"
