@@ -95,42 +95,25 @@ class Special(NamedTuple):
     unit: str = ""
 
 
+_USUAL = Special()
+
+
 def read_runs(
-    paths: Sequence[str | Path],
-    columns: Sequence[str] = (),
-    special: Special = Special(),  # noqa: B008 (it is frozen)
-    *,
-    undisturbed: bool = False,
+    paths: Sequence[str | Path], columns: Sequence[str] = (), special: Special = _USUAL, *, undisturbed: bool = False
 ) -> list[Samples]:
-    """Read every run of recorded files: values (n, columns), stamps (s), names of the columns.
+    """Read the samples of every run that has some, as `read_labelled_runs`. Raises ConfigError."""
+    runs = read_labelled_runs(paths, columns, special, undisturbed=undisturbed)
+    return [run.samples for run in runs if len(run.samples)]
+
+
+def read_labelled_runs(
+    paths: Sequence[str | Path], columns: Sequence[str] = (), special: Special = _USUAL, *, undisturbed: bool = False
+) -> list[LabelledRun]:
+    """Read every run of recorded files with its labels: values (n, columns), stamps (s), names of the columns.
 
     `columns` are by default those of the first file but `special` ones and label. Rows that lack one are left out.
     `undisturbed` runs must not have an anomalous sample. Raises ConfigError.
     """
-    read = read_undisturbed if undisturbed else read_labelled_runs
-    return [run.samples for run in read(paths, columns, special) if len(run.samples)]
-
-
-def read_undisturbed(
-    paths: Sequence[str | Path],
-    columns: Sequence[str] = (),
-    special: Special = Special(),  # noqa: B008 (it is frozen)
-) -> list[LabelledRun]:
-    """Read runs of which none may have an anomalous sample. Raises ConfigError."""
-    runs = read_labelled_runs(paths, columns, special)
-    for number, run in enumerate(runs):
-        if (run.labels == -1).any():
-            text = f"expected undisturbed runs (label 1), got label -1 in run {number}"
-            raise ConfigError(text, file=run.file)
-    return runs
-
-
-def read_labelled_runs(
-    paths: Sequence[str | Path],
-    columns: Sequence[str] = (),
-    special: Special = Special(),  # noqa: B008 (it is frozen)
-) -> list[LabelledRun]:
-    """Read every run of recorded files with its labels, as `read_runs`. Raises ConfigError."""
     if not paths:
         raise ConfigError("no files to read; expected Files: [runs.csv]", element="Files")
     runs: list[LabelledRun] = []
@@ -176,6 +159,10 @@ def read_labelled_runs(
                 float(np.ptp(known)) if len(known) else 0.0, bool(labels[rows].any()),
                 len(kept) / max(1, len(kept) + int(torn[rows].sum())),
             ))  # fmt: skip
+    for number, run in enumerate(runs if undisturbed else ()):
+        if (run.labels == -1).any():
+            text = f"expected undisturbed runs (label 1), got label -1 in run {number}"
+            raise ConfigError(text, file=run.file)
     return runs
 
 

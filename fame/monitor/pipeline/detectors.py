@@ -232,20 +232,15 @@ class Nearest:
 
     @classmethod
     def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> Nearest:
-        kept = reduced(_chosen(windows, settings.neighbours, settings.seed))
+        kept = reduced(windows[draw_lot(len(windows), settings.neighbours, settings.seed)])
         return cls(kept, Components.fit(kept, settings, most=12))
 
 
-def _lot(total: int, count: int, seed: int) -> Whole:
+def draw_lot(total: int, count: int, seed: int) -> Whole:
     """Draw `count` of `total` numbers, in order; all of them if there are no more."""
     if total <= count:
         return np.arange(total)
     return np.sort(np.random.default_rng(seed).choice(total, count, replace=False))
-
-
-def _chosen(windows: Floats, count: int, seed: int) -> Floats:
-    """Return a random choice of windows."""
-    return windows[_lot(len(windows), count, seed)]
 
 
 # ---- one loss for all channels ---------------------------------------------------------------------------------------
@@ -282,7 +277,7 @@ class OneClass:
         from sklearn.svm import OneClassSVM
 
         components = Components.fit(windows, settings, most=12)
-        features = components.project(_chosen(windows, 3000, settings.seed))
+        features = components.project(windows[draw_lot(len(windows), 3000, settings.seed)])
         machine = OneClassSVM(nu=0.02, gamma=0.5 / features.shape[1]).fit(features)
         weights = np.asarray(machine.dual_coef_[0], dtype=np.float64)
         return cls(components, machine.support_vectors_, weights, float(machine._gamma), float(machine.offset_[0]))

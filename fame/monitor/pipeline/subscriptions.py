@@ -144,21 +144,6 @@ class _Stream:
     of other devices, the last one since `reason`; messages came from `arrived[0]` to `arrived[1]` (s), those that were
     taken from `taken[0]` to `taken[1]`."""
 
-    ports: list[Port]
-    stamped: bool
-    topic: str
-    last: float
-    begin: float
-    quickest: float
-    count: int
-    counted: int
-    left_out: int
-    others: int
-    unwanted: int
-    reason: str
-    arrived: tuple[float, float]
-    taken: tuple[float, float]
-
     def __init__(self, ports: list[Port]) -> None:
         self.ports = ports
         self.reads: list[Read] = [reader(port.type, port.path) for port in ports]

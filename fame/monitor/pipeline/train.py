@@ -33,11 +33,11 @@ from fame.monitor.data_files import (
     Special,
     hash_files,
     rate_of,
-    read_undisturbed,
+    read_labelled_runs,
 )
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
-from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, detector_names, fit_detector
+from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, detector_names, draw_lot, fit_detector
 from fame.monitor.pipeline.elements import Axis, axis_of, run_times
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.filters import LowPass, Windower
@@ -124,7 +124,7 @@ def train(
 
     Raises ConfigError, UnavailableError.
     """
-    read = read_undisturbed(config.files, config.columns, config.special)
+    read = read_labelled_runs(config.files, config.columns, config.special, undisturbed=True)
     runs = [run.samples for run in read if len(run.samples)]
     model = fit(runs, config, data=hash_files(config.files), report=report, keep=keep)
     more = {"files": [Path(path).name for path in config.files], "missing": missing(complete(read, model.columns))}
@@ -413,7 +413,7 @@ def _windows(runs: Sequence[Samples], config: Training, rate: float, axis: Axis)
     windows, times = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
     lasted = np.median([run.stamps[-1] - run.stamps[0] for run in runs if len(run)])
     times = times if axis else np.where(times <= lasted, times, np.nan)
-    if len(windows) <= config.samples or Phases.kind in config.detector:
+    if Phases.kind in config.detector:
         return windows, times
-    lot = np.sort(np.random.default_rng(config.seed).choice(len(windows), config.samples, replace=False))
+    lot = draw_lot(len(windows), config.samples, config.seed)
     return windows[lot], times[lot]
