@@ -257,10 +257,6 @@ class Evaluation:
     def runs(self) -> ConfusionMatrix:
         return by_run(self.labels, self.scores, self.threshold)
 
-    @property
-    def benign(self) -> tuple[float, ...]:
-        return tuple(score for score, label in zip(self.scores, self.labels, strict=True) if label == BENIGN)
-
 
 @dataclass(frozen=True, slots=True)
 class TrainedClassifier:

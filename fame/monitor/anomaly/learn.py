@@ -22,8 +22,9 @@ among equals the first one.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
@@ -46,7 +47,7 @@ from fame.monitor.anomaly.classifiers import (
     make,
     run_scores,
 )
-from fame.monitor.anomaly.learning_file import CandidateClassifier, DataFile, Learning, load
+from fame.monitor.anomaly.learning_file import CandidateClassifier, Learning, load
 from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, PointClassifier, data_hash
 from fame.monitor.anomaly.recording import BENIGN, Recording, read_csv, require_same_joints
 from fame.monitor.anomaly.thresholds import set_threshold, together
@@ -87,27 +88,12 @@ class LearningData:
         return list(dict.fromkeys(note for item in self.all for note in item.notes))
 
 
-class _Task(NamedTuple):
-    """One fit: of a candidate, without one fold (or with all, fold -1)."""
-
-    candidate: int
-    fold: int
-
-
 def read_data(learning: Learning) -> LearningData:
     """Read all files. Raises ConfigError, also if they are not of the same joints, or hold too few points."""
-    cache: dict[DataFile, Recording] = {}
-
-    def read(source: DataFile | None) -> Recording | None:
-        if source is not None and source not in cache:
-            cache[source] = read_csv(source.path, source.inputs, source.output)
-        return None if source is None else cache[source]
-
-    testing = [read(source) for source in learning.testing]
-    data = LearningData(
-        read(learning.fit), read(learning.unsupervised), read(learning.supervised),
-        tuple(item for item in testing if item is not None),
-    )  # fmt: skip
+    used = (*learning.testing, learning.fit, learning.unsupervised, learning.supervised)
+    files = {file: read_csv(file.path, file.inputs, file.output) for file in dict.fromkeys(used) if file is not None}
+    *testing, process, benign, both = (None if file is None else files[file] for file in used)
+    data = LearningData(process, benign, both, tuple(item for item in testing if item is not None))
     require_same_joints(data.all)
     for item in (data.process, data.benign, data.both):
         if item is not None and len(item) <= len(item.joints):
@@ -130,7 +116,7 @@ def checked(recording: Recording) -> Recording:
         if len(labels) > 1:
             text = f"run {number} has points of both labels, 1 and -1; expected one label for a whole run"
             raise ConfigError(text, file=recording.source)
-        first, label = seen.setdefault(data_hash_of_run(run), (number, labels[0]))
+        first, label = seen.setdefault(run_hash(run.values), (number, labels[0]))
         if label != labels[0]:
             text = f"runs {first} and {number} are the same points, one labelled 1, the other -1"
             raise ConfigError(text, file=recording.source)
@@ -168,19 +154,23 @@ def _learn(
     candidates = [candidate for candidate in every if candidate.combined is None]
     for candidate in candidates:
         make(candidate, learning.file.parent)  # a wrong one is refused before the first fit
-    tasks = [
-        _Task(number, fold) for number in range(len(candidates)) for fold in _folds(candidates[number], learning, data)
-    ]
-    results = {}
-    for done, (task, result) in enumerate(_run(tasks, candidates, learning, data, jobs), start=1):
-        results[task] = result
-        if progress is not None:
-            progress(LearningProgress(done, len(tasks), candidates[task.candidate].name))
+    from joblib import Parallel, delayed
+
     whole = data.both or data.benign
-    single = [_learned(number, candidates[number], results, learning, data) for number in range(len(candidates))]
+    assert whole is not None  # checked by `load`
+    folds = _folds(whole, learning.folds)
+    tasks = list(product(candidates, folds))
+    work = (delayed(_fit)(candidate, fold, learning, data) for candidate, fold in tasks)
+    fits: list[_Fitted] = []
+    for (candidate, _), fitted in zip(tasks, Parallel(n_jobs=jobs, return_as="generator")(work), strict=True):
+        fits.append(fitted)
+        if progress is not None:
+            progress(LearningProgress(len(fits), len(tasks), candidate.name))
+    parts = (fits[begin : begin + len(folds)] for begin in range(0, len(fits), len(folds)))
+    single = [_learned(each, part, learning, data, whole) for each, part in zip(candidates, parts, strict=True)]
     combined = []
     for candidate in every:
-        if candidate.combined and whole is not None:
+        if candidate.combined:
             _, names = candidate.combined
             named = [[each for each in single if f"{each.candidate.name} ".startswith(f"{name} ")] for name in names]
             combined.append(together(candidate, [best(each) for each in named], learning, whole))
@@ -209,19 +199,6 @@ class _Fitted(NamedTuple):
     predicted: Any
 
 
-def _run(
-    tasks: Sequence[_Task], candidates: Sequence[CandidateClassifier], learning: Learning, data: LearningData, jobs: int
-) -> Iterator[tuple[_Task, _Fitted]]:
-    """Yield all fits, in order, `jobs` at a time in processes of their own."""
-    if jobs == 1:
-        yield from ((task, _fit(candidates[task.candidate], task.fold, learning, data)) for task in tasks)
-        return
-    from joblib import Parallel, delayed
-
-    work = (delayed(_fit)(candidates[task.candidate], task.fold, learning, data) for task in tasks)
-    yield from zip(tasks, Parallel(n_jobs=jobs, return_as="generator")(work), strict=True)
-
-
 def _fit(candidate: CandidateClassifier, fold: int, learning: Learning, data: LearningData) -> _Fitted:
     """Fit without a fold and evaluate the fold; fold -1: fit all data and evaluate them."""
     detector = make(candidate, learning.file.parent, learning.scaling)
@@ -231,9 +208,9 @@ def _fit(candidate: CandidateClassifier, fold: int, learning: Learning, data: Le
         raise ConfigError(f"the classifier {candidate.name} needs Files.{missing}", file=str(learning.file))
     target = data.both or source
     if fold >= 0:
-        held = fold_numbers(target, learning.folds) == fold
-        source = _without(source, target.select(np.flatnonzero(held).tolist()))
-        target = target.select(np.flatnonzero(held).tolist())
+        target = target.select(np.flatnonzero(fold_numbers(target, learning.folds) == fold).tolist())
+        held = {run_hash(run.values) for run in target}  # the same runs may stand in two files
+        source = source.select([number for number, run in enumerate(source) if run_hash(run.values) not in held])
     if isinstance(detector, PointClassifier):
         detector.process.fit((source if fold >= 0 or data.process is None else data.process).values)
     fit(detector, source)
@@ -250,45 +227,40 @@ def fold_numbers(recording: Recording, folds: int) -> Any:
     return numbers
 
 
-def _without(source: Recording, held: Recording) -> Recording:
-    """Return the runs that are not among the held-out ones (the same runs may stand in two files)."""
-    out = {data_hash_of_run(run) for run in held}
-    return source.select([number for number, run in enumerate(source) if data_hash_of_run(run) not in out])
-
-
-def data_hash_of_run(run: Recording) -> str:
-    """Return a hash that is the same for the same points, wherever they stand."""
-    return data_hash(replace(run, runs=run.runs[:0], labels=run.labels[:0]))
-
-
-def _folds(candidate: CandidateClassifier, learning: Learning, data: LearningData) -> list[int]:
-    target = data.both or data.benign
-    count = 0 if target is None else min(target.run_labels().count(label) for label in set(target.run_labels()))
-    if 0 < count < learning.folds:
+def _folds(whole: Recording, folds: int) -> list[int]:
+    """Return the numbers of the fits of a candidate: of each fold, then of all data. Raises ConfigError for fewer runs
+    of a class."""
+    labels = whole.run_labels()
+    count = min(map(labels.count, set(labels)))
+    if count < folds:
         many = "1 run" if count == 1 else f"{count} runs"
-        text = f"has {many} of one class; at least {learning.folds} are needed for Split.folds {learning.folds}"
-        raise ConfigError(text, file=target.source if target is not None else "")
-    return [*range(learning.folds), -1]
+        text = f"has {many} of one class; at least {folds} are needed for Split.folds {folds}"
+        raise ConfigError(text, file=whole.source)
+    return [*range(folds), -1]
 
 
 # ---- evaluation ------------------------------------------------------------------------------------------------------
 
 
 def _learned(
-    number: int, candidate: CandidateClassifier, results: dict[_Task, _Fitted], learning: Learning, data: LearningData
+    candidate: CandidateClassifier, fits: Sequence[_Fitted], learning: Learning, data: LearningData, whole: Recording
 ) -> TrainedClassifier:
-    final = results[_Task(number, -1)]
-    whole = data.both or data.benign
-    assert whole is not None
-    held = _held_out([results[_Task(number, fold)].predicted for fold in range(learning.folds)], whole, learning.folds)
-    validation = None if held is None else _evaluate(VALIDATION, whole, held)
-    threshold, note, calibration = set_threshold(candidate, learning, whole, validation)
-    evaluations = [_evaluate(TRAIN, whole, final.predicted), *([] if validation is None else [validation])]
-    known = {data_hash_of_run(run) for run in _learned_from(data)}
+    """Set the threshold of a classifier from the folds, and evaluate it on all data."""
+    *folds, final = fits
+    known = {run_hash(run.values) for source in (data.both, data.benign) if source is not None for run in source}
+    predicted = [(TRAIN, whole, final.predicted)]
+    scores = None
+    if folds:
+        held = np.zeros(len(whole), dtype=np.int64)
+        order = np.argsort(fold_numbers(whole, learning.folds)[whole.runs], kind="stable")
+        held[order] = np.concatenate([fold.predicted for fold in folds])
+        predicted.append((VALIDATION, whole, held))
+        scores = run_scores(whole, held)
+    threshold, note, calibration = set_threshold(candidate, learning, whole, scores)
     for item in data.testing:
-        known_run = any(data_hash_of_run(run) in known for run in item)
+        known_run = any(run_hash(run.values) in known for run in item)
         label = f"{TRAIN if known_run else TEST}: {item.source}"
-        evaluations.append(_evaluate(label, item, final.detector.predict(item)))
+        predicted.append((label, item, final.detector.predict(item)))
     benign = whole.select([index for index, label in enumerate(whole.run_labels()) if label == BENIGN])
     model = Model(
         name=candidate.name,
@@ -301,36 +273,16 @@ def _learned(
         versions=versions(),
         calibration=calibration,
         band=_band(benign),
-        conditions={RUN_HASHES: sorted({run_hash(run.values) for run in _learned_from(data)})},
+        conditions={RUN_HASHES: sorted(known)},
     )
-    return TrainedClassifier(candidate, model, tuple(replace(each, threshold=threshold) for each in evaluations), note)
-
-
-def _learned_from(data: LearningData) -> Iterator[Recording]:
-    """Yield each run of the files that train."""
-    yield from (run for source in (data.both, data.benign) if source is not None for run in source)
+    evaluations = (Evaluation(*each, tuple(run_scores(*each[1:])), threshold) for each in predicted)
+    return TrainedClassifier(candidate, model, tuple(evaluations), note)
 
 
 def _band(benign: Recording) -> Band:
     numbers = [np.arange(len(run), dtype=np.float64) for run in benign]
     runs = [Samples(run.values, places, run.joints) for run, places in zip(benign, numbers, strict=True)]
     return Band.of(runs, numbers)
-
-
-def _held_out(parts: Sequence[Any], whole: Recording, folds: int) -> Any:
-    """Put the predictions of the folds back in the order of the recording; None without folds."""
-    if not parts:
-        return None
-    point_folds = fold_numbers(whole, folds)[whole.runs]
-    found = np.zeros(len(whole), dtype=np.int64)
-    for fold, part in enumerate(parts):
-        found[point_folds == fold] = part
-    return found
-
-
-def _evaluate(name: str, recording: Recording, predicted: Any) -> Evaluation:
-    """Evaluate what was predicted; the threshold is still to be set."""
-    return Evaluation(name, recording, predicted, tuple(run_scores(recording, predicted)), 0.0)
 
 
 class Interface:
