@@ -9,11 +9,11 @@ from __future__ import annotations
 import csv
 import sys
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -232,12 +232,6 @@ def mark_known(runs: Sequence[JudgedRun], numbers: Iterable[int]) -> tuple[Judge
     )
 
 
-def _known(model: TrainedModel | Model, runs: Sequence[Floats]) -> list[int]:
-    """Return the numbers of the runs (n, channels) that a model has learned from; none of an earlier version."""
-    hashes = set(model.conditions.get(RUN_HASHES, ()))
-    return [number for number, values in enumerate(runs) if hashes and run_hash(values) in hashes]
-
-
 def _rate(count: int, total: int) -> dict[str, Any]:
     low, high = interval(count, total)
     return {"rate": count / total if total else None, "interval": [low, high]}
@@ -296,14 +290,55 @@ def _areas(scores: Floats, positive: Any) -> tuple[float, float]:
     return float(roc), float((found * hits / alarms).sum() / hits[-1])
 
 
-def _refuse_contradictions(runs: Sequence[tuple[Floats, Whole, str]]) -> None:
-    """Raise ConfigError if two runs, each values, labels and file, are the same points with other labels."""
+# ---- runs by either kind of model ------------------------------------------------------------------------------------
+
+AnyModel = TypeVar("AnyModel", "TrainedModel", "Model")
+
+
+def _judged(
+    model: AnyModel, runs: Sequence[LabelledRun], judge: Callable[[AnyModel, LabelledRun, int], JudgedRun]
+) -> tuple[JudgedRun, ...]:
+    """Judge runs, take their labels and mark those that the model has learned from. Raises ConfigError for labels that
+    contradict each other."""
     seen: dict[bytes, tuple[int, Whole]] = {}
-    for number, (values, labels, file) in enumerate(runs):
-        first, known = seen.setdefault(values.tobytes(), (number, labels))
-        if len(labels) and not np.array_equal(known, labels):
-            text = f"runs {first} and {number} are the same points, but their labels differ"
-            raise ConfigError(text, file=file)
+    for number, run in enumerate(runs):
+        if run.labelled:
+            first, labels = seen.setdefault(run.samples.values.tobytes(), (number, run.labels))
+            if not np.array_equal(labels, run.labels):
+                text = f"runs {first} and {number} are the same points, but their labels differ"
+                raise ConfigError(text, file=run.file)
+    judged = [_labelled(judge(model, run, number), run) for number, run in enumerate(runs)]
+    hashes = set(model.conditions.get(RUN_HASHES, ()))  # none of an earlier version
+    values = (run.samples.channels() if len(run.samples) else np.zeros((0, 0)) for run in runs if hashes)
+    return mark_known(judged, [number for number, each in enumerate(values) if run_hash(each) in hashes])
+
+
+def _labelled(judged: JudgedRun, run: LabelledRun) -> JudgedRun:
+    wrong = np.flatnonzero(run.labels == -1)
+    if not run.labelled or not len(wrong):
+        return replace(judged, label=1 if run.labelled else None)
+    assert judged.samples is not None
+    return replace(judged, label=-1, onset=float(judged.samples.stamps[wrong[0]]))
+
+
+def _explained(
+    events: Iterable[Event], samples: Samples, times: Floats, band: Band | None, window: float
+) -> tuple[Event, ...]:
+    """Compare the channels of alarms with the band of the training, if there is one, each from the begin of its first
+    window (s) to its end."""
+    found = []
+    for event in events:
+        rows = (samples.stamps > event.start - window) & (samples.stamps <= event.end)
+        part = samples.replace(samples.values[rows], samples.stamps[rows])
+        channels = [samples.names.index(name) for name in event.shares]
+        shares = tuple(event.shares.values())
+        told = () if band is None else band.explain(part, times[rows], channels, shares)
+        found.append(replace(event, explanations=told))
+    return tuple(found)
+
+
+def _seconds(stamps: Floats) -> float:
+    return float(stamps[-1] - stamps[0]) if len(stamps) else 0.0
 
 
 # ---- models of fame monitor train ------------------------------------------------------------------------------------
@@ -313,17 +348,15 @@ def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str) -
     """Judge runs by a model of ``fame monitor train``. Raises ConfigError for labels that contradict each other."""
     from fame.monitor.drift import DriftMonitor
 
-    _refuse_contradictions([(run.samples.values, run.labels, run.file) for run in runs if run.labelled])
-    monitor = DriftMonitor.of(model.columns, model.calibration) if model.calibration is not None else None
-    judged, sums = [], []
-    for number, run in enumerate(runs):
-        judged.append(_judge_run(model, run, number))
-        if monitor is not None and judged[-1].ratios.size and judged[-1].label != -1:
-            monitor.add(judged[-1].ratios.max(axis=0) * np.array(model.thresholds))
+    judged = _judged(model, runs, _judge_run)
+    if model.calibration is None:
+        return JudgedRuns(name, judged)
+    monitor, sums = DriftMonitor.of(model.columns, model.calibration), []
+    for run in judged:
+        if run.ratios.size and run.label != -1:
+            monitor.add(run.ratios.max(axis=0) * np.array(model.thresholds))
             sums.append(monitor.sums)
-    drifting = monitor.drifting if monitor is not None else ()
-    known = _known(model, [run.samples.channels() if len(run.samples) else np.zeros((0, 0)) for run in runs])
-    return JudgedRuns(name, mark_known(judged, known), drifting, np.array(sums))
+    return JudgedRuns(name, judged, monitor.drifting, np.array(sums))
 
 
 def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
@@ -354,8 +387,7 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
     elements = tuple((stamp - begin, name) for stamp, name in samples.elements)
     shown = Samples(samples.channels(), samples.stamps - begin, model.columns, elements)
     times = run_times(shown, shown.stamps, model.elements) if len(shown) else shown.stamps
-    if model.band is not None:
-        events = tuple(_explained(event, shown, times, model.band, model.window / model.rate) for event in events)
+    events = _explained(events, shown, times, model.band, model.window / model.rate)
     if not len(loss) and not any(text.endswith(": not judged") for text in notes):
         notes.append(f"no whole window of {model.window} samples at {model.rate:.4g} Hz: not judged")
     if run.gaps:
@@ -367,11 +399,10 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
     if len(loss) and seconds < CUT * shortest:
         share = min(share, seconds / shortest)
         notes.append(f"cut off before its end: {seconds:.3g} s, training runs last at least {shortest:.3g} s")
-    judged = JudgedRun(
+    return JudgedRun(
         number, run.file, seconds, events, stamps, ratios, model.columns, notes=tuple(notes), share=share,
         samples=shown, band=model.band, times=times, begin=begin,
     )  # fmt: skip
-    return _labelled(judged, run.labels, samples.stamps - begin) if run.labelled else judged
 
 
 def _shortest(model: TrainedModel) -> float:
@@ -382,16 +413,6 @@ def _shortest(model: TrainedModel) -> float:
     settings = model.conditions.get("settings", {})
     repeat = Phases.kind in settings.get("detector", "") or (model.band is not None and len(model.band.times) > 1)
     return float(model.conditions.get("seconds", (0.0,))[0]) if repeat and not model.elements else 0.0
-
-
-def _explained(event: Event, samples: Samples, times: Floats, band: Band, window: float) -> Event:
-    """Compare the channels of an alarm with the band of the training, from the begin of its first window (s) to its
-    end."""
-    rows = (samples.stamps > event.start - window) & (samples.stamps <= event.end)
-    part = samples.replace(samples.values[rows], samples.stamps[rows])
-    channels = [samples.names.index(name) for name in event.shares]
-    found = band.explain(part, times[rows], channels, tuple(event.shares.values()))
-    return replace(event, explanations=found)
 
 
 def _share(stamps: Floats, window: float, seconds: float, stride: float) -> float:
@@ -421,17 +442,6 @@ def spans(stamps: Floats, active: Any, ratios: Floats, channels: Sequence[str]) 
     return tuple(found)
 
 
-def _seconds(stamps: Floats) -> float:
-    return float(stamps[-1] - stamps[0]) if len(stamps) else 0.0
-
-
-def _labelled(run: JudgedRun, labels: Whole, stamps: Floats) -> JudgedRun:
-    wrong = np.flatnonzero(labels == -1)
-    if not len(wrong):
-        return replace(run, label=1)
-    return replace(run, label=-1, onset=float(stamps[wrong[0]]))
-
-
 # ---- models of fame monitor adm learn --------------------------------------------------------------------------------
 
 
@@ -441,29 +451,22 @@ def judge_recordings(model: Model, paths: Sequence[Path], name: str, topic: str 
     Raises ConfigError for other joints, and for labels that contradict each other.
     """
     from fame.monitor.anomaly.recording import in_joint_order, read_csv
+    from fame.monitor.data_files import LabelledRun
+    from fame.monitor.pipeline.processor import Samples
 
-    judged: list[JudgedRun] = []
+    runs: list[LabelledRun] = []
     notes: list[str] = []
-    labelled: list[tuple[Floats, Whole, str]] = []
-    learned: list[int] = []
     for path in paths:
         recording, left_out = (read_csv(path), ()) if path.suffix == ".csv" else _joint_states(model, path, topic)
         recording = in_joint_order(recording, model.joints)
         notes += recording.notes
-        labelled += [(run.values, run.labels, str(path)) for run in recording if recording.labelled]
-        _refuse_contradictions(labelled)
-        learned += [len(judged) + number for number in _known(model, [run.values for run in recording])]
-        judged += [
-            _without(left_out, _judge_recording(model, run, len(judged) + index, labelled=recording.labelled))
-            for index, run in enumerate(recording)
-        ]
-    return JudgedRuns(name, mark_known(judged, learned), notes=tuple(dict.fromkeys(notes)))
-
-
-def _without(left_out: Sequence[LeftOut], run: JudgedRun) -> JudgedRun:
-    """Return a run of a bag with the share of messages that were taken: of which runs the others are is not known."""
-    texts = [each.text for each in left_out if each.seen < 1]
-    return replace(run, share=min([run.share, *(each.seen for each in left_out)]), notes=(*run.notes, *texts))
+        seen = min((each.seen for each in left_out), default=1.0)  # nobody knows of which runs they are
+        texts = tuple(each.text for each in left_out if each.seen < 1)
+        for run in recording:
+            stamps = np.full(len(run), np.nan) if run.stamps is None else run.stamps
+            samples = Samples(run.values, stamps, model.joints)
+            runs.append(LabelledRun(samples, run.labels, str(path), labelled=run.labelled, seen=seen, notes=texts))
+    return JudgedRuns(name, _judged(model, runs, _judge_points), notes=tuple(dict.fromkeys(notes)))
 
 
 def _joint_states(model: Model, path: Path, topic: str) -> tuple[Recording, tuple[LeftOut, ...]]:
@@ -490,40 +493,35 @@ def _joint_states(model: Model, path: Path, topic: str) -> tuple[Recording, tupl
     return found, node.subscriptions.left_out
 
 
-def _judge_recording(model: Model, run: Any, number: int, *, labelled: bool) -> JudgedRun:
+def _judge_points(model: Model, run: LabelledRun, number: int) -> JudgedRun:
     from fame.monitor.anomaly.live import RunMonitor
-    from fame.monitor.pipeline.processor import Samples
 
     monitor = RunMonitor(model, rule="signal")
     monitor.begin()
-    period = model.period or 1.0
-    timed = run.stamps is not None
-    stamps = np.asarray(run.stamps - run.stamps[0] if timed else np.arange(len(run)) * period, dtype=np.float64)
-    times = stamps.tolist() if timed else [0.0] * len(run)
-    steps = (monitor.step(*point) for point in zip(times, run.values.tolist(), strict=True))
+    period, values, given = model.period or 1.0, run.samples.values, run.samples.stamps
+    timed, numbers = bool(np.isfinite(given).all()), np.arange(len(values), dtype=np.float64)
+    stamps = np.asarray(given - given[0] if timed else numbers * period, dtype=np.float64)
+    times = stamps.tolist() if timed else [0.0] * len(values)
+    steps = (monitor.step(*point) for point in zip(times, values.tolist(), strict=True))
     points = [point for point in steps if point is not None]
     monitor.end()
-    report = monitor.ended[0] if monitor.ended else None
+    (report,) = monitor.ended
     scores = np.array([[point.score / model.threshold if model.threshold else float(point.verdict.anomalous)]
                        for point in points])  # fmt: skip
     found = [point for point in points if point.verdict.anomalous]
     joints = Counter(point.verdict.joint for point in found)
     shares = {name: count / len(found) for name, count in joints.most_common(3)}
     events: tuple[Event, ...] = ()
-    if report is not None and (alarm := report.alarm) is not None:
+    if (alarm := report.alarm) is not None:
         kind, last = alarm.verdict.kind or "anomaly", found[-1].index
         events = (Event(float(stamps[alarm.index]), float(stamps[last]), float(scores.max()), shares, kind),)
-    shown, numbers = Samples(run.values, stamps, model.joints), np.arange(len(run), dtype=np.float64)
-    if model.band is not None:
-        events = tuple(_explained(event, shown, numbers, model.band, period) for event in events)
-    share = len(scores) / len(run) if len(run) else 0.0
-    notes: tuple[str, ...] = ()
-    if report is not None and not report.whole:
+    shown = run.samples.replace(values, stamps)
+    share, notes = run.seen, [*(change.text for change in report.changes), *run.notes]
+    if not report.whole:
         share = min(share, report.points / model.nominal)
-        notes = (f"cut off before its end: {report.points} points, the usual is {model.nominal}",)
-    notes += tuple(change.text for change in report.changes) if report is not None else ()
-    judged = JudgedRun(
-        number, run.source, _seconds(stamps), events, stamps[: len(scores)], scores, ("score",), notes=notes,
-        share=share, samples=shown, band=model.band, times=numbers, begin=float(run.stamps[0]) if timed else 0.0,
+        notes.insert(0, f"cut off before its end: {report.points} points, the usual is {model.nominal}")
+    return JudgedRun(
+        number, run.file, _seconds(stamps), _explained(events, shown, numbers, model.band, period), stamps, scores,
+        ("score",), notes=tuple(notes), share=share, samples=shown, band=model.band, times=numbers,
+        begin=float(given[0]) if timed else 0.0,
     )  # fmt: skip
-    return _labelled(judged, run.labels, stamps) if labelled else judged
