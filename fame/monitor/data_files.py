@@ -123,8 +123,10 @@ def read_labelled_runs(
             text = "is a bag, expected --config CONFIG.yaml, whose Inputs name topics and fields, or a CSV file"
             text += f": fame monitor record CONFIG.yaml --bag {path} -o runs.csv makes one"
             raise ConfigError(text, file=str(path))
-        parquet = path.suffix == ".parquet"
-        read = _read_parquet(path, special) if parquet else read_recorded(path, special)
+        if path.suffix == ".parquet":
+            read = _read_parquet(path, special)
+        else:
+            read = read_table(path, recorded=True, stamp=special.stamp, element=special.element)
         names, cells, first, elements, _ = read
         channels = tuple(name for name in names if name not in (*special[:3], LABEL, ""))
         if found and (more := sorted(set(channels) - set(found))):
@@ -251,11 +253,6 @@ def rate_of(runs: Sequence[Samples]) -> float:
     if not usual > 0:
         raise ConfigError("the stamps do not grow: expected samples at a rate")
     return 1 / usual
-
-
-def read_recorded(path: Path, special: Special) -> CsvTable:
-    """Read a recorded CSV file, with the elements apart from the numbers. Raises ConfigError with the line."""
-    return read_table(path, recorded=True, stamp=special.stamp, element=special.element)
 
 
 def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP, element: str = "") -> CsvTable:

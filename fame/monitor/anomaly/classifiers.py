@@ -198,10 +198,6 @@ class ConfusionMatrix(NamedTuple):
         """Counts and ratios, under those of `HEADS`."""
         return (*map(str, self), *(f"{ratio:.4f}" for ratio in self.ratios.values()))
 
-    def plus(self, other: ConfusionMatrix) -> ConfusionMatrix:
-        """Return the sums of both counts."""
-        return ConfusionMatrix(*(mine + its for mine, its in zip(self, other, strict=True)))
-
 
 class OutputMatrix:
     """The published role."""

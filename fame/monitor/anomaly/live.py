@@ -9,7 +9,6 @@ During a run its score is its anomalous points divided by the points of a nomina
 from __future__ import annotations
 
 import math
-import re
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -21,11 +20,9 @@ import numpy as np
 from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.benign_changes import Change
 from fame.monitor.anomaly.model import Model
-from fame.monitor.anomaly.recording import JUMP, NEAR, STILL, WHOLE, Recording, Rule, RunSegmenter
+from fame.monitor.anomaly.recording import JUMP, NEAR, STILL, WHOLE, Recording, Rule, RunSegmenter, made_up
 from fame.monitor.anomaly.scoring import PointVerdict
 from fame.monitor.pipeline.fields import UnusableMessage, unusable
-
-_DEFAULT_NAME = re.compile(r"joint_\d+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +39,8 @@ class Point:
 
 
 class RunReport(NamedTuple):
-    """A run that has ended. `first` is its first anomalous point; `alarm` the one that raised the alarm; `changes` are
-    the benign changes of the run, such as another speed."""
+    """A run that has ended. `alarm` is the point that raised the alarm; `changes` are the benign changes of the run,
+    such as another speed."""
 
     run: int
     points: int
@@ -51,7 +48,6 @@ class RunReport(NamedTuple):
     score: float
     above: bool
     whole: bool
-    first: Point | None
     alarm: Point | None
     changes: tuple[Change, ...] = ()
 
@@ -123,7 +119,7 @@ def in_order(values: list[float], names: Sequence[str], joints: Sequence[str]) -
         return values
     if set(joints) <= set(names):
         return [values[names.index(joint)] for joint in joints]
-    if len(values) == len(joints) and all(map(_DEFAULT_NAME.fullmatch, joints)):
+    if len(values) == len(joints) and all(map(made_up, joints)):
         return values
     missing = [joint for joint in joints if joint not in names]
     lack = f", without {', '.join(missing)}"
@@ -154,7 +150,6 @@ class RunMonitor(ArmRuns):
         self._counts: list[int] = []
         self._alarmed: bool = False
         self.waiting: bool = rule == "home"
-        self._before: tuple[float, Sequence[float]] | None = None
         self._clear()
 
     def begin(self) -> None:
@@ -169,12 +164,10 @@ class RunMonitor(ArmRuns):
         count = sum(point.verdict.anomalous for point in points)
         votes = [point.verdict.votes or (point.verdict.anomalous,) for point in points]
         score = self.model.run_score([sum(column) for column in zip(*votes, strict=True)], len(points))
-        first = next((point for point in points if point.verdict.anomalous), None)
         alarm = next((point for point in points if point.alarm), None)
         whole = len(points) >= WHOLE * self.model.nominal
-        changes = tuple(self._scorer.changes())
-        report = RunReport(self.run, len(points), count, score, score > self.threshold, whole, first, alarm, changes)
-        self.ended.append(report)
+        changes, above = tuple(self._scorer.changes()), score > self.threshold
+        self.ended.append(RunReport(self.run, len(points), count, score, above, whole, alarm, changes))
         self.run += 1
         if self.rule == "signal":
             self._running = False
@@ -191,11 +184,10 @@ class RunMonitor(ArmRuns):
         own = self._segmenter.feed(values)
         self._recent.append((stamp, values))
         if self.waiting and own is None:
-            before, self._before = self._before, (stamp, values)
             self.late |= math.hypot(*values) >= NEAR
-            if before is None or self.late or not _rests(before[1], values):
+            if len(self._recent) < 2 or self.late or not _rests(self._recent[-2][1], values):
                 return None
-            self._score(*before)
+            self._score(*self._recent[-2])
         self.waiting = self.late = False
         if own is None:
             return self._score(stamp, values)

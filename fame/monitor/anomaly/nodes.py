@@ -112,23 +112,19 @@ class OperateNode(RunNode):
         super().close()
 
     def _update(self) -> None:
-        self._publish()
-        super()._update()
-
-    def _publish(self) -> None:
         for report in self.runs[self._reported_runs :]:
             self._say(report.text)
             for change in report.changes:
                 self._change.publish(messages.create("std_msgs/msg/String", change.text))
         self._reported_runs = len(self.runs)
         point, self._monitor.latest = self._monitor.latest, None
-        if point is None:
-            return
-        self._score.publish(messages.create("std_msgs/msg/Float64", point.score))
-        self._point.publish(messages.create("std_msgs/msg/Bool", point.verdict.anomalous))
-        if point.alarm:
-            self._alarm.publish(alarm_message(point))
-            self._say(alarm_text(point))
+        if point is not None:
+            self._score.publish(messages.create("std_msgs/msg/Float64", point.score))
+            self._point.publish(messages.create("std_msgs/msg/Bool", point.verdict.anomalous))
+            if point.alarm:
+                self._alarm.publish(alarm_message(point))
+                self._say(alarm_text(point))
+        super()._update()
 
 
 def alarm_message(point: Point) -> Any:

@@ -319,9 +319,12 @@ def in_joint_order(recording: Recording, joints: Sequence[str]) -> Recording:
     raise ConfigError(text, file=recording.source)
 
 
+made_up = re.compile(r"joint_\d+").fullmatch
+"""Whether a name was made up for a column of a headerless file."""
+
+
 def _same(some: Sequence[str], others: Sequence[str]) -> bool:
-    """Return whether there are as many, and all have the same names, unless one was made up."""
-    made_up = re.compile(r"joint_\d+").fullmatch
+    """Whether there are as many, and all of the same name, unless one of them was made up."""
     return len(some) == len(others) and all(
         one == other or made_up(one) or made_up(other) for one, other in zip(some, others, strict=True)
     )

@@ -127,13 +127,14 @@ class RecordingNode:
     def end_after(self, seconds: float, stop: Callable[[], object]) -> None:
         """Call `stop` when stamps of that length have been recorded, or when nothing has come for as long."""
         self._length, self._stop = seconds, stop
-        self._scheduler.after(round(seconds * SECOND), partial(self._look, self.rows, seconds), Kind.TIMER)
+        self._look()
 
-    def _look(self, rows: int, seconds: float) -> None:
+    def _look(self, rows: int = -1) -> None:
+        """Stop if there are no more rows than before, else look again."""
         if self.rows == rows:
             self._stop()
         else:
-            self._scheduler.after(round(seconds * SECOND), partial(self._look, self.rows, seconds), Kind.TIMER)
+            self._scheduler.after(round(self._length * SECOND), partial(self._look, self.rows), Kind.TIMER)
 
     def begin(self, message: Any = None) -> None:
         self.run += self._begun

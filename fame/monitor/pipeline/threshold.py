@@ -187,7 +187,7 @@ def _evaluator(node: ast.expr) -> Evaluate:
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
         return _applied(_OPERATORS[type(node.op)], node.left, node.right)
     if isinstance(node, ast.BoolOp):
-        return _folded(_OPERATORS[type(node.op)], node.values)
+        return _applied(lambda *parts: reduce(_OPERATORS[type(node.op)], parts), *node.values)
     if isinstance(node, ast.Compare) and all(type(each) in _OPERATORS for each in node.ops):
         pairs = zip((node.left, *node.comparators), node.ops, node.comparators, strict=False)
         comparisons = [_applied(_OPERATORS[type(each)], left, right) for left, each, right in pairs]
@@ -220,11 +220,6 @@ def _name(name: str) -> Evaluate:
 def _applied(function: Callable[..., Any], *operands: ast.expr) -> Evaluate:
     parts = [_evaluator(operand) for operand in operands]
     return lambda arrays: function(*[part(arrays) for part in parts])
-
-
-def _folded(function: Callable[..., Any], operands: list[ast.expr]) -> Evaluate:
-    parts = [_evaluator(operand) for operand in operands]
-    return lambda arrays: reduce(function, [part(arrays) for part in parts])
 
 
 def _index(node: ast.expr) -> Any:
