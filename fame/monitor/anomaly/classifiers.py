@@ -92,10 +92,9 @@ def expand_candidates(learning: Learning) -> Iterator[CandidateClassifier]:
             label = ", ".join([f"{name} {value}" for name, value in chosen.items()])
             several = len(reductions) > 1
             name = " ".join(part for part in (candidate.name, label, f"pca {reduction}" if several else "") if part)
-            yield CandidateClassifier(
-                name, candidate.cls, {**candidate.parameters, **chosen}, reduction,
-                candidate.scaling or learning.scaling, _threshold(candidate, learning), candidate.unique,
-                candidate.place,
+            yield replace(
+                candidate, name=name, parameters={**candidate.parameters, **chosen}, reduction=reduction,
+                scaling=candidate.scaling or learning.scaling, threshold=_threshold(candidate, learning),
             )  # fmt: skip
 
 

@@ -275,8 +275,11 @@ def _learned(
         band=_band(benign),
         conditions={RUN_HASHES: sorted(known)},
     )
-    evaluations = (Evaluation(*each, tuple(run_scores(*each[1:])), threshold) for each in predicted)
-    return TrainedClassifier(candidate, model, tuple(evaluations), note)
+    evaluations = tuple(
+        Evaluation(name, recording, labels, tuple(run_scores(recording, labels)), threshold)
+        for name, recording, labels in predicted
+    )
+    return TrainedClassifier(candidate, model, evaluations, note)
 
 
 def _band(benign: Recording) -> Band:

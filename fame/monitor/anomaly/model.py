@@ -88,6 +88,7 @@ class PointClassifier:
     """A classifier with its preprocessing. `unique` leaves repeated points out of what an unsupervised one learns."""
 
     kind: ClassVar[str] = "classifier"
+    period: ClassVar[float] = 0.0  # it knows no time
     classifier: Any
     process: DataProcess
     unique: bool = False
@@ -204,7 +205,7 @@ class Model(StoredModel):
         if not isinstance(self.detector, Several):
             return self._alarm_text(limit, self.period)
         own = zip(self.parts.items(), self.detector.usual[:, 0].tolist(), strict=True)
-        texts = (f"{name}: {self._alarm_text(limit * unit, _period(part))}" for (name, part), unit in own)
+        texts = (f"{name}: {self._alarm_text(limit * unit, part.period)}" for (name, part), unit in own)
         return f"{self.detector.rule} {'; '.join(texts)}"
 
     def _alarm_text(self, limit: float, period: float) -> str:
@@ -216,7 +217,7 @@ class Model(StoredModel):
     @property
     def period(self) -> float:
         """The usual time between two points, s; 0 if it is unknown."""
-        return max(map(_period, self.parts.values()))
+        return max(float(part.period) for part in self.parts.values())
 
     def worst_joint(self, values: Floats) -> tuple[str, float]:
         """Return the joint that is farthest from the nearest benign point, and how far (rad)."""
@@ -224,10 +225,6 @@ class Model(StoredModel):
         apart = np.abs(values - nearest)
         worst = int(apart.argmax())
         return self.joints[worst], float(apart[worst])
-
-
-def _period(detector: Any) -> float:
-    return detector.period if isinstance(detector, PathDetector) else 0.0
 
 
 def data_hash(*recordings: Recording) -> str:

@@ -165,7 +165,7 @@ def _check_network(network: ChannelAutoencoders, window: int, channels: int) -> 
 _OPSET, _IR = 18, 9
 _OPERATORS = {"relu": "Relu", "tanh": "Tanh", "logistic": "Sigmoid"}
 _METADATA_KEY = "fame"
-_NOT_METADATA = ("format", "mean", "scale", "detector", "calibration", "band")
+_NOT_METADATA = ("format", "mean", "scale", "detector")
 
 
 def write_onnx(model: Mapping[str, Any], path: str | Path, *, single: bool = False) -> None:
@@ -189,11 +189,7 @@ def write_onnx(model: Mapping[str, Any], path: str | Path, *, single: bool = Fal
     proto = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", _OPSET)], ir_version=_IR)
     metadata = {name: value for name, value in model.items() if name not in _NOT_METADATA}
     metadata["activation"] = network["activation"]
-    if model["calibration"] is not None:
-        metadata["calibration"] = {**model["calibration"], "scores": model["calibration"]["scores"].tolist()}
-    if model["band"] is not None:
-        metadata["band"] = {name: part.tolist() for name, part in model["band"].items()}
-    onnx.helper.set_model_props(proto, {_METADATA_KEY: json.dumps(metadata)})
+    onnx.helper.set_model_props(proto, {_METADATA_KEY: json.dumps(metadata, default=np.ndarray.tolist)})
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     onnx.save(proto, str(path))
 
@@ -216,13 +212,8 @@ def read_onnx(path: str | Path) -> dict[str, Any]:
         layers = range(sum(name.startswith("weight_") for name in tensors))
         weights, biases = ([tensors[f"{part}_{layer}"] for layer in layers] for part in ("weight", "bias"))
         content = {**json.loads(metadata), "mean": tensors["mean"], "scale": tensors["scale"]}
-        network = {
-            "weights": weights,
-            "biases": biases,
-            "activation": content["activation"],
-            "kind": ChannelAutoencoders.kind,
-        }
-        return {**content, "kind": TrainedModel.kind, "detector": network}
+        network = {"kind": ChannelAutoencoders.kind, "activation": content["activation"]}
+        return {**content, "kind": TrainedModel.kind, "detector": {**network, "weights": weights, "biases": biases}}
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"is damaged: {error!r}", file=str(path)) from None
 
