@@ -88,13 +88,14 @@ class ArmRuns(ABC):
         """Whether as many runs have ended as were wanted."""
         return 0 < self.limit <= self.run
 
-    def put(self, stamp: float, values: list[float], names: Sequence[str]) -> None:
-        """Take a joint state and the names of its joints, if they are known. Raises UnusableMessage."""
+    def put(self, stamp: float, values: list[float], names: Sequence[str]) -> Point | None:
+        """Take a joint state and the names of its joints, if they are known; give the point as it was scored, None if
+        it was not. Raises UnusableMessage."""
         values = in_order(values, names, self.joints)
         if self._last and not any(values) and max(map(abs, self._last)) > JUMP:
             raise UnusableMessage("all joints are 0 at once while the arm is away from home")
         self._last, self.joints = values, self.joints or tuple(names)
-        self.step(stamp, values)
+        return self.step(stamp, values)
 
     @abstractmethod
     def begin(self) -> None:
@@ -105,8 +106,8 @@ class ArmRuns(ABC):
         """End the run."""
 
     @abstractmethod
-    def step(self, stamp: float, values: list[float]) -> object:
-        """Take one more point: its time (s) and the values of the joints in their order."""
+    def step(self, stamp: float, values: list[float]) -> Point | None:
+        """Take one more point: its time (s) and the values of the joints in their order; give it as `put`."""
 
 
 def in_order(values: list[float], names: Sequence[str], joints: Sequence[str]) -> list[float]:
@@ -128,8 +129,7 @@ def in_order(values: list[float], names: Sequence[str], joints: Sequence[str]) -
 
 
 class RunMonitor(ArmRuns):
-    """Scores points as they come. `ended` collects the reports of runs; `waiting` until the first begins; `latest` is
-    the point that was taken last, None if it was not scored."""
+    """Scores points as they come. `ended` collects the reports of runs; `waiting` until the first begins."""
 
     model: Model
 
@@ -143,7 +143,6 @@ class RunMonitor(ArmRuns):
         self.model, self.joints = model, model.joints
         self.threshold: float = model.threshold if threshold is None else threshold
         self.ended: list[RunReport] = []
-        self.latest: Point | None = None
         self._scorer = model.scorer()
         self._recent: deque[tuple[float, Sequence[float]]] = deque(maxlen=2 * model.nominal)
         self._points: list[Point] = []
@@ -162,8 +161,8 @@ class RunMonitor(ArmRuns):
             return
         points = self._points
         count = sum(point.verdict.anomalous for point in points)
-        votes = [point.verdict.votes or (point.verdict.anomalous,) for point in points]
-        score = self.model.run_score([sum(column) for column in zip(*votes, strict=True)], len(points))
+        votes = zip(*(point.verdict.votes for point in points), strict=True)
+        score = self.model.run_score(list(map(sum, votes)), len(points))
         alarm = next((point for point in points if point.alarm), None)
         whole = len(points) >= WHOLE * self.model.nominal
         changes, above = tuple(self._scorer.changes()), score > self.threshold
@@ -175,10 +174,6 @@ class RunMonitor(ArmRuns):
 
     def step(self, stamp: float, values: Sequence[float]) -> Point | None:
         """Score one more point. None between runs and before the first."""
-        self.latest = self._step(stamp, values)
-        return self.latest
-
-    def _step(self, stamp: float, values: Sequence[float]) -> Point | None:
         if not self._running or self.done:
             return None
         own = self._segmenter.feed(values)
@@ -198,8 +193,7 @@ class RunMonitor(ArmRuns):
 
     def _score(self, stamp: float, values: Sequence[float]) -> Point:
         verdict = self._scorer.step(values, stamp)
-        votes = verdict.votes or (verdict.anomalous,)
-        self._counts = [count + vote for count, vote in zip(self._counts, votes, strict=True)]
+        self._counts = [count + vote for count, vote in zip(self._counts, verdict.votes, strict=True)]
         score = self.model.run_score(self._counts, self.model.nominal)
         alarm = not self._alarmed and score > self.threshold and not self._segmenter.undecided
         self._alarmed |= alarm
@@ -246,7 +240,6 @@ class Collector(ArmRuns):
             raise ConfigError(f"expected 1 or more points of a run with the rule count, got {cycle}")
         super().__init__(rule, cycle, limit)
         self.label, self._progress = label, progress
-        self._first = rule == "home"
         self.rows: list[tuple[float, list[float]]] = []
         self._bounds: list[int] = []  # the rows that runs end before
 
@@ -262,8 +255,8 @@ class Collector(ArmRuns):
         """Take one more point."""
         if not self._running or self.done:
             return
-        if self._first:
-            self._first, self.late = False, math.hypot(*values) >= NEAR
+        if self.rule == "home" and not self.rows:
+            self.late = math.hypot(*values) >= NEAR
         self.rows.append((stamp, values))
         own = self._segmenter.feed(values)
         if own is None:

@@ -23,7 +23,7 @@ from fame.errors import ConfigError
 from fame.monitor.anomaly.learning_file import SCALINGS
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording, read_csv
-from fame.monitor.anomaly.scoring import PathScorer, PointScorer, Scorer, SeveralScorer
+from fame.monitor.anomaly.scoring import PointTracker, Scorer
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
 from fame.monitor.pipeline.band import Band
@@ -178,14 +178,14 @@ class Model(StoredModel):
 
     def scorer(self) -> Scorer:
         """Return a scorer of single points."""
+        rule, parts = "any of", (self.detector,)
         if isinstance(self.detector, Several):
-            return SeveralScorer(self.detector.rule, list(map(self._scorer, self.detector.parts)))
-        return self._scorer(self.detector)
-
-    def _scorer(self, detector: Any) -> Scorer:
-        if isinstance(detector, PathDetector):
-            return PathScorer(detector, self.worst_joint)
-        return PointScorer(detector.decision(len(self.joints)), self.worst_joint)
+            rule, parts = self.detector.rule, self.detector.parts
+        trackers = [
+            part.tracker() if isinstance(part, PathDetector) else PointTracker(part.decision(len(self.joints)))
+            for part in parts
+        ]
+        return Scorer(rule, trackers, self.worst_joint)
 
     @property
     def parts(self) -> dict[str, Any]:

@@ -78,14 +78,13 @@ class RunNode(RecordingNode):
         self.rows += 1
         if self._runs.done:
             return
-        self._runs.put(stamp, values[0].tolist(), [name.removeprefix("joint.") for name in names[0]])
-        self._update()
+        self._update(self._runs.put(stamp, values[0].tolist(), [name.removeprefix("joint.") for name in names[0]]))
         if self._runs.late and not self._told_late:
             self._told_late = True
             self._say(self._runs.moving)
 
-    def _update(self) -> None:
-        """Tell what has become of the runs."""
+    def _update(self, point: Point | None = None) -> None:
+        """Tell what has become of the runs, and of the last point if it was scored."""
         if self._runs.done:
             self.done = True
             self._done()
@@ -99,7 +98,7 @@ class OperateNode(RunNode):
     def __init__(
         self, middleware: Middleware, scheduler: Scheduler, monitor: RunMonitor, arm: ArmOptions | None = None
     ) -> None:
-        self._monitor, self.runs, self._reported_runs = monitor, monitor.ended, 0
+        self.runs, self._reported_runs = monitor.ended, 0
         super().__init__(middleware, scheduler, monitor, arm)
         self._score = self.node.publisher("anomaly_score", "std_msgs/msg/Float64")
         self._point = self.node.publisher("anomaly_point", "std_msgs/msg/Bool")
@@ -111,13 +110,12 @@ class OperateNode(RunNode):
         self.end()
         super().close()
 
-    def _update(self) -> None:
+    def _update(self, point: Point | None = None) -> None:
         for report in self.runs[self._reported_runs :]:
             self._say(report.text)
             for change in report.changes:
                 self._change.publish(messages.create("std_msgs/msg/String", change.text))
         self._reported_runs = len(self.runs)
-        point, self._monitor.latest = self._monitor.latest, None
         if point is not None:
             self._score.publish(messages.create("std_msgs/msg/Float64", point.score))
             self._point.publish(messages.create("std_msgs/msg/Bool", point.verdict.anomalous))

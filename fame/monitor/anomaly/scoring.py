@@ -13,17 +13,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fame.monitor.anomaly.benign_changes import Change
+from fame.monitor.anomaly.benign_changes import NO_READING, Change, PointScores
 from fame.monitor.arrays import Floats
 
 if TYPE_CHECKING:
-    from fame.monitor.anomaly.paths import PathDetector
+    from fame.monitor.anomaly.paths import Tracker
 
 
 class PointVerdict(NamedTuple):
     """The verdict on a point. `magnitude` is in `unit` (``mm`` across the path, ``deg`` turned, ``samples`` late,
     ``rad``); `joint` is the one that is farthest from where it should be; `kind` is ``path``, ``orientation``,
-    ``speed`` or empty. They are set for anomalous points only. `votes` are those of several detectors."""
+    ``speed`` or empty. They are those of the first detector that calls the point anomalous. `votes` are those of all
+    detectors."""
 
     anomalous: bool
     magnitude: float = 0.0
@@ -33,79 +34,56 @@ class PointVerdict(NamedTuple):
     votes: tuple[bool, ...] = ()
 
 
-BENIGN_POINT = PointVerdict(False)
+class PointTracker:
+    """Scores each point on its own, by what tells whether it is benign."""
 
+    def __init__(self, benign: Callable[[Floats], bool]) -> None:
+        self._benign = benign
 
-class Scorer:
     def reset(self) -> None:
-        """Begin the next run."""
+        """A new run begins."""
 
-    def step(self, values: Sequence[float], stamp: float | None = None) -> PointVerdict:
-        """Score one point: values of the joints in the model's order, and its time (s) if known."""
-        raise NotImplementedError
+    def step(self, values: Sequence[float], stamp: float | None = None) -> PointScores:
+        return NO_READING if self._benign(np.asarray(values, dtype=np.float64)) else _NOT_BENIGN
 
     def changes(self) -> Sequence[Change]:
-        """Return the benign changes of the run so far."""
         return ()
 
 
-Worst = Callable[[Floats], tuple[str, float]]
-"""Gives the joint of a point that is farthest from where it should be, and how far (rad)."""
+_NOT_BENIGN = NO_READING._replace(anomalous=True)
 
 
-class PointScorer(Scorer):
-    """Scores each point on its own, by what tells whether it is benign."""
+class Scorer:
+    """Scores points by detectors that decide together. `worst` gives the joint of a point that is farthest from where
+    it should be, and how far (rad)."""
 
-    def __init__(self, benign: Callable[[Floats], bool], worst: Worst) -> None:
-        self._benign, self._worst = benign, worst
-
-    def step(self, values: Sequence[float], stamp: float | None = None) -> PointVerdict:
-        point = np.asarray(values, dtype=np.float64)
-        if self._benign(point):
-            return BENIGN_POINT
-        joint, apart = self._worst(point)
-        return PointVerdict(True, apart, "rad", joint)
-
-
-class PathScorer(Scorer):
-    """For the detector in task space."""
-
-    def __init__(self, detector: PathDetector, worst: Worst) -> None:
-        self._tracker, self._worst = detector.tracker(), worst
+    def __init__(
+        self, rule: str, trackers: Sequence[Tracker | PointTracker], worst: Callable[[Floats], tuple[str, float]]
+    ) -> None:
+        self._decide, self._trackers, self._worst = any if rule == "any of" else all, trackers, worst
 
     def reset(self) -> None:
-        self._tracker.reset()
+        """The next run begins."""
+        for tracker in self._trackers:
+            tracker.reset()
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> PointVerdict:
-        reading = self._tracker.step(values, stamp)
-        if not reading.anomalous:
-            return BENIGN_POINT
-        joint, _ = self._worst(np.asarray(values))
-        if reading.off_path:
-            return PointVerdict(True, 1000 * reading.deviation, "mm", joint, reading.kind)
-        if reading.kind == "orientation":
-            return PointVerdict(True, math.degrees(reading.tilt), "deg", joint, reading.kind)
-        return PointVerdict(True, reading.lateness, "samples", joint, reading.kind)
+        """One point: values of the joints in the model's order, and its time (s) if known."""
+        readings = [tracker.step(values, stamp) for tracker in self._trackers]
+        votes = tuple(reading.anomalous for reading in readings)
+        if True not in votes:
+            return PointVerdict(False, votes=votes)
+        first = readings[votes.index(True)]
+        joint, apart = self._worst(np.asarray(values, dtype=np.float64))
+        magnitude, unit = _magnitude(first) if first.kind else (apart, "rad")
+        return PointVerdict(self._decide(votes), magnitude, unit, joint, first.kind, votes)
 
     def changes(self) -> Sequence[Change]:
-        return list(self._tracker.changes())
+        """Return the benign changes of the run so far."""
+        return [change for tracker in self._trackers for change in tracker.changes()]
 
 
-class SeveralScorer(Scorer):
-    """Scores points by several. The magnitude is that of the first that calls a point anomalous."""
-
-    def __init__(self, rule: str, scorers: Sequence[Scorer]) -> None:
-        self._decide, self._scorers = any if rule == "any of" else all, scorers
-
-    def reset(self) -> None:
-        for scorer in self._scorers:
-            scorer.reset()
-
-    def step(self, values: Sequence[float], stamp: float | None = None) -> PointVerdict:
-        verdicts = [scorer.step(values, stamp) for scorer in self._scorers]
-        votes = tuple(verdict.anomalous for verdict in verdicts)
-        first = next((verdict for verdict in verdicts if verdict.anomalous), verdicts[0])
-        return first._replace(anomalous=self._decide(votes), votes=votes)
-
-    def changes(self) -> Sequence[Change]:
-        return [change for scorer in self._scorers for change in scorer.changes()]
+def _magnitude(reading: PointScores) -> tuple[float, str]:
+    if reading.off_path:
+        return 1000 * reading.deviation, "mm"
+    return (math.degrees(reading.tilt), "deg") if reading.kind == "orientation" else (reading.lateness, "samples")
