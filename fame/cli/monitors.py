@@ -112,31 +112,23 @@ def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> l
     """Read runs of CSV files and, by a configuration, of bags. Raises ConfigError."""
     from fame.errors import ConfigError
     from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, is_bag, read_labelled_runs
+    from fame.monitor.pipeline.recording import RecordingOptions, tables_of
 
     settings = model.conditions.get("settings", {})
     names = (("time_column", STAMP), ("run_column", RUN), ("element_column", ELEMENT))
     unit = getattr(arguments, "time_unit", None) or settings.get("time_unit") or ""
     special = Special(*(settings.get(name, default) for name, default in names))._replace(unit=unit)
+    options = RecordingOptions(namespace=arguments.namespace, elements=bool(model.elements), report=note)
     runs: list[LabelledRun] = []
     for path in paths:
-        if not is_bag(path):
-            runs += read_labelled_runs([path], model.columns, special)
-        elif arguments.config is None:
+        bag = is_bag(path)
+        if bag and arguments.config is None:
             text = "is not a CSV file: a bag needs --config CONFIG.yaml, whose Inputs name topics and fields"
             raise ConfigError(text, file=str(path))
-        else:
-            runs += _of_bag(path, arguments, model)
+        with tables_of([path], arguments.config, options) as tables:
+            read = read_labelled_runs(tables.paths, model.columns, Special() if bag else special)
+            runs += [run._replace(file=str(path)) for run in tables.completed(read, model.columns)]
     return runs
-
-
-def _of_bag(path: Path, arguments: Namespace, model: TrainedModel) -> list[LabelledRun]:
-    from fame.monitor.data_files import read_labelled_runs
-    from fame.monitor.pipeline.recording import RecordingOptions, tables_of
-
-    options = RecordingOptions(namespace=arguments.namespace, elements=bool(model.elements), report=note)
-    with tables_of([path], arguments.config, options) as tables:
-        runs = tables.completed(read_labelled_runs(tables.paths, model.columns), model.columns)
-        return [run._replace(file=str(path)) for run in runs]
 
 
 def _print(judgement: JudgedRuns) -> None:
