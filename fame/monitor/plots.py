@@ -15,7 +15,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -34,14 +34,7 @@ from fame.monitor.pipeline.processor import Samples
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-class Line(Protocol):
-    """A line of a plot: label, stamps (s), values, names of the channels."""
-
-    label: str
-    stamps: list[float]
-    values: list[Any]
-    names: tuple[str, ...]
+    from fame.monitor.pipeline.topic_tools import Series
 
 
 _COLOURS = (
@@ -75,8 +68,8 @@ def plot_loss(loss: Samples, file: str | Path, *, thresholds: Sequence[float] = 
     _save_with_legend(figure, axes, file)
 
 
-def plot_series(series: Sequence[Line], file: str | Path, *, thresholds: Sequence[float] = ()) -> None:
-    """Plot numbers of topics over time. Writes a PNG. Raises UnavailableError without matplotlib."""
+def plot_series(series: Sequence[Series], file: str | Path, *, thresholds: Sequence[float] = ()) -> None:
+    """Numbers of topics over time. Writes a PNG. Raises UnavailableError without matplotlib."""
     figure, axes = _over_time()
     begin = min(each.stamps[0] for each in series if each.stamps)
     for each in series:

@@ -16,7 +16,7 @@ import socket
 import stat
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 from urllib.parse import parse_qs, urlsplit
 
 from fame.errors import ConfigError
@@ -24,13 +24,6 @@ from fame.monitor.pipeline.processor import Parameter, Processor, Result, Sample
 
 _RETRY_CALLS = 50  # calls between two attempts to reach a machine that is away
 _MAX_LINE = 1 << 16  # bytes of a line, at most
-
-
-class Connection(Protocol):
-    def read(self) -> bytes:
-        """Return what has arrived since the last call, or b"". Raises OSError if the machine is unreachable."""
-
-    def close(self) -> None: ...
 
 
 class Machine(Processor):
@@ -49,7 +42,7 @@ class Machine(Processor):
         self.outputs: tuple[str, ...] = self.fields
         self._poll = source if callable(source) else _callable(source, Path(folder))
         self._open = None if self._poll is not None else _opener(self.source)
-        self._connection: Connection | None = None
+        self._connection: _TcpConnection | _SerialConnection | None = None
         self._rest, self._wait = b"", 0
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
@@ -102,7 +95,8 @@ def parse_line(text: str) -> list[str] | dict[str, str]:
 
 
 class _TcpConnection:
-    """A TCP connection, established or in progress."""
+    """A TCP connection, established or in progress. As those below, `read` gives what has arrived since its last call,
+    or b"", and raises OSError if the machine is unreachable."""
 
     def __init__(self, host: str, port: int) -> None:
         self._socket = socket.socket()
@@ -179,8 +173,8 @@ def _callable(source: str, folder: Path) -> Callable[[], Any] | None:
     return made
 
 
-def _opener(source: str) -> Callable[[], Connection]:
-    """Return what opens an address. Raises ConfigError."""
+def _opener(source: str) -> Callable[[], _TcpConnection | _SerialConnection]:
+    """What opens an address. Raises ConfigError."""
     import termios
 
     try:

@@ -10,7 +10,7 @@ from functools import partial
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError
@@ -31,14 +31,6 @@ FLUSH = 0.1
 
 _PAUSE = 5 * SECOND
 EMPTY = "std_msgs/msg/Empty"
-
-
-class RowSink(Protocol):
-    @property
-    def stored(self) -> RowsStored: ...
-    def put(self, row: Row) -> None: ...
-    def flush(self) -> None: ...
-    def close(self) -> None: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +90,7 @@ class RecordingNode:
         check_types(middleware, list(zip(topics, (port.type for port in ports), strict=True)), [])
         self.node = middleware.node(name or f"{configuration.name}_recorder", options.namespace)
         self._follower = ElementFollower() if options.elements else None
-        self._outputs: list[RowSink | BagWriter] = []
+        self._outputs: list[CsvFile | Influx | BagWriter] = []
         try:
             for output in outputs:
                 self._outputs.append(self._open(configuration, output, topics, options.append))
@@ -181,7 +173,7 @@ class RecordingNode:
 
     def _open(
         self, configuration: Configuration, output: str | Path, topics: Sequence[str], append: bool
-    ) -> RowSink | BagWriter:
+    ) -> CsvFile | Influx | BagWriter:
         path, ports = Path(output), configuration.inputs
         if "://" in str(output):
             place = re.sub(r"\W+", "_", str(output).partition("://")[2])  # what waits for one must not go to another
