@@ -30,6 +30,11 @@ PROCESSORS: dict[str, type] = {
     )
 }  # fmt: skip
 
+__all__ = [
+    "PROCESSORS", "RMS", "Autoencoder", "Drift", "Estimator", "Expression", "LowPass", "Machine", "MovingStatistics",
+    "Resample", "Scale", "Spectrum", "Threshold", "Window",
+]  # fmt: skip
+
 
 def make_processors(configuration: Configuration) -> list[Any]:
     """Make the processors of a configuration. Raises ConfigError with file, line and key path."""
