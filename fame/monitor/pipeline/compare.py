@@ -118,22 +118,25 @@ def _compared(runs: Sequence[Samples], config: Training) -> Compared:
     moving = np.flatnonzero(deviations > 0)
     if not len(moving):
         raise ConfigError("has no channel that moves: nothing to compare", element="Training.Files")
-    faulty = {kind: [_faulty(run, n, kind, moving, deviations) for n, run in enumerate(runs)] for kind in FAULTS}
     scores = np.zeros((len(runs), runs[0].channels().shape[1]))
     losses_of: dict[tuple[str, int], Samples] = {}
     for index, model in left_out(filtered, config, rate):
         scores[index] = losses(model, filtered[index], config.stride).values.max(axis=0)
-        for kind, injected in faulty.items():
-            (run,) = prepared([injected[index]], config)
+        for kind in FAULTS:
+            (run,) = prepared([_faulty(runs[index], index, kind, moving, deviations)], config)
             losses_of[kind, index] = losses(model, run, config.stride)
     seconds = float(np.mean([run.stamps[-1] - run.stamps[0] for run in runs]))
     asked = false_alarm_rate(config.false_alarms, seconds)
     thresholds = left_out_thresholds(scores, asked, config.margin)
     alarms = int((scores > thresholds).any(axis=1).sum())
-    latencies = {kind: _latencies(losses_of, kind, runs, thresholds) for kind in FAULTS}
-    every = [latency for found in latencies.values() for latency in found]
-    latency = float(np.median(every)) if every else None
-    found = {kind: len(times) for kind, times in latencies.items()}
+    found, latencies = dict.fromkeys(FAULTS, 0), list[float]()
+    for (kind, index), loss in losses_of.items():
+        onset = float(runs[index].stamps[len(runs[index]) // 2])
+        above = (loss.values > thresholds[index]).any(axis=1) & (loss.stamps >= onset)
+        if above.any():
+            found[kind] += 1
+            latencies.append(float(loss.stamps[above.argmax()]) - onset)
+    latency = float(np.median(latencies)) if latencies else None
     return Compared(config.detector, len(runs), alarms, found, latency, _cost(model, config))
 
 
@@ -143,19 +146,6 @@ def _faulty(run: Samples, number: int, kind: str, moving: Any, deviations: Float
     channel, values = int(moving[number % len(moving)]), run.channels().astype(np.float64).copy()
     values[:, channel] = FAULTS[kind](values[:, channel].copy(), len(values) // 2, float(deviations[channel]), random)
     return run.replace(values)
-
-
-def _latencies(
-    losses_of: Mapping[tuple[str, int], Samples], kind: str, runs: Sequence[Samples], thresholds: Floats
-) -> list[float]:
-    """Return the latency (s) of each fault that was found."""
-    found = []
-    for number, run in enumerate(runs):
-        loss, onset = losses_of[kind, number], float(run.stamps[len(run.stamps) // 2])
-        above = (loss.values > thresholds[number]).any(axis=1) & (loss.stamps >= onset)
-        if above.any():
-            found.append(float(loss.stamps[above.argmax()]) - onset)
-    return found
 
 
 def _cost(model: Any, config: Training) -> float:
