@@ -147,7 +147,7 @@ class Field:
         }
         FIELDS.append(self)
         # Engines that start together meet in their own process, which is to be the first.
-        self.middleware: Any = connect(MIDDLEWARE[0], self.scheduler, NETWORK[0], crowd=together)
+        self.middleware: Any = connect(MIDDLEWARE[0], self.scheduler, NETWORK[0], crowd=len(robots) * together)
         self.node = self.middleware.node("benchmark")
         self.last: dict[str, Report] = {}
         for robot in robots:

@@ -9,6 +9,7 @@ import pytest
 from fame.clock import SECOND
 from fame.deploy import robot_protocol, robot_state, termination
 from fame.deploy.envelope import Envelope
+from fame.deploy.options import DeploymentOptions
 from fame.deploy.robot_state import RobotDeployment
 from fame.deploy.sender_protocol import (
     HOLDING,
@@ -95,6 +96,12 @@ HUNDRED = replace(NEW, robots=tuple(RobotProgress(f"R{number}") for number in ra
 def test_a_large_team_is_asked_less_often():
     said = [StatusReceived(each.robot, 3) for each in HUNDRED.robots]
     assert after(Begun(0), *said, TimerFired(0), state=HUNDRED)[1][-1] == StartTimer(5.0)
+
+
+def test_a_deployment_waits_longer_for_a_large_team_and_on_a_busy_machine():
+    assert [DeploymentOptions(load=load).patience_of(20) for load in (1.0, 3.0)] == [20, 60]
+    assert DeploymentOptions(load=3.0).patience_of(2) == 30
+    assert DeploymentOptions(load=3.0, patience=7.0).patience_of(20) == 7.0
 
 
 def test_robots_wait_longer_for_the_sender_of_a_large_team_and_for_one_whose_timers_are_late():

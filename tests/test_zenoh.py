@@ -223,7 +223,7 @@ def test_another_process_takes_over_where_all_meet(here: WallWorld) -> None:
 
 def test_a_crowd_meets_in_one_process_and_talks_through_it(here: WallWorld) -> None:
     here.node("hall")
-    first, second = (ZenohMiddleware(here.scheduler, domain=DOMAIN, crowd=True) for _ in range(2))
+    first, second = (ZenohMiddleware(here.scheduler, domain=DOMAIN, crowd=2) for _ in range(2))
     here.middlewares += [first, second]
     here.until(lambda: str(here.middlewares[0].id) in map(str, first.session.info.routers_zid()))
     assert not list(first.session.info.peers_zid()) + list(second.session.info.peers_zid())

@@ -86,7 +86,8 @@ def _add_wait(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--wait", type=positive, metavar="S",
         help="how long to wait for answers, and for each further robot to be found (10, a second for each of "
-        "more than 10); robots wait half of it, or all but 20 s, for the other ends of their topics",
+        "more than 10, and up to 5 times as long on a busy machine); robots wait half of it, or all but 20 s, for the "
+        "other ends of their topics",
     )  # fmt: skip
 
 
@@ -96,6 +97,7 @@ def run_deploy(arguments: Namespace) -> int:
     from fame.bpmn.pools import matches, pools_of
     from fame.bpmn.reader import read
     from fame.check.gate import refuse_errors
+    from fame.middleware.wire_base import load_of_machine
     from fame.scenario import Sending
 
     if arguments.allow_partial and not (arguments.explore or arguments.migrate):
@@ -118,7 +120,9 @@ def run_deploy(arguments: Namespace) -> int:
             _refuse_unexplored(definitions, library, found, partial=arguments.allow_partial)
 
     with connected(arguments) as (scheduler, middleware):
-        options = replace(migrated.options, library=library, patience=arguments.wait, key=key, who=person())
+        options = replace(
+            migrated.options, library=library, patience=arguments.wait, load=load_of_machine(), key=key, who=person()
+        )
         sending = Sending(definitions, scheduler, middleware, options)
         deployment = sending.deploy(arguments.to, options.patience_of(len(names or pools)), note, examine)
         if migrated.dry:

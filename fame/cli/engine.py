@@ -170,17 +170,17 @@ def _prepare_several(arguments: Namespace) -> None:
 
 def _wait(arguments: Namespace, children: Mapping[int, str]) -> int:
     """Wait for the engines, and be the process in which they meet. Their exit code: the first that is not 0."""
-    from fame.clock import SECOND
     from fame.scenario.forking import wait_for
-    from fame.scenario.process import connect, scheduler_for
 
-    scheduler = scheduler_for(arguments.middleware)
-    middleware = connect("zenoh", scheduler) if arguments.middleware == "zenoh" and arguments.network is None else None
-    try:
-        codes = wait_for(children, lambda time: scheduler.run(scheduler.now + round(time * SECOND)))
-    finally:
-        if middleware is not None:
-            middleware.close()
+    with ExitStack() as opened:
+        if arguments.middleware == "zenoh" and arguments.network is None:
+            from fame.middleware.wire_base import domain_id
+            from fame.middleware.zenoh.session import take_over
+
+            meeting = take_over(domain_id(), len(children))
+            if meeting is not None:
+                opened.callback(meeting.close)
+        codes = wait_for(children)
     for name, code in codes.items():
         if code < 0:
             note(f"fame: engine {name} was ended by signal {-code}")
@@ -258,7 +258,8 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
         metrics = [opened.enter_context(serve_metrics(*arguments.metrics))] if arguments.metrics else []
         if arguments.seed is not None:
             opened.enter_context(ModuleRandom(arguments.seed, arguments.name))
-        serve(arguments.middleware, arguments.network, build, crowd=len(arguments.names) > 1)
+        several = len(arguments.names) if len(arguments.names) > 1 else 0
+        serve(arguments.middleware, arguments.network, build, crowd=several)
 
 
 def _library(arguments: Namespace) -> Library | None:

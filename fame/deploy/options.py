@@ -66,7 +66,8 @@ class DeploymentOptions:
     only       restricts it to some of them
     again      those that had the model before
     library    where called processes are found
-    patience   how long its robots may take to answer (s); by default it grows with their number
+    patience   how long its robots may take to answer (s); by default it grows with their number, and with `load`
+    load       how many times as long (`fame.middleware.wire_base.load_of_machine`)
     key        signs what is sent
     wall_time  gives s since 1970
     migrate    what runs goes over to the model by a `plan` (`fame.deploy.migration`), for somebody (`who`)
@@ -80,6 +81,7 @@ class DeploymentOptions:
     again: Collection[str] = ()
     library: Library | None = None
     patience: float | None = None
+    load: float = 1.0
     key: Any = None
     wall_time: Callable[[], float] = time.time
     migrate: bool = False
@@ -90,4 +92,6 @@ class DeploymentOptions:
 
     def patience_of(self, robots: int) -> float:
         """How long a deployment to some robots waits for their answers (s)."""
-        return max(PATIENCE, PATIENCE_PER_ROBOT * robots) if self.patience is None else self.patience
+        if self.patience is not None:
+            return self.patience
+        return max(PATIENCE, PATIENCE_PER_ROBOT * robots) * self.load

@@ -42,6 +42,7 @@ NAMING_DELAY = SECOND // 5
 _LAST_DOMAIN = 232
 """The last one whose ports are below 65536 (DDSI-RTPS 2.5, section 9.6.2)."""
 _SHORTEST_LEASE, _LONGEST_LEASE = 0.5, 3600.0
+_HIGHEST_LOAD = 5.0
 _MAX_WARNINGS = 1000
 """Maximum number of stored warnings: a flood of warnings can differ only in numbers."""
 _POLL = 0.002
@@ -305,6 +306,12 @@ def lease(default: float) -> float:
         bounds = f"{_SHORTEST_LEASE:g} to {_LONGEST_LEASE:g} s"
         raise ConfigError(f"expected a time from {bounds}, got {text!r}", element="FAME_LEASE")
     return seconds
+
+
+def load_of_machine() -> float:
+    """How many processes wanted each processor of this machine in the last minute, from 1 to 5: what waits for others
+    waits that many times as long."""
+    return min(max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1)), _HIGHEST_LOAD)
 
 
 def domain_id(given: int | None = None) -> int:

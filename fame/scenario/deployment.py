@@ -182,22 +182,26 @@ class Sending:
         """Wait until every pool has its robots, and `patience` after the last engine that came; the pool of each."""
         begun, reported, seen = self.scheduler.now, False, 0
         until = begun + round(patience * SECOND)
+        before: Sequence[str] | None = None
+        problem = ""
         while True:
             self.scheduler.run(self.scheduler.now + SECOND // 20)
             there = engines(self.middleware)
             if len(there) > seen:  # a machine with much to do lets them be found one after the other
                 seen, until = len(there), self.scheduler.now + round(patience * SECOND)
-            try:
-                found = assign_robots(self.definitions, there, found=True, only=only)
-            except (ConfigError, DeploymentError) as error:
-                if self.scheduler.now < until:
-                    if not reported and self.scheduler.now > begun + SECOND:
-                        reported = True
-                        log(f"waiting up to {patience:g} s: {error}")
-                    continue
-                text = f"{error}; start an engine with: fame engine NAME (on another machine: docs/network.md)"
-                raise DeploymentError(text) from None
-            break
+            if there != before:  # to assign a hundred robots takes longer than to look who is there
+                before = there
+                try:
+                    found = assign_robots(self.definitions, there, found=True, only=only)
+                    break
+                except (ConfigError, DeploymentError) as error:
+                    problem = str(error)
+            if self.scheduler.now >= until:
+                text = f"{problem}; start an engine with: fame engine NAME (on another machine: docs/network.md)"
+                raise DeploymentError(text)
+            if not reported and self.scheduler.now > begun + SECOND:
+                reported = True
+                log(f"waiting up to {patience:g} s: {problem}")
         self.scheduler.run(self.scheduler.now + _FINDING)  # for others of a multi-instance pool
         with suppress(ConfigError, DeploymentError):  # an engine has left in the meantime: `send` says so
             found = assign_robots(self.definitions, engines(self.middleware), found=True, only=only)

@@ -128,9 +128,9 @@ def connect(
     network: str | None = None,
     on_warning: Callable[[EndpointWarning], object] | None = None,
     *,
-    crowd: bool = False,
+    crowd: int = 0,
 ) -> Middleware:
-    """Return the middleware of a process; with `crowd`, of one of many that were started together.
+    """Return the middleware of a process; with `crowd`, of one of so many that were started together.
 
     Raises UnavailableError if its packages are not installed, and ConfigError for a network that is not of its kind.
     """
@@ -197,7 +197,7 @@ def serve(
     build: Callable[[WallScheduler, Middleware], Component],
     on_warning: Callable[[EndpointWarning], object] | None = None,
     *,
-    crowd: bool = False,
+    crowd: int = 0,
 ) -> None:
     """Build a component and run it until a signal asks to end; then, or after an error, stop it safely and close it.
 

@@ -174,7 +174,7 @@ class ZenohMiddleware(WireMiddleware):
         *,
         domain: int | None = None,
         network: str | None = None,
-        crowd: bool = False,
+        crowd: int = 0,
         on_warning: Callable[[EndpointWarning], object] | None = None,
     ) -> None:
         super().__init__(scheduler, network, on_warning)
@@ -182,6 +182,7 @@ class ZenohMiddleware(WireMiddleware):
         self.confined: bool = network is None
         self.entities: Graph = Graph(self._take_tokens)
         self.receivers: dict[str, list[ZenohSubscription]] = {}  # by key, those of this session
+        self._crowd = crowd
         self.session: Any = open_session(self.domain, network, crowd=crowd)
         self.id: str = str(self.session.zid())
         self._ids = count()
@@ -275,7 +276,7 @@ class ZenohMiddleware(WireMiddleware):
     def _take_over(self) -> None:
         """Listen where processes of the domain meet, if the one that did has ended."""
         if not self.closed:
-            self._meeting = self._meeting or take_over(self.domain)
+            self._meeting = self._meeting or take_over(self.domain, self._crowd)
             self.scheduler.after(_TAKE_OVER, self._take_over)
 
     def report_mismatches(self, entity: Entity) -> None:

@@ -32,7 +32,7 @@ import zenoh
 
 from fame.errors import ConfigError
 from fame.middleware.interface import MAX_MESSAGE_SIZE
-from fame.middleware.wire_base import lease
+from fame.middleware.wire_base import lease, load_of_machine
 
 ROUTER_PORT = 7447
 """Where routers of Zenoh listen."""
@@ -58,10 +58,11 @@ _SETTINGS: dict[str, Any] = {
 }
 _CLIENT: dict[str, Any] = {"connect/timeout_ms": 10_000, "connect/exit_on_failure": True}
 """A client is nothing without its router: Zenoh waits for it before the session is there."""
-_MEMBER: dict[str, Any] = {"mode": "client", "connect/timeout_ms": 30_000, "connect/exit_on_failure": True}
+_MEMBER: dict[str, Any] = {"mode": "client", "connect/timeout_ms": 300_000, "connect/exit_on_failure": True}
 """One of a crowd: its router may be in a process that starts at the same time, on a machine with much to do."""
-_CONFINED: dict[str, Any] = {_LEASE: 10_000}
-"""On one machine, connections end with their process; what is silent for a while may only have to wait for its turn."""
+_LEASE_HERE, _LEASE_PER_MEMBER = 10.0, 1.0
+"""The lease on one machine, and for each of a crowd (s). Connections end with their process; what is silent for a while
+may only have to wait for its turn: one that is given up connects again, and all that it has is told to all again."""
 _PEER: dict[str, Any] = {
     "mode": "peer",
     "scouting/gossip/autoconnect_strategy": {
@@ -72,8 +73,8 @@ _PEER: dict[str, Any] = {
 }
 
 
-def open_session(domain: int, network: str | None, *, crowd: bool = False) -> zenoh.Session:
-    """A session for the processes of a domain; with `crowd`, for one of many of this machine.
+def open_session(domain: int, network: str | None, *, crowd: int = 0) -> zenoh.Session:
+    """A session for the processes of a domain; with `crowd`, for one of so many of this machine.
 
     `network` None keeps everything on this machine, without a router. Else it names routers, as `locators` takes them,
     or it is the path of a configuration file, which names them. Raises ConfigError.
@@ -81,14 +82,14 @@ def open_session(domain: int, network: str | None, *, crowd: bool = False) -> ze
     kind = _MEMBER if crowd else _PEER
     if network is None:
         alone = None if crowd else take_over(domain)
-        return alone or _open(_SETTINGS | _CONFINED | kind | {"connect/endpoints": [_meeting_point(domain)]})
+        return alone or _open(_SETTINGS | _confined(crowd) | kind | {"connect/endpoints": [_meeting_point(domain)]})
     file = configuration_file(network)
     routers = [f"tcp/127.0.0.1:{ROUTER_PORT}"] if file else locators(network)
     return _open(_SETTINGS | kind | {"connect/endpoints": routers}, file)
 
 
-def take_over(domain: int) -> zenoh.Session | None:
-    """A session that listens where processes of the domain meet; None if another process does."""
+def take_over(domain: int, crowd: int = 0) -> zenoh.Session | None:
+    """A session that listens where processes of the domain meet, a `crowd` among them; None if another process does."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -96,9 +97,15 @@ def take_over(domain: int) -> zenoh.Session | None:
         except OSError:
             return None
     try:
-        return _open(_SETTINGS | _CONFINED | _PEER | {"mode": "router", "listen/endpoints": [_meeting_point(domain)]})
+        here = {"mode": "router", "listen/endpoints": [_meeting_point(domain)]}
+        return _open(_SETTINGS | _confined(crowd) | _PEER | here)
     except ConfigError:
         return None  # another process was faster
+
+
+def _confined(crowd: int) -> dict[str, Any]:
+    """The settings of sessions of one machine."""
+    return {_LEASE: round(1000 * max(_LEASE_HERE * load_of_machine(), _LEASE_PER_MEMBER * crowd))}
 
 
 def open_router(listen: Iterable[str], others: Iterable[str], file: Path | None = None) -> zenoh.Session:
