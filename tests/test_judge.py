@@ -389,6 +389,10 @@ def test_a_run_whose_label_cells_are_empty_has_no_label(tmp_path: Path) -> None:
 
 def test_a_slow_change_is_drift_before_it_is_an_alarm(model: TrainedModel, tmp_path: Path) -> None:
     assert model.calibration is not None
+    dead = DriftMonitor.of(model.columns, model.calibration)
+    for _ in range(5):
+        dead.add(np.full(len(model.columns), np.nan))
+    assert dead.drifting == model.columns  # what is no number is not known to be as before
     monitor = DriftMonitor.of(model.columns, model.calibration)
     levels, deviations = np.array(model.calibration.levels), np.array(model.calibration.deviations)
     for run in range(60):

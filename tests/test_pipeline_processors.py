@@ -304,6 +304,14 @@ def test_a_threshold_of_zero_or_less_of_which_no_part_is_below_is_refused() -> N
     assert alarms.threshold == (1.0,)
 
 
+def test_a_loss_that_is_no_number_raises_the_alarm_and_hides_no_other_channel() -> None:
+    alarms = Threshold(threshold=[1.0, 1.0], names=["elbow", "wrist"])
+    loss = np.array([[0.5, 0.5], [np.nan, 0.5], [0.5, 0.5], [np.nan, 3.0]])
+    found = alarms.execute({"Loss": Samples(loss, np.arange(4.0))})
+    np.testing.assert_array_equal(found["active"].values, [False, True, False, True])
+    assert found["name"].values.tolist() == [["elbow"], ["elbow"]]
+
+
 def test_thresholds_go_with_the_names_of_channels_in_whichever_order_these_come() -> None:
     alarms = Threshold(threshold=[1.0, 10.0], names=["elbow", "wrist"])
     loss = Samples(np.array([[5.0, 0.5], [5.0, 2.0]]), np.arange(2.0), ("Loss.wrist", "Loss.elbow"))

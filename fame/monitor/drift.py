@@ -46,6 +46,7 @@ class DriftMonitor:
     def add(self, scores: Sequence[float] | Floats) -> tuple[str, ...]:
         """Take the scores of one more run (channels,); return the channels that are drifting."""
         z = (np.log(np.maximum(np.asarray(scores, dtype=np.float64), LEAST)) - self.levels) / self.deviations
+        z[np.isnan(z)] = MOST  # what is no number is not known to be as before
         self.sums = np.maximum(0.0, self.sums + np.minimum(z, MOST) - SLACK)
         self.runs += 1
         return self.drifting

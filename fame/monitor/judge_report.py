@@ -137,7 +137,8 @@ def _cell(text: object, kind: str = "") -> str:
 
 def _figures(judgement: JudgedRuns) -> str:
     rows = [[_cell(name), _cell(shown(value), "n")] for name, value in judgement.figures.items()]
-    drift = f"drifting, learn again: {', '.join(judgement.drifting)}" if judgement.drifting else "none"
+    judged = "none" if judgement.drift.size else "not judged"
+    drift = f"drifting, learn again: {', '.join(judgement.drifting)}" if judgement.drifting else judged
     rows.append([_cell("drift"), _cell(drift, "bad" if judgement.drifting else "n")])
     return _table((), rows) + "".join(f'<p class="quiet">{escape(note)}</p>' for note in judgement.notes)
 

@@ -19,7 +19,7 @@ class Threshold(Processor):
 
     `alarm`, `channel`, `name`, `loss`, `excess` have a sample per alarm: true, the channel that is farthest above its
     threshold, its name (a list of one), its value, and that divided by the threshold. `active` has one per sample:
-    whether the alarm is set.
+    whether the alarm is set. A value that is no number is above every threshold.
     """
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -63,6 +63,7 @@ class Threshold(Processor):
             return None
         names, threshold = self._channels(samples)
         excess = samples.channels() / per_channel(threshold, samples.channels().shape, "threshold")
+        excess[np.isnan(excess)] = np.inf  # what is no number is not known to be below
         worst = excess.max(axis=1)
         active = self._states(worst)
         rising = np.flatnonzero(active & ~np.concatenate(([self._active], active[:-1])))
