@@ -25,7 +25,7 @@ from fame.errors import ConfigError, MessageError
 from fame.middleware import codec
 from fame.middleware.interface import LATCHED, SENSOR_DATA, QoS
 from fame.middleware.messages import create
-from fame.middleware.zenoh import ZenohMiddleware, endpoints, tokens
+from fame.middleware.zenoh import ZenohMiddleware, endpoints, session, tokens
 from fame.middleware.zenoh.session import locators
 
 pytestmark = pytest.mark.zenoh
@@ -233,6 +233,16 @@ def test_a_crowd_meets_in_one_process_and_talks_through_it(here: WallWorld) -> N
     here.until(publisher.matched)
     here.until(lambda: publisher.publish(create(TEXT, "through the hall")) or bool(heard))
     assert set(heard) == {"through the hall"}
+
+
+def test_a_crowd_and_a_busy_machine_have_a_longer_lease(monkeypatch: pytest.MonkeyPatch) -> None:
+    def leases(load: float) -> list[int]:
+        monkeypatch.setattr(os, "getloadavg", lambda: (load * (os.cpu_count() or 1), 0.0, 0.0))
+        return [value for crowd in (0, 2, 100) for value in session._confined(crowd).values()]
+
+    assert leases(0.2) == [10_000, 10_000, 100_000]
+    assert leases(3.0) == [30_000, 30_000, 100_000]
+    assert leases(60.0) == [50_000, 50_000, 100_000]
 
 
 @pytest.mark.processes
