@@ -347,6 +347,17 @@ def test_what_an_incomplete_recording_does_not_violate_is_not_known(
         assert "has only a part of its run (incomplete after" in capsys.readouterr().err
 
 
+def test_an_object_that_a_variable_names_recording_is_no_part(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario, log = str(Path(__file__).parent.parent / "examples" / "agriculture.yaml"), tmp_path / "run.ocel.json"
+    data = json.loads(converted(run, ".ocel.json").read_text())
+    data["objects"].append({"id": "recording:7", "type": "recording", "attributes": []})
+    log.write_text(json.dumps(data))
+    assert main(["log", "judge", scenario, str(log)]) in (0, 3)
+    assert capsys.readouterr().err == ""
+
+
 def test_an_event_log_is_judged_with_what_called_processes_throw(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

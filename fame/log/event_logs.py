@@ -160,9 +160,9 @@ def _values(parent: ElementTree.Element) -> dict[str, str]:
 def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
     data = json.loads(path.read_text(encoding="utf-8"))
     starts, ends, partly = list[dict[str, Any]](), list[dict[str, Any]](), set[str]()
-    for one in data["objects"]:
-        if one["type"] == RECORDING:
-            raise ConfigError(PART_MESSAGE.format(one["attributes"][0]["value"]), file=str(path))
+    recorded = (each for one in data["objects"] if one["type"] == RECORDING for each in one["attributes"])
+    for part in (each["value"] for each in recorded if each["name"] == PART):
+        raise ConfigError(PART_MESSAGE.format(part), file=str(path))
     instances = [each for each in data["objects"] if each["type"] == "instance"]
     for one in instances:
         robot, _, number = one["id"].removeprefix("instance:").rpartition("/")

@@ -72,12 +72,9 @@ def explore(
     Raises ModelError and ConfigError as `fame.Scenario.load` does.
     """
     deliveries = (delivery,) if isinstance(delivery, str) else tuple(delivery)
-    for one in deliveries:
-        expect(one in ("run", "fast", "any"), "delivery", one, "run, fast or any")
-    expect(bool(deliveries), "delivery", delivery, "run, fast or any")
     expect(timers in ("any", "ordered"), "timers", timers, "any or ordered")
     request = Request(
-        delivery=deliveries,  # type: ignore[arg-type]  # checked above
+        delivery=deliveries,  # type: ignore[arg-type]  # checked by `explore_team`
         ordered=timers == "ordered",
         faults=faults,
         reduced=reduced,

@@ -62,7 +62,7 @@ ACKNOWLEDGED = 2**62
 
 
 def read_attachment(data: bytes) -> Attachment:
-    """The attachment in these data. Raises MessageError if they are none of ROS."""
+    """The attachment that `data` hold. Raises MessageError if ROS does not write such data."""
     if len(data) != _ATTACHMENT.size or data[16] != _GID:
         raise MessageError(f"expected an attachment of {_ATTACHMENT.size} bytes as ROS has it, got {len(data)} bytes")
     number, sent, _, gid = _ATTACHMENT.unpack(data)
