@@ -131,6 +131,33 @@ def test_an_element_that_was_cancelled_before_the_failure_has_not_failed(
         m.expect().failed(at="Sign")
 
 
+def test_a_branch_that_is_cancelled_by_the_failure_of_another_has_not_failed(
+    mission: MissionLoader, tmp_path: Path
+) -> None:
+    inner = """<startEvent id="i"/><scriptTask id="b" name="Cut" scriptFormat="python"><script>1 / 0</script>
+    </scriptTask>"""
+    content = f"""<startEvent id="s"/><parallelGateway id="p"/><userTask id="w" name="Stand by"/>
+    <subProcess id="m" name="Mow">{inner}{flows("ib")}</subProcess>{flows("sp", "pw", "pm")}"""
+    m = mission.load(one(tmp_path, content))
+    m.advance(1)
+    m.expect().failed(at="Cut").failed(at="Mow")
+    with pytest.raises(ExpectationError, match="to have failed at 'Stand by', but it failed with code 'script' at b"):
+        m.expect().failed(at="Stand by")
+
+
+def test_a_call_has_failed_if_what_it_calls_has(mission: MissionLoader, tmp_path: Path) -> None:
+    fails = '<startEvent id="qs"/><scriptTask id="b" scriptFormat="python"><script>1 / 0</script></scriptTask>'
+    called = f'<process id="Q">{fails}<sequenceFlow id="qf" sourceRef="qs" targetRef="b"/></process>'
+    pool = '<collaboration id="k"><participant id="o" name="P" processRef="P"/></collaboration>'
+    calls = """<startEvent id="s"/><parallelGateway id="p"/><callActivity id="c" calledElement="Q"/>
+    <userTask id="w"/>"""
+    m = mission.load(one(tmp_path, f"{calls}{flows('sp', 'pc', 'pw')}", called + pool))
+    m.advance(1)
+    m.expect().failed(at="c")
+    with pytest.raises(ExpectationError, match="to have failed at 'w'"):
+        m.expect().failed(at="w")
+
+
 # ---- failures --------------------------------------------------------------------------------------------------------
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Element, Process
+from fame.bpmn.model import CallActivity, Definitions, Element, FlowNode, Process
 from fame.bpmn.pools import Pool
 from fame.errors import ConfigError, display_name
 
@@ -30,13 +30,11 @@ class Elements:
     """The elements of each robot: those of its process and of all processes that this calls."""
 
     def __init__(self, definitions: Definitions, cast: Mapping[str, Pool], library: Library) -> None:
+        self._library = library
+        self._processes = {robot: library.closure(definitions, pool.process) for robot, pool in cast.items()}
         self._of = {
-            robot: [
-                ModelElement(home.file, process, element)
-                for home, process in library.closure(definitions, pool.process)
-                for element in parts(process)
-            ]
-            for robot, pool in cast.items()
+            robot: [ModelElement(home.file, process, element) for home, process in found for element in parts(process)]
+            for robot, found in self._processes.items()
         }
         self._names = {
             robot: {one.element.id: one.element.name for one in reversed(elements)}
@@ -59,6 +57,25 @@ class Elements:
         for other in (one for one in elements if one.element.id in found and _plain(one.element.name) != label):
             raise ConfigError(f"{name!r} has the id of {other.shown} in {Path(other.file).name}: rename one of them")
         return found
+
+    def may_contain(self, robot: str, ids: frozenset[str], inner: str) -> bool:
+        """Whether an element is inside one of these: of a subprocess, or of what is called; true if not known."""
+        if all(one.element.id != inner for one in self._of[robot]):
+            return True  # of a process that is called by a computed name, or was sent later
+        return any(
+            node.id in ids and inner in self._content(home, node)
+            for home, process in self._processes[robot]
+            for node in process.body.walk()
+        )
+
+    def _content(self, home: Definitions, node: FlowNode) -> Iterator[str]:
+        """The ids of all that is inside a flow node."""
+        if node.body is not None:
+            yield from (one.id for one in node.body.elements())
+        for call in [node] if isinstance(node, CallActivity) else node.body.calls() if node.body is not None else ():
+            if call.called and not call.refused:
+                for _, process in self._library.closure(*self._library.find(home, call)):
+                    yield from (one.id for one in process.body.elements())
 
     def label(self, robot: str, id: str) -> str:
         """The label of an element of a robot, on one line; empty if it has none."""

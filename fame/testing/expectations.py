@@ -107,7 +107,9 @@ class Expectation:
         return self
 
     def _climbed(self, origin: str, ids: frozenset[str]) -> bool:
-        """Whether elements failed, or were cancelled, after an error at `origin` in the same instant: it was inside."""
+        """Whether elements failed, or were cancelled, after an error at `origin`, inside them, in the same instant."""
+        if not self._mission.elements.may_contain(self._robot, ids, origin):
+            return False
         began = {step.time: step.order for step in self._steps(frozenset([origin]), "fail")[::-1]}
         ended = [*self._steps(ids, "fail"), *self._steps(ids, "cancel")]
         return any(step.order > began.get(step.time, step.order) for step in ended)
