@@ -19,8 +19,11 @@ from domains import PROCESSES as DOMAIN
 
 from fame.cli import main
 from fame.clock import SECOND
+from fame.errors import ConfigError
 from fame.middleware import messages
+from fame.monitor.pipeline.configuration import load
 from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.processors import make_processors
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.monitor.plots import plot_loss
 
@@ -72,6 +75,17 @@ def test_training_prints_a_table_stores_the_model_and_knows_it_again(
     (tmp_path / "c.yaml").write_text(yaml.safe_dump(sections))
     assert main(["monitor", "process", str(tmp_path / "c.yaml")]) == 2
     assert "is stale: trained on data" in capsys.readouterr().err
+    for wrong, said in (
+        ({"Windw": 10}, "is stale: trained on data"),  # the other settings say nothing about the data
+        ({"Window": "wide"}, "is stale: trained on data"),
+        ({"Files": [3]}, r"Training\.Files\[0\]: expected a text, got 3"),
+    ):
+        (tmp_path / "c.yaml").write_text(yaml.safe_dump({**sections, "Training": training | wrong}))
+        with pytest.raises(ConfigError, match=said):
+            make_processors(load(tmp_path / "c.yaml"))
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump({**sections, "Training": training | {"Files": ["runs/*.csv"]}}))
+    (processor,) = make_processors(load(tmp_path / "c.yaml"))  # trained elsewhere: its data are not here
+    assert processor.trained.columns == ("Efforts.elbow", "Efforts.wrist")
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,9 @@ from monitor_runs import told, write_bag
 from rosbags.rosbag2 import StoragePlugin
 
 from fame.cli import main
+from fame.errors import ConfigError
+from fame.monitor.pipeline.configuration import load
+from fame.monitor.pipeline.processors import make_processors
 
 NAMES, RUNS, ROWS = ("left", "right"), 6, 120
 INPUTS = "Inputs:\n  Joints: {Topic: /joint_states, Field: [position], MessageType: sensor_msgs/msg/JointState}\n"
@@ -78,6 +81,12 @@ def test_the_files_of_a_configuration_are_read_by_its_own_inputs(
     config.write_text(INPUTS + training)
     code, found = told(capsys, "monitor", "train", config)
     assert (code, found["thresholds"]) == (0, expected["thresholds"])
+    stage = "Processor: {Class: Autoencoder, Parameters: {model: own.skops}}\n"
+    config.write_text(INPUTS + training + stage)
+    make_processors(load(config))
+    bag_of(tmp_path / "run_9", 9)
+    with pytest.raises(ConfigError, match="is stale: trained on data"):
+        make_processors(load(config))
 
 
 def test_the_card_says_what_of_the_bags_was_left_out(

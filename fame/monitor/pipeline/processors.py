@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping, Sequence
-from os.path import isfile
+from os.path import exists
 from pathlib import Path
 from typing import Any
 
@@ -106,21 +106,19 @@ def pair(names: Sequence[str], outputs: Sequence[Port], who: str, in_order: bool
 
 
 def _refuse_stale(processors: Sequence[Any], configuration: Configuration) -> None:
-    """Compare models with the data that they were trained on, if these are present. Raises ConfigError."""
+    """Compare models with the data that they were trained on, if these are present. Raises ConfigError, also for a
+    section Training that does not tell which data and model these are."""
     from fame.monitor.data_files import hash_files
-    from fame.monitor.pipeline.train import training_of
+    from fame.monitor.pipeline.train import data_and_model
 
     models = [(each.model, each.trained) for each in processors if getattr(each, "trained", None) is not None]
     if not models or configuration.training is None:
         return
-    try:
-        training = training_of(configuration.training, configuration.folder)
-    except ConfigError:
-        return  # no data here: the model was trained elsewhere
-    present = training.files and all(map(isfile, training.files))
+    files, trained = data_and_model(configuration.training, configuration.folder)
+    present = files and all(map(exists, files))  # a bag is a folder; without data the model was trained elsewhere
     for path, model in models:
-        if present and Path(path).resolve() == Path(training.model).resolve():
-            model.require(path, data=hash_files(training.files))
+        if present and Path(path).resolve() == Path(trained).resolve():
+            model.require(path, data=hash_files(files))
 
 
 def _make(kind: type, stage: Stage, configuration: Configuration) -> Any:

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from glob import glob
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -310,14 +310,34 @@ def training_of(section: ConfigValue, folder: Path) -> Training:
     Raises ConfigError.
     """
     given: dict[str, Any] = {}
-    for key, value in section.mapping().items():
-        name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", key).lower().replace(" ", "_")
+    for name, value in _settings(section).items():
         if name not in _READERS:
             raise value.error(f"unknown key; {suggestion(name, _READERS)}")
         given[name] = _READERS[name](value)
         if name == "files":
-            given[name] = tuple(str(path) for item in _items(value) for path in _matching(folder, item))
+            found = [_matching(folder, item) or _no_match(folder, item) for item in _items(value)]
+            given[name] = tuple(str(path) for paths in found for path in paths)
     return Training(**{**given, "model": str(folder / given.get("model", Training.model))})
+
+
+def data_and_model(section: ConfigValue, folder: Path) -> tuple[tuple[str, ...], str]:
+    """Read from the section `Training` the files and the model alone; no files if a pattern matches none.
+
+    Raises ConfigError.
+    """
+    settings = _settings(section)
+    names = _items(settings["files"]) if "files" in settings else []
+    found = [_matching(folder, item) for item in names]
+    model = settings["model"].text() if "model" in settings else Training.model
+    return tuple(str(path) for paths in found if all(found) for path in paths), str(folder / model)
+
+
+def _settings(section: ConfigValue) -> dict[str, ConfigValue]:
+    """Return the values of a section by the names of `Training`."""
+    return {
+        re.sub(r"(?<=[a-z])(?=[A-Z])", "_", key).lower().replace(" ", "_"): value
+        for key, value in section.mapping().items()
+    }
 
 
 def _items(value: ConfigValue) -> list[ConfigValue]:
@@ -371,13 +391,15 @@ _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
 
 
 def _matching(folder: Path, value: ConfigValue) -> list[Path]:
+    """Return the file of a name, or those of a pattern, which may be none."""
     pattern = value.text()
     if not any(sign in pattern for sign in "*?["):
         return [folder / pattern]
-    found = sorted(folder / path for path in glob(pattern, root_dir=folder, recursive=True))
-    if not found:
-        raise value.error(f"no file matches {pattern!r} in {folder}")
-    return found
+    return sorted(folder / path for path in glob(pattern, root_dir=folder, recursive=True))
+
+
+def _no_match(folder: Path, value: ConfigValue) -> NoReturn:
+    raise value.error(f"no file matches {value.text()!r} in {folder}")
 
 
 def _check(config: Training, runs: Sequence[Samples]) -> None:
