@@ -198,3 +198,15 @@ def test_zeros_in_mid_motion_are_left_out_and_said():
 def test_nothing_collected_is_an_error():
     with pytest.raises(MissionError, match="nothing was collected"):
         Collector(1).recording()
+    assert Collector(1).recorded == 0
+
+
+def test_a_run_without_a_point_is_none():
+    collector = Collector(1, "signal", limit=3)
+    for points in (4, 0, 4, 5):
+        collector.begin()
+        for _ in range(points):
+            collector.step(0.0, [1.0, 2.0])
+        collector.end()
+    assert (collector.done, collector.recorded) == (True, 3)
+    assert collector.recording().runs.tolist() == [0] * 4 + [1] * 4 + [2] * 5

@@ -83,6 +83,24 @@ def test_collect_writes_so_many_runs_and_goes_on(tmp_path: Path) -> None:
     assert len(list(read_csv(tmp_path / "benign.csv"))) == 2
 
 
+@pytest.mark.parametrize(("points", "whole"), [((10, 3, 10), 2), ((0, 10, 10, 3), 2)])
+def test_runs_that_are_cut_off_count_as_little_as_they_are_written(
+    tmp_path: Path, points: tuple[int, ...], whole: int
+) -> None:
+    watch = Watch(tmp_path, calling("adm_collect"), output="benign.csv", label=1, runs=3, rule="signal")
+    node, empty = watch.sim.middleware.node("task"), "std_msgs/msg/Empty"
+    bounds = [node.publisher(topic, empty) for topic in ("/task_start", "/task_end")]
+    for number in points:
+        for bound in bounds:
+            bound.publish(messages.create(empty))
+            watch.sim.run(watch.sim.now)
+            if bound is bounds[0]:
+                watch.play(np.linspace(0.1, 0.2, number)[:, None] * np.ones(6))
+    assert watch.status == "completed"
+    assert watch.sim.instances[0].variables["runs_collected"] == whole
+    assert read_csv(tmp_path / "benign.csv").count == whole
+
+
 @needs_data
 def test_operate_raises_the_signal_that_the_mission_catches(tmp_path: Path, model: str) -> None:
     watch = Watch(tmp_path, calling("adm_operate", STOPPED_BY_THE_ALARM), model=model)

@@ -169,8 +169,8 @@ class CollectService:
         self._node = RunNode(context.middleware, context.scheduler, self._collector, _arm(context, variables))
 
     def results(self) -> Mapping[str, Any] | None:
-        """Return `runs_collected` once there are enough runs."""
-        return {"runs_collected": self._collector.run} if self._collector.done else None
+        """Return `runs_collected`, the runs in the recording, once enough have ended."""
+        return {"runs_collected": self._collector.recorded} if self._collector.done else None
 
     def close(self) -> None:
         """Close the node and write the recording."""

@@ -286,7 +286,14 @@ class Collector(ArmRuns):
         )
         return _whole(recording)
 
+    @property
+    def recorded(self) -> int:
+        """How many of the runs that have ended are in the recording; 0 if nothing was collected."""
+        return self.recording().count if self.rows and not self.late else 0
+
     def _another(self, end: int) -> None:
+        if end == (self._bounds[-1] if self._bounds else 0):
+            return  # a run without a point
         self._bounds.append(end)
         self.run += 1
         self._progress(self.run)
