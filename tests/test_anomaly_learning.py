@@ -22,6 +22,7 @@ from fame.monitor.anomaly.learning_file import load
 from fame.monitor.anomaly.live import RunMonitor
 from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, data_hash
 from fame.monitor.anomaly.recording import Recording, join, of_runs, read_csv, write_csv
+from fame.monitor.judge import judge_recordings
 from fame.monitor.model_card import card_of
 from fame.monitor.storage import write_artefact
 from fame.text import table
@@ -79,6 +80,24 @@ def test_every_classifier_is_judged_on_train_validation_and_test(folder: Path):
     assert tuple(two.evaluations[2].runs) == (1, 0, 2, 0)
     assert one.model.threshold == 0.5
     assert best([one, two]).on(VALIDATION).runs.f1 == 1.0
+
+
+def test_a_run_in_which_a_joint_hardly_moves_is_not_benign(folder: Path):
+    one, _ = learn(load(folder / "learning.yaml"))
+    usual = circle(1.0, np.random.default_rng(7))
+    dead = np.tile(usual[0], (60, 1))
+    write_csv(folder / "new.csv", of_runs([usual, dead], 1, ("a", "b", "c")))
+    judged = judge_recordings(one.model, [folder / "new.csv"], "m").runs
+    assert [(run.verdict, run.share) for run in judged] == [("benign", 1.0), ("not judged", 0.0)]
+    assert judged[1].notes == tuple(f"{joint} hardly moves: not judged" for joint in "abc")
+    monitor = RunMonitor(one.model, rule="signal")
+    monitor.begin()
+    for values in dead.tolist():
+        monitor.step(0.0, values)
+    monitor.end()
+    assert monitor.ended[0].text == "run 0: not judged, score 0.0000 (0 of 60 points), a, b, c hardly moved"
+    earlier = replace(one.model, conditions={})
+    assert judge_recordings(earlier, [folder / "new.csv"], "m").runs[1].verdict == "benign"
 
 
 def test_automatic_threshold_lies_between_benign_and_anomalous_runs(folder: Path):

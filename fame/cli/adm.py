@@ -240,12 +240,13 @@ def run_operate(arguments: Namespace) -> int:
 
 def _print_runs(runs: Sequence[RunReport], json: bool) -> int:
     above = sum(item.above for item in runs)
-    code = 1 if above else 0 if runs and all(item.whole for item in runs) else NOT_KNOWN
+    code = 1 if above else 0 if runs and all(item.judged for item in runs) else NOT_KNOWN
     if json:
-        names = ("run", "points", "anomalous", "score", "above", "whole")
+        names = ("run", "points", "anomalous", "score", "above", "whole", "still")
         summary = [{name: getattr(item, name) for name in names} for item in runs]
         print_json({"status": {0: "completed", 1: "failed"}.get(code, "partial"), "runs": summary})
     else:
-        cut = sum(not item.whole for item in runs)
-        print(f"{len(runs)} runs, {above} of them anomalous" + (f", {cut} cut off" if cut else ""))
+        cut, still = sum(not item.whole for item in runs), sum(bool(item.still) for item in runs)
+        more = (f", {cut} cut off" if cut else "") + (f", {still} in which a joint hardly moved" if still else "")
+        print(f"{len(runs)} runs, {above} of them anomalous{more}")
     return code

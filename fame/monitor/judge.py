@@ -520,6 +520,9 @@ def _judge_points(model: Model, run: LabelledRun, number: int) -> JudgedRun:
     if not report.whole:
         share = min(share, report.points / model.nominal)
         notes.insert(0, f"cut off before its end: {report.points} points, the usual is {model.nominal}")
+    if report.still:
+        share = 0.0
+        notes[:0] = [f"{joint} hardly moves: not judged" for joint in report.still]
     return JudgedRun(
         number, run.file, _seconds(stamps), _explained(events, shown, numbers, model.band, period), stamps, scores,
         ("score",), notes=tuple(notes), share=share, samples=shown, band=model.band, times=numbers,

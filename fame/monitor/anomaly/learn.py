@@ -49,11 +49,12 @@ from fame.monitor.anomaly.classifiers import (
 )
 from fame.monitor.anomaly.learning_file import CandidateClassifier, Learning, load
 from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, PointClassifier, data_hash
-from fame.monitor.anomaly.recording import BENIGN, Recording, read_csv, require_same_joints
+from fame.monitor.anomaly.recording import BENIGN, STILL, Recording, read_csv, require_same_joints
 from fame.monitor.anomaly.thresholds import set_threshold, together
 from fame.monitor.copies import RUN_HASHES, copies, run_hash
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT
 from fame.monitor.storage import versions
 from fame.text import table
 
@@ -273,13 +274,19 @@ def _learned(
         versions=versions(),
         calibration=calibration,
         band=_band(benign),
-        conditions={RUN_HASHES: sorted(known)},
+        conditions={RUN_HASHES: sorted(known), LEAST_MOVEMENT: _least_movement(benign)},
     )
     evaluations = tuple(
         Evaluation(name, recording, labels, tuple(run_scores(recording, labels)), threshold)
         for name, recording, labels in predicted
     )
     return TrainedClassifier(candidate, model, evaluations, note)
+
+
+def _least_movement(benign: Recording) -> list[float]:
+    """Return the least standard deviation of each joint over a run; 0 of one that rests in one of them."""
+    least = np.min([run.values.std(axis=0) for run in benign], axis=0)
+    return [float(each) if each > STILL else 0.0 for each in least]
 
 
 def _band(benign: Recording) -> Band:

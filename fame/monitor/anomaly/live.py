@@ -40,7 +40,7 @@ class Point:
 
 class RunReport(NamedTuple):
     """A run that has ended. `alarm` is the point that raised the alarm; `changes` are the benign changes of the run,
-    such as another speed."""
+    such as another speed; `still` are the joints that hardly moved in a run without an alarm, as a dead sensor."""
 
     run: int
     points: int
@@ -50,12 +50,19 @@ class RunReport(NamedTuple):
     whole: bool
     alarm: Point | None
     changes: tuple[Change, ...] = ()
+    still: tuple[str, ...] = ()
+
+    @property
+    def judged(self) -> bool:
+        """Whether the run is benign if it is not anomalous."""
+        return self.whole and not self.still
 
     @property
     def text(self) -> str:
         """In one line."""
-        verdict = "ANOMALOUS" if self.above else "benign" if self.whole else "not judged"
+        verdict = "ANOMALOUS" if self.above else "benign" if self.judged else "not judged"
         cut = "" if self.whole else ", cut off before its end"
+        cut += f", {', '.join(self.still)} hardly moved" if self.still else ""
         changed = "".join(f"; {change.text}" for change in self.changes)
         points = f"{self.anomalous} of {self.points} points"
         return f"run {self.run}: {verdict}, score {self.score:.4f} ({points}){cut}{changed}"
@@ -146,6 +153,7 @@ class RunMonitor(ArmRuns):
         self._scorer = model.scorer()
         self._recent: deque[tuple[float, Sequence[float]]] = deque(maxlen=2 * model.nominal)
         self._points: list[Point] = []
+        self._values: list[Sequence[float]] = []
         self._counts: list[int] = []
         self._alarmed: bool = False
         self.waiting: bool = rule == "home"
@@ -166,7 +174,8 @@ class RunMonitor(ArmRuns):
         alarm = next((point for point in points if point.alarm), None)
         whole = len(points) >= WHOLE * self.model.nominal
         changes, above = tuple(self._scorer.changes()), score > self.threshold
-        self.ended.append(RunReport(self.run, len(points), count, score, above, whole, alarm, changes))
+        still = () if above else self.model.still(np.array(self._values))
+        self.ended.append(RunReport(self.run, len(points), count, score, above, whole, alarm, changes, still))
         self.run += 1
         if self.rule == "signal":
             self._running = False
@@ -187,7 +196,8 @@ class RunMonitor(ArmRuns):
         if own is None:
             return self._score(stamp, values)
         again = list(self._recent)[-own:]
-        del self._points[max(0, len(self._points) - (own - 1)) :]
+        own_begin = max(0, len(self._points) - (own - 1))
+        del self._points[own_begin:], self._values[own_begin:]
         self.end()
         return None if self.done else [self._score(*item) for item in again][-1]
 
@@ -199,10 +209,11 @@ class RunMonitor(ArmRuns):
         self._alarmed |= alarm
         point = Point(self.run, len(self._points), stamp, verdict, score, alarm)
         self._points.append(point)
+        self._values.append(values)
         return point
 
     def _clear(self) -> None:
-        self._points = []
+        self._points, self._values = [], []
         self._counts = [0] * len(self.model.parts)
         self._alarmed = False
         self._scorer.reset()

@@ -28,6 +28,7 @@ from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import Several
+from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT, STILL
 from fame.monitor.storage import FORMAT, StoredModel, read_artefact, versions, write_artefact
 
 
@@ -146,7 +147,8 @@ class Model(StoredModel):
     versions     of the packages that made it
     calibration  of the threshold, if it promises a rate of false alarms
     band         of the benign training runs, over the number of the point in its run; None of an earlier version
-    conditions   of the learning, as plain data: its date, what the model replaced, and hashes of its runs
+    conditions   of the learning, as plain data: its date, what the model replaced, hashes of its runs, and the least
+                 standard deviation of each joint over one of them
     """
 
     kind: ClassVar[str] = "points"
@@ -213,6 +215,12 @@ class Model(StoredModel):
         lasts = f", {points * period:.3g} s" if period else ""  # if the detector knows the time between two
         many = "1 anomalous point" if points == 1 else f"{points} anomalous points"
         return f"alarm from {many} of a run of {self.nominal} on{lasts}"
+
+    def still(self, values: Floats) -> tuple[str, ...]:
+        """Return the joints that hardly move in a run (points, joints), as with a dead sensor, and as none did in the
+        training; none of an earlier version."""
+        least = np.asarray(self.conditions.get(LEAST_MOVEMENT, np.zeros(len(self.joints))))
+        return tuple(self.joints[joint] for joint in np.flatnonzero(values.std(axis=0) < STILL * least))
 
     @property
     def period(self) -> float:
