@@ -12,7 +12,8 @@ from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import ConfusionMatrix
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import of_runs
-from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, deviations, joint_space, matrices
+from fame.monitor.pipeline.configuration import Configuration
+from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, deviations, draw, joint_space, matrices
 from robots.arm.sabotage import alter, knots
 from robots.arm.task import MH5
 
@@ -86,3 +87,5 @@ def test_a_plot_that_cannot_be_written_says_so(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="cannot be written"):
         matrices(tmp_path / "file" / "x.png", [("svm", ConfusionMatrix(1, 0, 1, 0))])
+    with pytest.raises(ConfigError, match="cannot be written"):
+        draw([Configuration(tmp_path / "c.yaml", "c", (), ())], tmp_path / "file" / "x.svg")

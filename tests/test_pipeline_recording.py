@@ -25,7 +25,7 @@ from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.configuration import Configuration, load
-from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions, record_bag
+from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions, play, record_bag
 from fame.monitor.pipeline.sinks import BagWriter, Influx, Row
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -240,6 +240,34 @@ def test_a_bag_without_the_topic_or_with_another_type_is_refused_before_a_file_i
     with pytest.raises(ConfigError, match="is not a readable bag"):
         record_bag(tmp_path / "none.bag", configuration(tmp_path), [tmp_path / "x.csv"])
     assert not (tmp_path / "x.csv").exists()
+
+
+def test_a_bag_is_not_read_ahead_of_what_is_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[int] = []
+    taken: list[int] = []
+
+    def messages(path: Path, topics: Any) -> Any:
+        for number in range(5):
+            read.append(number)
+            yield number / 10, "/joint_states", number
+
+    class Node:
+        done = False
+
+        def take(self, number: int) -> None:
+            taken.append(number)
+            assert read == taken
+            self.done = number == 2
+
+        def wait(self, until: int) -> None: ...
+
+        def close(self) -> None: ...
+
+        handlers = property(lambda self: {"/joint_states": self.take})
+
+    monkeypatch.setattr("fame.monitor.data_files.read_bag", messages)
+    play(Path("bag"), lambda middleware, scheduler: Node(), {})  # type: ignore[type-var, return-value]
+    assert taken == [0, 1, 2]
 
 
 def test_the_command_records_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ import csv
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from heapq import merge
@@ -422,7 +422,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def read_bag(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[float, str, Any]]:
+def read_bag(path: str | Path, topics: Mapping[str, str]) -> Generator[tuple[float, str, Any]]:
     """Yield every message of some topics (full name -> type), in the order of recording: time (s), topic, message.
 
     Raises ConfigError for a file that is neither a bag nor a recording of FAME, lacks a topic, or has it with another

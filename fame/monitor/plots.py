@@ -11,7 +11,7 @@ of all joints on their first three principal components.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
@@ -197,9 +197,14 @@ def _figure(inches: tuple[float, float]) -> Figure:
 
 
 def _save(figure: Figure, path: Path) -> None:
+    _write(path, lambda: figure.savefig(path, format="png"))
+
+
+def _write(path: Path, write: Callable[[], object]) -> None:
+    """Write a file, in a folder that is made. Raises ConfigError if it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, format="png")
+        write()
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
 
@@ -234,8 +239,8 @@ def draw(configurations: Sequence[Configuration], file: str | Path) -> None:
     """Write the graph of some nodes and the topics between them."""
     boxes, edges = _graph(configurations)
     _place(boxes, edges)
-    Path(file).parent.mkdir(parents=True, exist_ok=True)
-    Path(file).write_text(_svg(boxes, edges), encoding="utf-8")
+    path = Path(file)
+    _write(path, lambda: path.write_text(_svg(boxes, edges), encoding="utf-8"))
 
 
 def _graph(configurations: Sequence[Configuration]) -> tuple[dict[str, _Box], list[tuple[str, str]]]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, islice
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -223,7 +224,10 @@ class RecordingNode:
 def record_bag(
     bag: Path, configuration: Configuration, outputs: Sequence[str | Path], options: RecordingOptions | None = None
 ) -> RecordingNode:
-    """Record from a bag, as fast as it can be read. Returns the node, which is closed. Raises ConfigError."""
+    """Record from a bag, as fast as it can be read. Returns the node, which is closed.
+
+    Raises ConfigError, also where a bag is damaged further on: the rows before are in the outputs.
+    """
     from fame.monitor.data_files import incomplete
 
     options = options or RecordingOptions()
@@ -294,17 +298,17 @@ def play(bag: Path, make: Callable[[Middleware, Scheduler], Playing], topics: Ma
     done. Returns the node, which is closed. Raises ConfigError."""
     from fame.monitor.data_files import read_bag
 
-    messages = read_bag(bag, topics)
-    first = next(messages, None)  # before any file is made: what is wrong with the bag is known now
-    scheduler = Scheduler()
-    scheduler.now = round(first[0] * SECOND) if first is not None else 0
-    node = make(LocalMiddleware(scheduler), scheduler)
-    try:
-        for time, topic, message in (first, *messages) if first is not None else ():
-            node.wait(until=round(time * SECOND))
-            node.handlers[topic](message)
-            if node.done:
-                break
-    finally:
-        node.close()
+    with closing(read_bag(bag, topics)) as messages:
+        first = list(islice(messages, 1))  # before any file is made: what is wrong with the bag is known now
+        scheduler = Scheduler()
+        scheduler.now = round(first[0][0] * SECOND) if first else 0
+        node = make(LocalMiddleware(scheduler), scheduler)
+        try:
+            for time, topic, message in chain(first, messages):
+                node.wait(until=round(time * SECOND))
+                node.handlers[topic](message)
+                if node.done:
+                    break
+        finally:
+            node.close()
     return node
