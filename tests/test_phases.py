@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -156,9 +157,12 @@ def test_elements_come_from_a_column_of_texts(tmp_path: Path, capsys: pytest.Cap
     (tmp_path / "new.csv").write_text(
         "\n".join([lines[0], *(line for line in lines if line.split(",")[1] == "11")]) + "\n"
     )
-    code, found = told(capsys, "monitor", "judge", tmp_path / "m.skops", tmp_path / "new.csv")
+    page = tmp_path / "report.html"
+    code, found = told(capsys, "monitor", "judge", tmp_path / "m.skops", tmp_path / "new.csv", "-o", page)
     assert code == 1
     assert found["runs"][0]["events"][-1]["explanations"][0].startswith("left in work: 1.5 at ")
+    assert re.search(r"left \d+ % in work: 1\.5 at ", page.read_text())
+    assert "training runs</text>" in page.read_text()  # the band, in the legend
 
 
 EFFORTS = """Inputs:

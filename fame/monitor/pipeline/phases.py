@@ -5,8 +5,9 @@ Robots repeat. For each phase, a time since the start of the run, or since the a
 the median absolute deviation, averaged with the neighbouring phases and shrunk towards that of the channel, since few
 runs estimate it badly. A deviation is divided by its scale, and its inverse hyperbolic sine is taken: beyond one scale,
 tails count by their logarithm. Deviations of one window belong together, in time and across channels: the inverse root
-of their covariance, shrunk by Ledoit and Wolf (2004), gives each direction its due. The loss of a channel is the mean
-of the squares of its part. It sees small changes of shape, but little of a shift, which runs differ by; so the square
+of their covariance, shrunk by Ledoit and Wolf (2004), gives each direction its due. It is one for all phases: a single
+phase has as many deviations as there are runs, fewer than a window has values. The loss of a channel is the mean of the
+squares of its part. It sees small changes of shape, but little of a shift, which runs differ by; so the square
 of the mean deviation of the window counts as well, and the larger of both is the loss.
 
 A window outside the phases that at least half of the runs have, or of an unknown time, is judged the same way against
