@@ -22,6 +22,7 @@ from fame.monitor.anomaly.learning_file import load
 from fame.monitor.anomaly.live import RunMonitor
 from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, data_hash
 from fame.monitor.anomaly.recording import Recording, join, of_runs, read_csv, write_csv
+from fame.monitor.calibration import calibrate_runs
 from fame.monitor.judge import judge_recordings
 from fame.monitor.model_card import card_of
 from fame.monitor.storage import write_artefact
@@ -461,6 +462,10 @@ def test_thresholds_promise_a_rate_of_false_alarms(folder: Path):
     )
     assert card["False alarms"]["bound per run of 90 % of models"] == pytest.approx(1 - 0.1 ** (1 / 6))
     assert card["False alarms"]["measured per run"] == 0.0
+    for scores, far in ((np.zeros(6), True), (np.full(6, 0.1), True), (np.full(6, 0.2), False)):
+        given = replace(one.model, calibration=calibrate_runs(scores, 0.2, least=0.5))
+        text = f"lies far above the largest score of a left-out benign run ({scores.max():.4g})"
+        assert any(text in limit for limit in card_of(given)["Limits"]) == far
 
 
 def test_a_rate_that_the_runs_cannot_promise_is_told(folder: Path):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fame.errors import FameError
 from fame.intervals import interval
-from fame.monitor.calibration import measured_alarms
+from fame.monitor.calibration import FAR, measured_alarms
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model
@@ -108,6 +108,7 @@ def _of_points(model: Model) -> Card:
         "False alarms": _alarms(model.calibration, "learned without FalseAlarms"),
         "Threshold": {"score": model.threshold, "in points": model.alarm_text()},
         "Limits": [
+            *_far_threshold(model.calibration),
             "Points are scored against runs of the training: a changed task, load or speed needs a new model.",
             "Stamps are made up at the usual rate where messages have none.",
             *(
@@ -118,6 +119,14 @@ def _of_points(model: Model) -> Card:
         ],
         "Versions": dict(model.versions),
     }  # fmt: skip
+
+
+def _far_threshold(calibration: Calibration | None) -> list[str]:
+    """Say so if a given threshold lies far above the scores of the runs that calibrated it."""
+    if calibration is None or calibration.stretch[0] <= FAR:
+        return []
+    largest = float(calibration.scores.max())
+    return [f"The given threshold lies far above the largest score of a left-out benign run ({largest:.4g})."]
 
 
 def _alarms(calibration: Calibration | None, none: str) -> dict[str, Any]:
