@@ -106,6 +106,18 @@ def test_the_card_says_what_of_the_bags_was_left_out(
     assert expected in json.loads((tmp_path / "bags.card.json").read_text())["Limits"]
 
 
+def test_a_recording_of_a_mission_that_failed_is_refused_unless_kept(
+    tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bags = [bag_of(tmp_path / str(seed), seed) for seed in range(RUNS)]
+    failed = Path(__file__).with_name("recordings") / "failed.mcap"
+    command = [*map(str, words(tmp_path, *bags, failed)), "--config", str(config)]
+    assert main(command) == 2
+    assert f"{failed}: the mission of REX failed in this recording: leave it out" in capsys.readouterr().err
+    assert main([*command, "--keep"]) == 2
+    assert f"{failed}: has no topic /joint_states" in capsys.readouterr().err
+
+
 def test_an_error_names_the_bag(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bags = [bag_of(tmp_path / str(seed), seed) for seed in range(2)]
     command = [*map(str, words(tmp_path, *bags)), "--config", str(config)]

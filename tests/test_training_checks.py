@@ -13,9 +13,10 @@ import pytest
 from monitor_runs import told, write_runs
 
 from fame.cli import main
+from fame.monitor.model_card import card_of
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit
-from fame.monitor.pipeline.training_checks import drifting, outliers, warnings_of
+from fame.monitor.pipeline.training_checks import drifting, outliers, unlike_durations, warnings_of
 
 RATE, RUNS = 50.0, 12
 CONFIG = Training(detector="phase", window=20, stride=5, false_alarms="0.1 per run")
@@ -100,6 +101,33 @@ def test_a_lone_sample_may_be_further_out_than_a_bump(detector: str, size: float
     runs = [run(seed) for seed in range(RUNS)]
     runs[4].values[150 : 150 + rows, 0] += size
     assert list(outliers(fit(runs, replace(CONFIG, detector=detector)))) == refused
+
+
+@pytest.mark.parametrize("seconds", [2.0, 14.0])
+def test_a_run_that_lasts_much_longer_or_shorter_is_refused_unless_the_mission_waits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], seconds: float
+):
+    runs = [run(seed, rows=round((seconds if seed == 4 else 6.0) * RATE)) for seed in range(RUNS)]
+    assert trained(tmp_path, runs, "--detector", "mahalanobis") == 2
+    assert re.search(rf"run 4: .*lasts {seconds / 6:.2g}\d* times as long as usual", capsys.readouterr().err)
+    waiting = [Samples(each.values, each.stamps, each.names, ((0.0, "wait"),)) for each in runs]
+    assert unlike_durations(waiting) == []
+
+
+def test_stamps_that_jump_within_a_run_are_told():
+    runs = [run(seed) for seed in range(RUNS)]
+    assert not any("stamps jump" in text for text in warnings_of(fit(runs, CONFIG)))
+    runs[7].stamps[100:] += 0.5
+    told = "stamps jump in 1 of 12 runs, in run 7 by 0.52 s at 1.98 s: a clock that was set, samples that are missing"
+    assert any(text.startswith(told) for text in warnings_of(fit(runs, CONFIG)))
+
+
+def test_a_mission_that_failed_stands_on_the_card():
+    model = fit([run(seed) for seed in range(5)], CONFIG)
+    kept = replace(model, conditions={**model.conditions, "failed": {"run.mcap": ["REX"]}})
+    text = "run.mcap: the mission of REX failed: such a run may not be undisturbed"
+    assert text in card_of(kept)["Limits"]
+    assert text not in card_of(model)["Limits"]
 
 
 @pytest.mark.parametrize("order", [1, -1])

@@ -104,6 +104,7 @@ def test_recordings_of_fame_train_with_their_active_elements(
         capsys, "monitor", "train", *data, "--elements", "--detector", "phase", "-o", tmp_path / "m.skops"
     )
     assert (code, JOINT in found["columns"]) == (0, True)
+    assert not any("failed" in text for text in found["warnings"])
     assert "Event_Re_There" in TrainedModel.load(tmp_path / "m.skops").elements
 
 

@@ -291,7 +291,7 @@ def add_train(commands: Commands) -> None:
     )
     parser.add_argument(
         "--keep", action="store_true",
-        help="train also if runs are unlike the others (left-out loss, movement); leave out copies of runs",
+        help="train also if runs are unlike the others (left-out loss, movement, duration); leave out copies of runs",
     )  # fmt: skip
     add_json(parser)
 
@@ -311,9 +311,20 @@ def run_train(arguments: Namespace) -> int:
     names = [name for name in ("config", "namespace", "elements") if getattr(arguments, name)]
     if names and not any(is_bag(Path(each)) for each in training.files):
         raise ConfigError(f"--{names[0]} is about bags, and {', '.join(training.files)} has none")
+    if not (arguments.keep or arguments.check) and (failed := _failed(training.files)):
+        name, robots = next(iter(failed.items()))
+        text = f"the mission of {', '.join(robots)} failed in this recording: leave it out, or train with --keep"
+        raise ConfigError(text, file=name)
     options = RecordingOptions(namespace=arguments.namespace, elements=arguments.elements, report=note)
     with tables_of(training.files, arguments.config or arguments.configuration, options) as tables:
         return _train(arguments, replace(training, files=tables.paths), file, training.files, tables.completed)
+
+
+def _failed(files: Sequence[str]) -> dict[str, list[str]]:
+    """Return the recordings of FAME in which missions failed, each with the robots."""
+    from fame.monitor.data_files import failed_missions
+
+    return {each: robots for each in files if (robots := failed_missions(Path(each)))}
 
 
 def _train(arguments: Namespace, training: Training, file: str, files: Sequence[str], complete: Complete) -> int:
@@ -344,7 +355,7 @@ def _train(arguments: Namespace, training: Training, file: str, files: Sequence[
             print(_comparison(compared))
         if not arguments.keep:
             _refuse_doubtful(model, file, training, path)
-        named = {"files": [Path(each).name for each in files], **origin_of(path)}
+        named = {"files": [Path(each).name for each in files], "failed": _failed(files), **origin_of(path)}
         model = replace(model, data=hash_files(files), conditions={**model.conditions, **named})
         model.save(path)
         write_card(model, path)

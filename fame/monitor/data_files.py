@@ -470,6 +470,17 @@ def incomplete(path: Path) -> list[str]:
         return list(recording.warnings)
 
 
+def failed_missions(path: Path) -> list[str]:
+    """Return the robots whose mission failed in a recording of FAME; none for other files."""
+    if not _is_recording(path):
+        return []
+    from fame.log import Recording
+
+    with Recording(path) as recording:
+        robots = recording.state(recording.end).robots
+    return sorted(name for name, state in robots.items() if state.ended.get("failed"))
+
+
 def _read_recording(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[float, str, Any]]:
     """Yield messages of a recording of FAME: ``bpmn_events``, and with ``--log-topics`` other topics of robots."""
     from fame.log import Recording

@@ -44,7 +44,15 @@ from fame.monitor.pipeline.filters import LowPass, Windower
 from fame.monitor.pipeline.phases import Phases, reduced
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT, TrainedModel
-from fame.monitor.pipeline.training_checks import UNLIKE, drifts, lone_peaks, missing, unlike_movements
+from fame.monitor.pipeline.training_checks import (
+    UNLIKE,
+    drifts,
+    jumps,
+    lone_peaks,
+    missing,
+    unlike_durations,
+    unlike_movements,
+)
 from fame.monitor.storage import versions
 from fame.text import suggestion
 
@@ -170,6 +178,8 @@ def fit(
         "samples": sum(map(len, runs)), "settings": _plain(asdict(config)),
         "constant": [name for name, moves in zip(model.columns, _moves(runs), strict=True) if not moves],
         "movement": unlike_movements([runs[index] for index in whole]), "lone": lone[whole].tolist(),
+        "lasted": unlike_durations([runs[index] for index in whole]),
+        "jumps": [(places[index], step, at) for index, step, at in jumps(runs)],
         "drifts": drifts([runs[index] for index in whole]), "late_scores": _late_scores(filtered, whole, config, rate),
         LEAST_MOVEMENT: _least_movement(filtered, config, model), "copies": copied,
         RUN_HASHES: [run_hash(run.channels()) for run in runs if len(run)],

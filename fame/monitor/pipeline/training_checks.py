@@ -11,6 +11,7 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import FAR, FEWEST, calibrate
@@ -28,11 +29,14 @@ CLOSE = 10.0
 SPREAD = 8.0
 """Robust deviations (of logarithms) beyond which a run is unlike the others: some healthy tasks vary much."""
 MOVING = 2.0
-"""A channel that moves this many times more, or less, than usual may be unlike; its noise is less than 1 / this."""
+"""A channel that moves, or a run that lasts, this many times more or less than usual may be unlike; the noise of a
+channel is less than 1 / this."""
 UNLIKE = 1.2
 """Longest run over shortest, above which lengths are told."""
 WHOLE = 0.99
 """A run that is known to a smaller share is told."""
+JUMP = 10.0
+"""A step between two samples this many times the usual one, and more than 1 - `WHOLE` of the run, is a jump."""
 CHANCE = 0.01
 """Probability, by chance alone, of what is told about drift."""
 
@@ -76,6 +80,12 @@ def warnings_of(model: TrainedModel) -> list[str]:
     shortest, longest = model.conditions.get("seconds", (1.0, 1.0))
     if longest > UNLIKE * shortest:
         notes.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
+    for name, robots in model.conditions.get("failed", {}).items():
+        notes.append(f"{name}: the mission of {', '.join(robots)} failed: such a run may not be undisturbed")
+    if jumping := model.conditions.get("jumps", []):
+        number, step, at = max(jumping, key=lambda each: each[1])
+        found = f"stamps jump in {len(jumping)} of {model.conditions['runs']} runs, in run {number} by {step:.3g} s"
+        notes.append(f"{found} at {at:.3g} s: a clock that was set, samples that are missing, or several runs in one")
     return notes
 
 
@@ -109,7 +119,7 @@ def _least(loss: Any) -> Any:
 
 
 def outliers(model: TrainedModel) -> dict[int, str]:
-    """Name the runs that are unlike the others, by loss or movement: number, and a line."""
+    """Name the runs that are unlike the others, by loss, movement or duration: number, and a line."""
     if model.calibration is None:
         return {}
     numbers = model.conditions.get("numbers", range(len(model.calibration.scores)))
@@ -117,6 +127,8 @@ def outliers(model: TrainedModel) -> dict[int, str]:
         (index, f"{model.columns[channel]} moves {times:.2g} times as much as usual")
         for index, channel, times in model.conditions.get("movement", [])
     ]
+    lasted = model.conditions.get("lasted", [])
+    found += [(index, f"lasts {times:.2g} times as long as usual") for index, times in lasted]
     by_run = groupby(sorted(found, key=lambda pair: pair[0]), key=lambda pair: pair[0])
     return {
         numbers[index]: f"run {numbers[index]}: {', and '.join(text for _, text in texts)}" for index, texts in by_run
@@ -169,10 +181,40 @@ def unlike_movements(runs: Sequence[Samples]) -> list[tuple[int, int, float]]:
     judged = usual > np.maximum(MOVING * noise, 1e-9 * size)
     times = moved / np.where(judged, usual, 1.0)
     logs = np.where(judged, np.log(np.maximum(times, 1e-9)), 0.0)
-    far = np.abs(logs) > np.maximum(math.log(MOVING), SPREAD * _deviation(logs))
-    far &= far.sum(axis=0) <= max(1, len(runs) // 4)
+    far = _far(logs)
     worst = np.where(far, np.abs(logs), 0.0).argmax(axis=1)
     return [(int(row), int(worst[row]), float(times[row, worst[row]])) for row in np.flatnonzero(far.any(axis=1))]
+
+
+def unlike_durations(runs: Sequence[Samples]) -> list[tuple[int, float]]:
+    """Find runs that last much longer or shorter than usual: number, and how many times as long.
+
+    Not judged, as above, where a quarter of the runs are; and runs with elements of a mission, which may wait.
+    """
+    if all(run.elements for run in runs):
+        return []
+    lasted = np.array([[run.stamps[-1] - run.stamps[0]] for run in runs])
+    times = lasted / np.median(lasted)
+    return [(int(row), float(times[row, 0])) for row in np.flatnonzero(_far(np.log(np.maximum(times, 1e-9)))[:, 0])]
+
+
+def _far(logs: Floats) -> NDArray[np.bool_]:
+    """Return which logarithms of sizes, relative to the usual one (runs, channels), are unlike the others."""
+    far = np.abs(logs) > np.maximum(math.log(MOVING), SPREAD * _deviation(logs))
+    return np.asarray(far & (far.sum(axis=0) <= max(1, len(logs) // 4)))
+
+
+def jumps(runs: Sequence[Samples]) -> list[tuple[int, float, float]]:
+    """Find the largest step of the stamps of runs that jump, which no window spans: number, step and its begin, s since
+    the start of the run."""
+    found = []
+    for number, run in enumerate(runs):
+        steps = np.diff(run.stamps)
+        if len(steps) and (step := float(steps.max())) > max(
+            JUMP * float(np.median(steps)), (1 - WHOLE) * float(steps.sum())
+        ):
+            found.append((number, step, float(run.stamps[steps.argmax()] - run.stamps[0])))
+    return found
 
 
 def drifting(model: TrainedModel) -> list[str]:
