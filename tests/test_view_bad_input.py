@@ -6,6 +6,7 @@ import gc
 import json
 from contextlib import suppress
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -18,6 +19,7 @@ from fame.log import logging_to
 from fame.log.recording_file import RecordingFile
 from fame.scenario import Scenario
 from fame.view import Replay
+from fame.view.blocks import Packer
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -127,6 +129,32 @@ def test_messages_of_another_form_end_the_replay_with_a_notice(tmp_path: Path, t
     with suppress(ConfigError), Replay(path) as replay:  # it may be refused as a whole, in one line
         replay.wait()
         assert "the rest of the recording cannot be shown" in replay.notices[-1]
+
+
+def test_a_page_is_told_of_any_error_after_which_nothing_more_is_read(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It has been loaded before: it shows the notice at once, and no error ends the reader without a word."""
+    key, change = ("/fame/key", 0, '{"robots":{}}'), ("/fame/events", 5, '{"robot":"REX","events":[]}')
+    read, begun = Event(), Packer.put
+
+    def put(packer: Packer, topic: str, time: int, data: Any) -> None:
+        if topic == "/fame/events":
+            read.wait(30)
+            raise RuntimeError("no block can be made")
+        begun(packer, topic, time, data)
+
+    monkeypatch.setattr(Packer, "put", put)
+    with Replay(written(tmp_path / "run.mcap", {}, key, change)) as replay:
+        known, _ = replay.news(None)
+        assert replay.mission()["notices"] == []
+        read.set()
+        replay.wait()
+        known, news = replay.news(known)
+        assert news[-1] == {"type": "reload"}
+        why = "the rest of the recording cannot be shown: RuntimeError: no block can be made"
+        assert (replay.mission()["notices"], replay.mission()["reading"]) == ([why], 1.0)
+        assert replay.news(known) == (known, [])
 
 
 def test_files_are_closed_when_a_recording_is_refused_and_when_the_block_ends_in_an_error(tmp_path: Path) -> None:

@@ -67,6 +67,7 @@ class Replay(Closing):
             self._opened = opened.pop_all()
         self._done = 0
         self._reading = 0.0
+        self._failure = ""  # why the rest cannot be shown
         self._lock = threading.Lock()
         self._ahead_lock = threading.Lock()
         self._asked = 0  # answers that are being made
@@ -176,8 +177,10 @@ class Replay(Closing):
                     with self._lock:
                         self._done = max(0, len(packer.blocks) - 1)
                         self._reading = (message.time - recording.start) / length
-        except (FameError, *_MALFORMED) as error:
-            self.notices.append(f"the rest of the recording cannot be shown: {error}")
+        except Exception as error:  # whatever it is: the page must not take what was read for the whole
+            text = str(error) if isinstance(error, FameError) else f"{type(error).__name__}: {error}"
+            self._failure = f"the rest of the recording cannot be shown: {text}"
+            self.notices.append(self._failure)
         with self._lock:
             self._done, self._reading = len(packer.blocks), 1.0
 
@@ -291,10 +294,10 @@ class Replay(Closing):
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         with self._lock:
             done, reading = self._done, self._reading
-        now = (done, reading)
+        now = (done, reading, self._failure)
         if known == now:
             return known, []
-        first = known[0] if known is not None else 0
+        first, _, told = known if known is not None else (0, 0.0, "")
         news: dict[str, Any] = {
             "type": "index",
             "blocks": self._packer.index(first, done),
@@ -303,7 +306,7 @@ class Replay(Closing):
         }
         if len(self.catalogue.elements) > self._elements:
             news |= {"from": self._elements, "elements": self.catalogue.elements_json(self._elements)}
-        return now, [news]
+        return now, [news] if told == self._failure else [news, {"type": "reload"}]
 
     def tasks(self, element: str) -> list[Human]:
         return self.catalogue.tasks(element)
