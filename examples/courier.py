@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from fame.config.values import parameter
-from fame.middleware import messages
-from robots.vehicles import Car, VehicleParameters
-from sim2d.robot import MEASUREMENT, RobotConfig, RobotWorld, period
+from robots import Car, VehicleParameters, message_class, parameter
+from sim2d import MEASUREMENT, RobotConfig, RobotWorld, period
+
+TEMPERATURE = "sensor_msgs/msg/Temperature"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +29,11 @@ class Courier(Car):
         self._box: CourierParameters = config.parameters
         self._random = world.random(config.name, "temperature")
         self._every = period(1.0, world.step)
-        self._temperature = self.node.publisher("temperature", "sensor_msgs/msg/Temperature", MEASUREMENT)
+        self._reading = message_class(TEMPERATURE)
+        self._temperature = self.node.publisher("temperature", TEMPERATURE, MEASUREMENT)
 
     def sense(self, now: int, count: int) -> None:
         super().sense(now, count)
         if count % self._every == 0:
             measured = self._box.inside + self._box.noise * self._random.standard_normal()
-            reading = {"temperature": measured, "variance": self._box.noise**2}
-            self._temperature.publish(messages.create("sensor_msgs/msg/Temperature", reading))
+            self._temperature.publish(self._reading(temperature=measured, variance=self._box.noise**2))

@@ -38,8 +38,11 @@ if TYPE_CHECKING:
 
 
 @cache
-def constructor(type: str) -> Callable[..., AnyMessage]:
-    """Return the class of a message type. It takes fields in the order of ROS, without conversion or checks."""
+def message_class(type: str) -> Callable[..., AnyMessage]:
+    """Return the class of a message type: it takes fields by name or in the order of ROS, without conversion or checks.
+
+    Raises MessageError for an unknown type.
+    """
     kind: Any = messages.message_type(type)
     return kind  # type: ignore[no-any-return]
 
@@ -53,7 +56,7 @@ def maker(template: AnyMessage, *fields: str) -> Callable[..., AnyMessage]:
 @cache
 def header_maker(frame: str) -> Callable[[int], AnyMessage]:
     """Return a function that makes a std_msgs/msg/Header with this frame from a time (ns)."""
-    header, time = constructor("std_msgs/msg/Header"), constructor("builtin_interfaces/msg/Time")
+    header, time = message_class("std_msgs/msg/Header"), message_class("builtin_interfaces/msg/Time")
     return lambda now: header(time(now // SECOND, now % SECOND), frame)
 
 
@@ -171,7 +174,7 @@ class Camera:
         self._parameters, self._random, self._weeds = parameters, random, weeds
         self._opening = math.tan(math.radians(parameters.field_of_view) / 2)
         self._publisher = node.publisher("camera/weeds", POSES, MEASUREMENT)
-        self._header, self._make = header_maker(f"{node.namespace}/base_link"), constructor(POSES)
+        self._header, self._make = header_maker(f"{node.namespace}/base_link"), message_class(POSES)
         pose = messages.create("geometry_msgs/msg/Pose", {"orientation": {"w": 1.0}})
         self._pose, self._point = maker(pose, "position"), type(pose.position)
 
@@ -275,11 +278,12 @@ class Odometer:
 
 def _transforms(odometry: AnyMessage) -> AnyMessage:
     """The tf2_msgs/msg/TFMessage of an odometry: the robot in the frame `map`."""
-    stamped, transform = constructor("geometry_msgs/msg/TransformStamped"), constructor("geometry_msgs/msg/Transform")
-    pose, vector = odometry.pose.pose, constructor("geometry_msgs/msg/Vector3")
+    stamped = message_class("geometry_msgs/msg/TransformStamped")
+    transform = message_class("geometry_msgs/msg/Transform")
+    pose, vector = odometry.pose.pose, message_class("geometry_msgs/msg/Vector3")
     place = vector(pose.position.x, pose.position.y, pose.position.z)
     one = stamped(odometry.header, odometry.child_frame_id, transform(place, pose.orientation))
-    return constructor(TRANSFORMS)([one])
+    return message_class(TRANSFORMS)([one])
 
 
 @cache

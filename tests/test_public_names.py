@@ -1,4 +1,4 @@
-"""Pages show public names only: those in ``__all__`` of the packages that docs/python.md lists."""
+"""Pages and examples to copy show public names only: those in ``__all__`` of the packages in docs/python.md."""
 
 import ast
 import re
@@ -13,6 +13,8 @@ import sim2d.record
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
 PAGES = sorted([ROOT / "README.md", *ROOT.glob("docs/*.md")])
+EXAMPLES = sorted([ROOT / "examples" / "courier.py", *ROOT.glob("examples/**/tests/*.py")])
+"""What users copy; the other programs in `examples` repeat tables of papers."""
 PACKAGES = [
     name
     for row in re.findall(r"^\| `.*?` \|", PAGE.split("What calls")[0], re.MULTILINE)
@@ -47,20 +49,37 @@ def test_a_public_package_lists_its_names(name: str) -> None:
         assert getattr(package, each) is not None
 
 
+def not_public(block: ast.Module) -> list[str]:
+    """The names of FAME that a block takes although they are not public."""
+    return [
+        f"{package}.{name}"
+        for package, name in imported(block)
+        if package.split(".")[0] in ("fame", "robots", "sim2d") and not is_public(package, name)
+    ]
+
+
+def is_public(package: str, name: str) -> bool:
+    """Whether a package, or a name in it, is public."""
+    if package not in PACKAGES:
+        return False
+    return not name or name in import_module(package).__all__ or f"{package}.{name}" in PACKAGES
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_a_page_shows_public_names(page: Path) -> None:
-    for block in blocks(page):
-        for package, name in imported(block):
-            if package.split(".")[0] not in ("fame", "robots", "sim2d"):
-                continue
-            assert package in PACKAGES
-            assert not name or name in import_module(package).__all__ or f"{package}.{name}" in PACKAGES
+    assert [name for block in blocks(page) for name in not_public(block)] == []
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_to_copy_uses_public_names(path: Path) -> None:
+    assert not_public(ast.parse(path.read_text(encoding="utf-8"))) == []
 
 
 def test_there_is_something_to_look_at() -> None:
     assert len(PACKAGES) > 10
     assert len(RESULTS) > 5
     assert sum(len([*blocks(page)]) for page in PAGES) > 5
+    assert len(EXAMPLES) > 20
 
 
 @pytest.mark.parametrize("name", RESULTS)

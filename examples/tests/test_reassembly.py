@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fame.testing import MissionLoader, MissionUnderTest
-from fame.testing.fakes import FakeService
+from fame.testing import FakeService, MissionLoader, MissionUnderTest
 
 MODEL = "models/reassembly.bpmn"
 WAY = {"points": [{"time_from_start": {"sec": 2}}]}

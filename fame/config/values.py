@@ -196,10 +196,13 @@ Parameters = TypeVar("Parameters")
 
 
 def parameter(default: Any, unit: str = "", *, up_to: str = "", **limits: Any) -> Any:
-    """A field of a dataclass of parameters, with the limits of `ConfigValue.number` or `ConfigValue.integer`.
+    """Return a field of a dataclass of parameters, which people set in a file.
 
-    `names` maps words to the numbers that they mean, `known` lists the words of a text; `up_to` names a field that
-    bounds this one from above.
+    default  its value where the file says nothing
+    unit     of a number, such as ``m/s``
+    up_to    the name of a field that bounds this one from above
+    limits   of a number ``minimum``, ``maximum``, ``above``, and ``names``: words, and the numbers that they mean;
+             of a text ``known``: the words that it may be
     """
     return field(default=default, metadata={"limits": limits, "unit": unit, "up_to": up_to})
 

@@ -23,7 +23,7 @@ from fame.errors import ConfigError
 from fame.imports import require
 from robots.arm.sabotage import KINDS, alter, knots
 from robots.arm.task import DEPTH, MH5, RETURN, TRIANGLE, cutting_run, movement, simulated
-from robots.sensors import constructor, header_maker
+from robots.sensors import header_maker, message_class
 from robots.vehicles import check_fault
 from sim2d.robot import MEASUREMENT, Appearance, Pose, TopicCommand, Workpiece, body_of, period, rectangle
 
@@ -79,7 +79,7 @@ class Cutter:
         self._node = node = world.middleware.node("robot", config.name)
         self._joints = node.publisher("joint_states", JOINT_STATE, MEASUREMENT)
         self._cut = node.publisher("part_cut", NUMBER)
-        self._state, self._number = constructor(JOINT_STATE), constructor(NUMBER)
+        self._state, self._number = message_class(JOINT_STATE), message_class(NUMBER)
         self._header, self._names = header_maker(config.name), list(MH5.joints)
         node.subscription("cut", EMPTY, lambda _: self._begin())
         node.subscription("hold", EMPTY, lambda _: self._hold())

@@ -29,7 +29,7 @@ from robots.arm.bench import MOTOR, TABLE, Bench
 from robots.arm.dynamics import HOME, UR5E
 from robots.arm.kinematics import straight
 from robots.arm.machine import TYPICAL, ControlledArm, Generators, PlanningTime, RunVariation
-from robots.sensors import constructor, header_maker
+from robots.sensors import header_maker, message_class
 from robots.vehicles import check_fault
 from sim2d.ground import disc
 from sim2d.robot import MEASUREMENT, Appearance, Pose, TopicCommand, Workpiece, body_of, period, rectangle
@@ -80,7 +80,7 @@ class UR5e:
         self._node = node = world.middleware.node("robot", config.name)
         self._joints = node.publisher("joint_states", JOINT_STATE, MEASUREMENT)
         self._refused = node.publisher("trajectory_refused", "std_msgs/msg/String")
-        self._state, self._header = constructor(JOINT_STATE), header_maker(config.name)
+        self._state, self._header = message_class(JOINT_STATE), header_maker(config.name)
         self._names = list(UR5E.chain.joints)
         node.subscription("joint_trajectory", TRAJECTORY, self._follow)
         node.service("gripper", "std_srvs/srv/SetBool", self._grip)
