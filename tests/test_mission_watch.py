@@ -74,6 +74,18 @@ def test_another_process_and_an_engine_that_leaves_are_failures():
     assert list(watch.failures) == ["p"]
 
 
+def test_it_is_over_when_all_engines_leave_before_anything_has_started() -> None:
+    starts = '<startEvent id="s"><signalEventDefinition signalRef="S"/></startEvent><endEvent id="e"/>'
+    field = Field("p")
+    sent = field.deploy(definitions('<signal id="S" name="go"/>', process("p", starts, ("s", "e"))))
+    watch, reports, lines = MissionWatch(sent.id, sent.pools), dict(sent.reports), list[str]()
+    for second in range(30):
+        lines += watch.look(reports, field.scheduler.now + second * SECOND)
+    assert lines == ["p: its engine has been silent for 5 s"]
+    assert watch.over
+    assert list(watch.failures) == ["p"]
+
+
 def test_an_engine_that_is_heard_again_has_not_failed() -> None:
     field = Field("p")
     sent = field.deploy(mission(60))

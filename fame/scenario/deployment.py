@@ -88,7 +88,7 @@ class MissionWatch:
 
     def _is_over(self, now: int) -> bool:
         there = [robot for robot in self._robots if not self._has_gone(robot, now)]
-        if not self._begun or any(robot not in self._last for robot in there):
+        if (there and not self._begun) or any(robot not in self._last for robot in there):
             return False
         last = {robot: self._last[robot] for robot in there}
         runs = any(report.instances or report.ahead for report, _ in last.values())
