@@ -1,5 +1,7 @@
 """Signals with ``delivery=acknowledged`` reach every robot that catches them, once and in order, or are reported."""
 
+from pathlib import Path
+
 import pytest
 
 from fame.bpmn.reader import read_text
@@ -12,6 +14,7 @@ from fame.middleware import messages
 from fame.scenario.exploration import explore
 from fame.simulation import Simulation
 from tests.deployment_field import BPMN, Field, kill as kill_sender, made, process
+from tests.test_resumption import Durable
 
 INT = "std_msgs/msg/Int32"
 COUNTS = {"type": INT, "payload": "${n}", "delivery": "acknowledged", "ttl": "20"}
@@ -202,6 +205,65 @@ def test_a_new_deployment_of_all_gets_nothing_of_the_old_one():
     field.deploy(team(), id="d2", sequence=2)
     assert kept(field, "B")[:3] == [1, 2, 3]
     assert len(set(kept(field, "B"))) == len(kept(field, "B"))
+
+
+def test_without_a_queue_a_signal_that_no_event_waits_for_is_acknowledged_and_lost():
+    field = Field("A", "B")
+    busy = team(robots="B").replace('<c:property name="queue" value="500"/>', "")
+    field.deploy(busy.replace("kept = kept + [tick]", "kept = kept + [tick]\nawait sleep(1)"))
+    field.pass_time(30)
+    taken = kept(field, "B")
+    assert 30 <= len(taken) <= 45  # one a second
+    assert taken == sorted(set(taken))
+    assert field.variables("A")["n"] > 300
+    assert field.variables("A")["late"] == []
+
+
+# ---- robots with a state directory -----------------------------------------------------------------------------------
+
+
+class OneDurable(Durable):
+    """A throws, B catches; one of them has a state directory."""
+
+    def __init__(self, folder: Path, robot: str) -> None:
+        self.robot = robot
+        super().__init__(folder)
+        start(self, "B" if robot == "A" else "A")
+        self.listen("A", "B")
+
+
+@pytest.fixture
+def durable(request, tmp_path):
+    field = OneDurable(tmp_path / "state", request.param)
+    yield field
+    for engine in field.engines.values():
+        engine.close()
+
+
+@pytest.mark.parametrize("durable", ["B"], indirect=True)
+def test_a_receiver_with_a_state_acknowledges_what_is_on_its_disk(durable, monkeypatch):
+    durable.deploy(team(robots="B"))
+    file, order = durable.engine._keeper.recorder.journal._file, []
+    sync, answers = file.sync, "/A/bpmn_answer/tick"
+    monkeypatch.setattr(file, "sync", lambda: (order.append("disk"), sync()))
+    durable.person.subscription(answers, "std_msgs/msg/String", lambda message: order.append("answer"))
+    durable.pass_time(1)
+    assert len(order) > 10
+    assert order == ["disk", "answer"] * (len(order) // 2)
+
+
+@pytest.mark.parametrize("durable", ["A", "B"], indirect=True)
+def test_a_robot_with_a_state_goes_on_with_its_signals_after_a_crash(durable):
+    durable.deploy(team(robots="B"))
+    for _ in range(3):
+        durable.crash()
+        durable.pass_time(1)
+        durable.start()
+        durable.pass_time(3)
+    taken = kept(durable, "B")
+    assert taken == list(range(1, len(taken) + 1))
+    assert len(taken) > 150
+    assert durable.variables("A")["late"] == []
 
 
 # ---- models ----------------------------------------------------------------------------------------------------------
