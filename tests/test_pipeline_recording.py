@@ -11,6 +11,7 @@ import threading
 import urllib.parse
 import urllib.request
 from http.server import BaseHTTPRequestHandler, HTTPServer
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
+from fame.monitor import data_files
 from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.configuration import Configuration, load
 from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions, play, record_bag
@@ -239,6 +241,22 @@ def test_a_bag_without_the_topic_or_with_another_type_is_refused_before_a_file_i
             record_bag(tmp_path / "old.bag", configuration(tmp_path, **inputs), [tmp_path / "x.csv"])
     with pytest.raises(ConfigError, match="is not a readable bag"):
         record_bag(tmp_path / "none.bag", configuration(tmp_path), [tmp_path / "x.csv"])
+    assert not (tmp_path / "x.csv").exists()
+
+
+def test_of_a_bag_that_is_damaged_further_on_nothing_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ros1_bag(tmp_path / "old.bag")
+    whole = data_files.read_bag
+
+    def damaged(path: Path, topics: Any) -> Any:
+        yield from islice(whole(path, topics), 2)
+        raise ConfigError("is not a readable bag", file=str(path))
+
+    monkeypatch.setattr(data_files, "read_bag", damaged)
+    with pytest.raises(ConfigError, match="is not a readable bag"):
+        record_bag(tmp_path / "old.bag", configuration(tmp_path), [tmp_path / "x.csv"])
     assert not (tmp_path / "x.csv").exists()
 
 

@@ -226,9 +226,9 @@ def record_bag(
 ) -> RecordingNode:
     """Record from a bag, as fast as it can be read. Returns the node, which is closed.
 
-    Raises ConfigError, also where a bag is damaged further on: the rows before are in the outputs.
+    Raises ConfigError, of a damaged bag before a row is written: it is read twice.
     """
-    from fame.monitor.data_files import incomplete
+    from fame.monitor.data_files import incomplete, read_bag
 
     options = options or RecordingOptions()
     make = partial(RecordingNode, configuration=configuration, outputs=outputs, options=options)
@@ -239,7 +239,10 @@ def record_bag(
     topics = [(port.topic, port.type) for port in configuration.inputs]
     topics += [(options.run_topic, EMPTY)] if options.run_topic else []
     topics += [(EVENTS_TOPIC, STRING)] if options.elements else []
-    return play(bag, make, {resolve(topic, options.namespace): type for topic, type in topics})
+    types = {resolve(topic, options.namespace): type for topic, type in topics}
+    for _ in read_bag(bag, types):
+        pass
+    return play(bag, make, types)
 
 
 class BagTables(NamedTuple):
