@@ -70,9 +70,11 @@ class Elements:
 
     def _content(self, home: Definitions, node: FlowNode) -> Iterator[str]:
         """The ids of all that is inside a flow node."""
+        calls = [node] if isinstance(node, CallActivity) else []
         if node.body is not None:
             yield from (one.id for one in node.body.elements())
-        for call in [node] if isinstance(node, CallActivity) else node.body.calls() if node.body is not None else ():
+            calls += node.body.calls()
+        for call in calls:
             if call.called and not call.refused:
                 for _, process in self._library.closure(*self._library.find(home, call)):
                     yield from (one.id for one in process.body.elements())

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from glob import glob
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -325,8 +325,7 @@ def training_of(section: ConfigValue, folder: Path) -> Training:
             raise value.error(f"unknown key; {suggestion(name, _READERS)}")
         given[name] = _READERS[name](value)
         if name == "files":
-            found = [_matching(folder, item) or _no_match(folder, item) for item in _items(value)]
-            given[name] = tuple(str(path) for paths in found for path in paths)
+            given[name] = tuple(str(path) for item in _items(value) for path in _found(folder, item))
     return Training(**{**given, "model": str(folder / given.get("model", Training.model))})
 
 
@@ -408,8 +407,11 @@ def _matching(folder: Path, value: ConfigValue) -> list[Path]:
     return sorted(folder / path for path in glob(pattern, root_dir=folder, recursive=True))
 
 
-def _no_match(folder: Path, value: ConfigValue) -> NoReturn:
-    raise value.error(f"no file matches {value.text()!r} in {folder}")
+def _found(folder: Path, value: ConfigValue) -> list[Path]:
+    """Return them too. Raises ConfigError if a pattern matches none."""
+    if not (found := _matching(folder, value)):
+        raise value.error(f"no file matches {value.text()!r} in {folder}")
+    return found
 
 
 def _check(config: Training, runs: Sequence[Samples]) -> None:
