@@ -14,7 +14,7 @@ from random import Random
 from typing import Any, NamedTuple
 
 from fame.properties import Judge, Property, Vocabulary, compile, parse
-from fame.properties.conditions import Pose, Source
+from fame.properties.conditions import RobotPosition, ValueSource
 from fame.properties.sentence import Occurrence, Value
 from fame.properties.vocabulary import RobotTerms
 
@@ -70,7 +70,7 @@ class Item(NamedTuple):
     time: int
     event: tuple[str, str, str, Any] | None = None
     message: Any = None
-    source: Source | None = None
+    source: ValueSource | None = None
     value: Any = None
 
 
@@ -88,12 +88,12 @@ def _item(random: Random, time: int) -> Item:
     kind = random.randrange(8)
     if kind < 2:
         value = random.choice((0, 1, 2, 3, 3, None, "text"))
-        return Item(time, source=Source("variable", robot, "v"), value=value)
+        return Item(time, source=ValueSource("variable", robot, "v"), value=value)
     if kind == 2:
-        pose = Pose(random.choice((0, 1, 3)), 0.0, frame=random.choice(("world", "world", "world", "map")))
-        return Item(time, source=Source("pose", robot), value=pose)
+        pose = RobotPosition(random.choice((0, 1, 3)), 0.0, frame=random.choice(("world", "world", "world", "map")))
+        return Item(time, source=ValueSource("pose", robot), value=pose)
     if kind == 3:
-        return Item(time, source=Source("battery", robot), value=random.choice((0.2, 0.5, 0.9)))
+        return Item(time, source=ValueSource("battery", robot), value=random.choice((0.2, 0.5, 0.9)))
     if kind == 4:
         message = random.choice(({"id": 1}, {"id": 2}, {"id": 3}))
         return Item(time, (robot, random.choice(("throw", "reply")), "leave", None), message)
@@ -326,14 +326,14 @@ def _read(made: Property, robots: dict[str, str], items: Sequence[Item], time: i
     return holds, slack
 
 
-def _value(value: Value, robots: dict[str, str], last: dict[Source, Any]) -> Any:
+def _value(value: Value, robots: dict[str, str], last: dict[ValueSource, Any]) -> Any:
     if value.kind == "constant":
         return value.constant
     robot = robots.get(value.subject.text, value.subject.text)
     if value.kind == "distance":
-        one, other = (last.get(Source("pose", each)) for each in POOL)
+        one, other = (last.get(ValueSource("pose", each)) for each in POOL)
         return abs(one.x - other.x) if one and other and one.frame == other.frame else None
-    return last.get(Source(value.kind, robot, "v" if value.kind == "variable" else ""))  # type: ignore[arg-type]
+    return last.get(ValueSource(value.kind, robot, "v" if value.kind == "variable" else ""))  # type: ignore[arg-type]
 
 
 # ---- the comparison --------------------------------------------------------------------------------------------------

@@ -21,10 +21,6 @@ EXPECTED = {
     "Threshold": "the processor that pipelines name so, and the key of a learning file",
 }
 """The names that a reader expects in several places."""
-AWAITING = {
-    "Fault", "Kind", "Link", "Message", "Network", "Pose", "Report", "Run", "Source", "State", "Step",
-}  # fmt: skip
-"""Names that are still to be made one: this set only shrinks."""
 
 
 def defined(tree: ast.Module) -> Iterator[str]:
@@ -53,9 +49,9 @@ def homonyms() -> dict[str, list[str]]:
 
 def test_a_name_means_one_thing() -> None:
     found = homonyms()
-    new = {name: found[name] for name in sorted(found.keys() - EXPECTED.keys() - AWAITING)}
+    new = {name: found[name] for name in sorted(found.keys() - EXPECTED.keys())}
     assert new == {}, "give these a name of their own, or a reason in EXPECTED"
 
 
 def test_the_list_names_nothing_that_is_one() -> None:
-    assert sorted((EXPECTED.keys() | AWAITING) - homonyms().keys()) == []
+    assert sorted(EXPECTED.keys() - homonyms().keys()) == []

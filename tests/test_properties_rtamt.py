@@ -9,7 +9,7 @@ import pytest
 from compare_properties import Item, S, judged
 
 from fame.properties import parse
-from fame.properties.conditions import Source
+from fame.properties.conditions import ValueSource
 
 END = 40
 """Seconds of a trace. Events stop long enough before, so that all bounds are over."""
@@ -47,7 +47,7 @@ def test_a_bounded_response(seed: int) -> None:
 def test_the_slack_of_a_condition_is_its_robustness(seed: int) -> None:
     random = Random(seed)
     values = [random.choice((2.0, 2.5, 3.0, 4.0)) - (random.random() < 0.02) * 2 for _ in range(END)]
-    items = [Item(t * S, source=Source("variable", "A", "v"), value=value) for t, value in enumerate(values)]
+    items = [Item(t * S, source=ValueSource("variable", "A", "v"), value=value) for t, value in enumerate(values)]
     verdict, slack, time = judged(parse("always A.v > 1"), items, END * S, True)
     if verdict == "violated":  # what comes after a violation is not judged
         assert time is not None

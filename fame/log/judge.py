@@ -28,7 +28,7 @@ from fame.log.recording import RecordedMessage, Recording, scene_values
 from fame.log.team_state import TeamState
 from fame.middleware.interface import ENGINE
 from fame.properties import Judge, Judgement, Monitor, Property, compile
-from fame.properties.conditions import Pose, Source, field_of
+from fame.properties.conditions import RobotPosition, ValueSource, field_of
 from fame.properties.vocabulary import Closure, RobotTerms, Vocabulary, vocabulary
 from fame.robot.robot_state import RobotState
 
@@ -233,7 +233,7 @@ class TeamJudge:
         for robot in team.robots.keys() - self._expected:
             judge.doubt(robot, None)
         self._expected |= team.robots.keys()
-        self._reads: dict[str, list[Source]] = {}
+        self._reads: dict[str, list[ValueSource]] = {}
         for source in judge.sources:
             if source.kind == "variable":
                 self._reads.setdefault(source.subject, []).append(source)
@@ -304,8 +304,8 @@ class TeamJudge:
     def _take_world(self, time: int, data: Mapping[str, Any]) -> None:
         for robot, look in scene_values(data) if self._poses else ():
             if robot in self._poses:
-                place = Pose(look["x"], look["y"], look.get("altitude", 0.0))
-                self.judge.sample(time, Source("pose", robot), place)
+                place = RobotPosition(look["x"], look["y"], look.get("altitude", 0.0))
+                self.judge.sample(time, ValueSource("pose", robot), place)
 
     def message(self, time: int, topic: str, type: str, node: str, content: Callable[[], Any]) -> None:
         """Take a message of the mission, which `node` (full name) published."""
@@ -313,7 +313,7 @@ class TeamJudge:
         if topic in self.judge.topics:
             self.judge.message(time, sender if name == ENGINE else "", topic, content())
         if sender in self._batteries and type == BATTERY:
-            self.judge.sample(time, Source("battery", sender), field_of(content(), ("percentage",)))
+            self.judge.sample(time, ValueSource("battery", sender), field_of(content(), ("percentage",)))
 
     def _take_gaps(self, data: Mapping[str, Any]) -> None:
         """What was lost, and robots that were in the middle of their missions when the recording began."""

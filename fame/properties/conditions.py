@@ -15,13 +15,13 @@ STALE = SECOND
 """Age (ns) of a position that came in a message, after which it is not known."""
 
 
-class Source(NamedTuple):
+class ValueSource(NamedTuple):
     """What a host has to sample: its value is given to `fame.properties.judge.Judge.sample`.
 
     ``variable``  a process variable of robot `subject`: that of the process itself, not of what it calls
     ``battery``   its charge, 0 to 1
     ``topic``     the last message on the topic with this full name
-    ``pose``      a `Pose` of the robot: from the topic `name`, or without one that in the simulated world
+    ``pose``      a `RobotPosition` of the robot: from the topic `name`, or without one that in the simulated world
     """
 
     kind: Literal["variable", "battery", "topic", "pose"]
@@ -29,7 +29,7 @@ class Source(NamedTuple):
     name: str = ""
 
 
-class Pose(NamedTuple):
+class RobotPosition(NamedTuple):
     """A position (m) in a frame."""
 
     x: float
@@ -38,7 +38,7 @@ class Pose(NamedTuple):
     frame: str = "world"
 
 
-LastValues = Mapping[Source, Any]
+LastValues = Mapping[ValueSource, Any]
 Get = Callable[[LastValues, int], Any]
 """Takes the last values and the time (ns), and gives a value; None if it is not known."""
 Reading = tuple[bool, float | None] | None
@@ -51,13 +51,13 @@ _OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {"<": lt, "<=": le, ">": g
 class Condition:
     """A condition for certain robots: its sources and `read`."""
 
-    sources: frozenset[Source]
+    sources: frozenset[ValueSource]
     read: Callable[[LastValues, int], Reading]
 
     def __init__(
         self,
         comparisons: Sequence[tuple[Get, str, Get]],
-        sources: frozenset[Source],
+        sources: frozenset[ValueSource],
         negated: bool,
         names: Sequence[tuple[str, Get]],
     ) -> None:
@@ -123,21 +123,21 @@ def meets(message: Any, tests: Sequence[FieldTest]) -> bool | None:
     return True
 
 
-def distance(one: Pose | None, other: Pose | None) -> float | None:
+def distance(one: RobotPosition | None, other: RobotPosition | None) -> float | None:
     """The distance (m) of two positions; None in different frames."""
     if one is None or other is None or one.frame != other.frame:
         return None
     return math.dist(one[:3], other[:3])
 
 
-def pose_of(message: Any) -> Pose | None:
+def pose_of(message: Any) -> RobotPosition | None:
     """The position in a PoseStamped, PoseWithCovarianceStamped or Odometry; None if it has none."""
     inner = field_of(message, ("pose", "pose")) or field_of(message, ("pose",))
     x, y, z = (field_of(inner, ("position", axis)) for axis in "xyz")
     frame = field_of(message, ("header", "frame_id"))
     if frame is None or not all(isinstance(each, int | float) and math.isfinite(each) for each in (x, y, z)):
         return None
-    return Pose(x, y, z, frame)
+    return RobotPosition(x, y, z, frame)
 
 
 # ---- compile ---------------------------------------------------------------------------------------------------------
@@ -159,7 +159,7 @@ def conditions_of(made: Property, vocabulary: Vocabulary, binding: Mapping[str, 
 def _condition(
     made: Property, vocabulary: Vocabulary, binding: Mapping[str, str], pair: Mapping[int, Sequence[str]]
 ) -> Condition:
-    sources: set[Source] = set()
+    sources: set[ValueSource] = set()
     names: dict[str, Get] = {}
 
     def get(value: Value) -> Get:
@@ -188,7 +188,7 @@ def _name(value: Value, robots: Sequence[str]) -> str:
 
 def _getter(
     value: Value, robots: Sequence[str], made: Property, vocabulary: Vocabulary
-) -> tuple[Sequence[Source], Get]:
+) -> tuple[Sequence[ValueSource], Get]:
     """Sources and getter of a value. Raises ConfigError."""
     if value.kind == "constant":
         constant = value.constant
@@ -198,21 +198,21 @@ def _getter(
         return (one, other), lambda values, time: distance(values.get(one), values.get(other))
     if value.kind == "topic":
         vocabulary.check_topic_field(value.subject.text, value.path, made, value.subject.offset)
-        topic, path = Source("topic", value.subject.text), value.path
+        topic, path = ValueSource("topic", value.subject.text), value.path
         return (topic,), lambda values, time: field_of(values.get(topic), path)
     if value.kind == "battery":
-        battery = Source("battery", robots[0])
+        battery = ValueSource("battery", robots[0])
         return (battery,), lambda values, time: values.get(battery)
     vocabulary.check_variable(robots[0], value.path, made, value.subject.offset)
-    variable, rest = Source("variable", robots[0], str(value.path[0])), value.path[1:]
+    variable, rest = ValueSource("variable", robots[0], str(value.path[0])), value.path[1:]
     return (variable,), lambda values, time: field_of(values.get(variable), rest)
 
 
-def _pose_source(robot: str, made: Property, vocabulary: Vocabulary) -> Source:
+def _pose_source(robot: str, made: Property, vocabulary: Vocabulary) -> ValueSource:
     """Where the position of a robot comes from. Raises ConfigError for a wrong entry of `poses`."""
     named = {name: each for each in made.poses for name in vocabulary.robots_of(Word(each.robot), each)}
     if robot not in named:
-        return Source("pose", robot)
+        return ValueSource("pose", robot)
     at = named[robot]
     topic = f"/{robot}{at.topic[1:]}" if at.topic.startswith("~") else at.topic
     vocabulary.check_topic_field(topic, ("header", "frame_id"), at, 0)
@@ -220,7 +220,7 @@ def _pose_source(robot: str, made: Property, vocabulary: Vocabulary) -> Source:
     wrong = [vocabulary.check_field(topic, (*outer, "position")) for outer in (("pose",), ("pose", "pose"))]
     if all(wrong):
         raise at.error(wrong[0])
-    return Source("pose", robot, topic)
+    return ValueSource("pose", robot, topic)
 
 
 def subjects(made: Property) -> Iterator[Value]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from fame.errors import NOT_KNOWN
-from fame.properties.conditions import STALE, Pose, Source, pose_of
+from fame.properties.conditions import STALE, RobotPosition, ValueSource, pose_of
 from fame.properties.monitor import (
     OPEN,
     SECOND,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 HEADS = ("property", "verdict", "slack", "why")
 """Columns of a table of judgements (`Judgement.row`)."""
-_PLAIN = frozenset((Pose, float, int, str))
+_PLAIN = frozenset((RobotPosition, float, int, str))
 """Types of values that are compared before anything else is done."""
 _FOREVER = 1 << 62
 """The doubt (ns) of a clock that was not measured."""
@@ -100,11 +100,11 @@ class Judge:
 
     now: int
     monitors: Sequence[Monitor]
-    sources: frozenset[Source]
+    sources: frozenset[ValueSource]
     topics: frozenset[str]
 
     def __init__(self, monitors: Sequence[Monitor], on_violation: Callable[[Judgement], object] | None = None) -> None:
-        self.values: dict[Source, Any] = {}
+        self.values: dict[ValueSource, Any] = {}
         self.watch: Callable[[int, Judgement], object] | None = None
         self._states: list[list[PartState]] = [list(one.initial) for one in monitors]
         self.now = 0
@@ -116,7 +116,7 @@ class Judge:
         self._began: dict[_Place, tuple[int, str, str]] = {}
         self._broken: dict[_Place, tuple[str, str, str]] = {}  # robot, element, values
         self._reasons: dict[int, str] = {}
-        self._measured: dict[Source, int] = {}  # when the last position came from a topic, the oldest first
+        self._measured: dict[ValueSource, int] = {}  # when the last position came from a topic, the oldest first
         self._curves: dict[_Place, tuple[int, float]] = {}  # when a condition was watched last, and its slack then
         self._on_violation, self._told = on_violation, set[int]()
         self._use(monitors)
@@ -127,7 +127,7 @@ class Judge:
         self.topics = frozenset(_topics(monitors))
         self._due: int | None = 0 if any(one.timed for one in monitors) else None
         self._watched: dict[str, dict[str, dict[str, list[int]]]] = {}
-        self._readers: dict[Source, list[_Place]] = defaultdict(list)
+        self._readers: dict[ValueSource, list[_Place]] = defaultdict(list)
         self._poses = [source for source in self.sources if source.kind == "pose" and source.name]
         self._clocks: dict[_Place, tuple[int, int]] = {}
         for number, monitor in enumerate(monitors):
@@ -249,7 +249,7 @@ class Judge:
         if time > self.now:
             self.advance(time)
         self._messages[robot, topic].append(message)
-        source = Source("topic", topic)
+        source = ValueSource("topic", topic)
         if source in self._readers:
             self.sample(time, source, message)
         for one in self._poses:
@@ -258,7 +258,7 @@ class Judge:
                 self._measured.pop(one, None)
                 self._measured[one] = time
 
-    def sample(self, time: int, source: Source, value: Any) -> None:
+    def sample(self, time: int, source: ValueSource, value: Any) -> None:
         """Take the value of a source; None if it is lost."""
         if time > self.now:
             self.advance(time)

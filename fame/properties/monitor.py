@@ -23,7 +23,16 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-from fame.properties.conditions import Condition, LastValues, Reading, Source, conditions_of, field_of, meets, subjects
+from fame.properties.conditions import (
+    Condition,
+    LastValues,
+    Reading,
+    ValueSource,
+    conditions_of,
+    field_of,
+    meets,
+    subjects,
+)
 from fame.properties.sentence import FieldTest, Occurrence, Property, Word
 from fame.properties.vocabulary import Vocabulary
 
@@ -324,7 +333,7 @@ class Monitor:
         return tuple(part.initial for part in self.parts)
 
     @property
-    def sources(self) -> frozenset[Source]:
+    def sources(self) -> frozenset[ValueSource]:
         """The values that it reads."""
         return frozenset(source for part in self.parts if part.condition for source in part.condition.sources)
 

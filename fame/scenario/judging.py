@@ -17,7 +17,7 @@ from fame.log.channels import PROPERTIES
 from fame.log.team_state import Put
 from fame.middleware import messages
 from fame.middleware.interface import ENGINE
-from fame.properties.conditions import Pose, Source, field_of
+from fame.properties.conditions import RobotPosition, ValueSource, field_of
 from fame.properties.judge import ABSENT, Judge, Judgement
 from fame.properties.monitor import Monitor, compile
 from fame.properties.vocabulary import CheckField, Vocabulary, vocabulary_of
@@ -65,7 +65,7 @@ class RunJudge(Observer):
     def __init__(self, plan: Plan, report: Callable[[Judgement], object]) -> None:
         self._plan, self._report = plan, report
         self._nodes: dict[str, RobotNode] = {}
-        self._reads: dict[str, list[Source]] = {}
+        self._reads: dict[str, list[ValueSource]] = {}
         self._changed: set[str] = set()
         self._instances: dict[str, list[Instance]] = {}  # the last one of each robot: it may have ended since
         self._recordings: list[Put] = []
@@ -147,7 +147,7 @@ class RunJudge(Observer):
             robot = node.namespace if node.name == ENGINE else ""
             return lambda message: self.judge.message(scheduler.now, robot, topic, message)
         if publisher.type == BATTERY and node.namespace in self._batteries:
-            source = Source("battery", node.namespace)
+            source = ValueSource("battery", node.namespace)
             return lambda message: self.judge.sample(scheduler.now, source, float(message.percentage))
         return None
 
@@ -161,7 +161,7 @@ class RunJudge(Observer):
             (x, y, _), altitude = (body.pose, body.altitude) if hasattr(body, "altitude") else body.appearance[:2]
             if self._seen.get(robot) != (x, y, altitude):
                 self._seen[robot] = x, y, altitude
-                self.judge.sample(now, Source("pose", robot), pose(x, y, altitude))
+                self.judge.sample(now, ValueSource("pose", robot), pose(x, y, altitude))
 
     def judgements(self, *, complete: bool = False) -> list[Judgement]:
         """The judgements now, as if this instant were over; `complete`: and nothing came after it."""
@@ -267,9 +267,9 @@ class _RunWatch:
         self._watches.remove(self._watch)
 
 
-def pose(x: float, y: float, altitude: float) -> Pose:
+def pose(x: float, y: float, altitude: float) -> RobotPosition:
     """A position in the world, as recordings have it."""
-    return Pose(round(x, 4), round(y, 4), round(altitude, 3))
+    return RobotPosition(round(x, 4), round(y, 4), round(altitude, 3))
 
 
 def _wrong_field(middleware: LocalMiddleware, topic: str, path: tuple[str | int, ...]) -> str:

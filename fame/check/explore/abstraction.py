@@ -34,7 +34,7 @@ STEP = "explored step "
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class AbstractStep:
     """Something that takes time: a behaviour, a service, or a script that waits.
 
     writes   variables that it may set at any time: they are unknown from its beginning on
@@ -82,7 +82,7 @@ class Abstraction:
     types: Mapping[str, TopicUse]
     shared: frozenset[str] = frozenset()
     outside: frozenset[str] = frozenset()
-    steps: dict[str, Step] = field(default_factory=dict)
+    steps: dict[str, AbstractStep] = field(default_factory=dict)
     kept: dict[str, frozenset[str]] = field(default_factory=dict)
     matters: set[str] = field(default_factory=set)
     counted: frozenset[str] = frozenset()
@@ -174,7 +174,7 @@ class Abstraction:
             return script
         return self.aliases.marked(script if caught else sliced(script, self.needed), self.needed)
 
-    def _service(self, task: model.Task, body: model.Body, around: bool) -> Step:
+    def _service(self, task: model.Task, body: model.Body, around: bool) -> AbstractStep:
         """A service or action, which may fail with the codes that error events of the team catch."""
         fails = {code for code in step_codes(task, None, body) if code != "script"}
         fails |= _fails(task, self.catches)
@@ -190,7 +190,7 @@ class Abstraction:
             results = {name for item in body.data_objects if item.id in task.data_outputs for name in item.names}
             results = results or {variable_name(task.service.name)}
         feedback = re.findall(r"\w+", task.properties.get("feedback", ""))
-        return Step(writes=tuple(feedback), results=tuple(sorted(results)), codes=tuple(sorted(fails)))
+        return AbstractStep(writes=tuple(feedback), results=tuple(sorted(results)), codes=tuple(sorted(fails)))
 
     def _asked(self, task: model.Task, body: model.Body, around: bool) -> set[str]:
         """The codes with which the actions and services of a script fail, as those of a service task do."""
@@ -254,7 +254,7 @@ class Abstraction:
             codes = (*codes, *sorted(self._unhandled(call, left, named)))
         name = step_name(home.file, call.id)
         sorts = [tuple(sorted(names)) for names in (writes, changes, results, used)]
-        self.steps[name] = Step(sorts[0], sorts[1], sorts[2], sorts[3], codes)
+        self.steps[name] = AbstractStep(sorts[0], sorts[1], sorts[2], sorts[3], codes)
         kept = {item.name: getattr(call, item.name) for item in fields(model.Activity)}
         kept |= {"io": None, "copies_out": (), "required": ()}
         return model.Task(kind="service", operation=name, **kept)

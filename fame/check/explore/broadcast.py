@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from itertools import permutations
 
-from fame.check.explore.network import Network, Receivers, Sent
+from fame.check.explore.network import NetworkContents, Receivers, Sent
 from fame.check.explore.transitions import BITS, CUT, MASK, Move, Reactions
 
 MOST_IN_CASCADE = 200
@@ -18,7 +18,7 @@ MOST_ORDERS = 24
 """Orders in which equal robots answer one message."""
 
 
-class Message:
+class ImmediateMessage:
     """A message that is delivered at once.
 
     mask      the bits of its receivers in a state of the team
@@ -38,7 +38,7 @@ class Message:
         self.arrivals: dict[int, list[_Arrival]] = {}
 
 
-_Queue = tuple[Message, ...]
+_Queue = tuple[ImmediateMessage, ...]
 _Arrival = tuple[int, int, Reactions, _Queue]
 """What comes of a message: difference of the state, marks, moves of the receivers, their answers."""
 _Spreading = tuple[int, _Queue, Reactions, int]
@@ -53,21 +53,21 @@ class Broadcast:
     groups     places of robots that nothing tells apart
     """
 
-    network: Network
+    network: NetworkContents
     receivers: Receivers
     receive: Callable[[int, int, str, int], tuple[Move, ...]]
     groups: Sequence[tuple[int, ...]]
 
     def __init__(
         self,
-        network: Network,
+        network: NetworkContents,
         receivers: Receivers,
         receive: Callable[[int, int, str, int], tuple[Move, ...]],
         groups: Sequence[tuple[int, ...]],
     ) -> None:
         self.network, self.receivers, self.receive, self.groups = network, receivers, receive, groups
         self._firsts: dict[int, _Queue] = {}
-        self._messages: dict[tuple[int, tuple[str, int, str]], Message] = {}
+        self._messages: dict[tuple[int, tuple[str, int, str]], ImmediateMessage] = {}
 
     def spread(self, state: int, sending: int, lost: int = -1) -> list[tuple[int, Reactions]]:
         """Deliver at once what was sent and what follows, in the order of sending; one delivery may be lost."""
@@ -104,12 +104,12 @@ class Broadcast:
             message = self._messages.get((sender, one))
             if message is None:
                 topic, number, only = one
-                made = Message(sender, topic, number, self.receivers(sender, topic, only))
+                made = ImmediateMessage(sender, topic, number, self.receivers(sender, topic, only))
                 message = self._messages[sender, one] = made
             found.append(message)
         return tuple(found)
 
-    def _delivered(self, state: int, message: Message, lost: int) -> list[_Arrival]:
+    def _delivered(self, state: int, message: ImmediateMessage, lost: int) -> list[_Arrival]:
         """A message reaches all its receivers but the one with number `lost`: what may come of it.
 
         The local states of the receivers alone decide.

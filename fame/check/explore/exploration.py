@@ -16,7 +16,7 @@ from fame.bpmn.model import CallActivity, Definitions, Element, Process
 from fame.bpmn.pools import Pool, shared_topics
 from fame.check.explore.abstraction import STEP, Abstraction, abstraction
 from fame.check.explore.faults import Faults
-from fame.check.explore.findings import FAILING, KINDS, LEVELS, Finding, Kind, Report
+from fame.check.explore.findings import FAILING, KINDS, LEVELS, ExplorationReport, Finding, FindingKind
 from fame.check.explore.graph import Explored
 from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
 from fame.check.explore.host import ExplorationHost, OutOfTimeError, never
@@ -45,7 +45,7 @@ DELIVERIES: tuple[Delivery, ...] = ("run", "fast")
 """What is explored by default, one after the other."""
 SEARCHING = 0.7
 """Share of the time after which a search ends, so that some is left for samples."""
-OF_WHOLE_MISSIONS: tuple[Kind, ...] = ("always-lost", "outside", "unneeded", "unstarted", "unreachable")
+OF_WHOLE_MISSIONS: tuple[FindingKind, ...] = ("always-lost", "outside", "unneeded", "unstarted", "unreachable")
 """Kinds of findings that mean nothing if a mission is explored from its middle."""
 _YOUNG = 50_000
 """New objects after which garbage is collected: states stay, and engines are freed without it."""
@@ -367,7 +367,7 @@ class Team:
         found = [one for one in report.findings() if one.kind in (*FAILING, "error", "condition", "dropped")]
         return sampler.bound, found
 
-    def _note_received(self, report: Report) -> None:
+    def _note_received(self, report: ExplorationReport) -> None:
         """Note which topics some robot of a process has received."""
         flags = report.product.flags
         self.received |= {(report.processes[robot], what) for kind, robot, what in flags if kind == "received"}
@@ -396,7 +396,7 @@ class Team:
 
     def _report(
         self, delivery: Delivery, limit: int, stop: Callable[[], bool], *, faults: bool = False, unhandled: bool = False
-    ) -> tuple[Report, tuple[str, ...]]:
+    ) -> tuple[ExplorationReport, tuple[str, ...]]:
         """What the states of the team say, and what was left out."""
         request = self.request
         options = Options(
@@ -419,8 +419,8 @@ class Team:
         cuts = tuple(self._cuts(product, explored))
         return self._told(product, explored, exhaustive=not cuts), cuts
 
-    def _told(self, product: Product, explored: Explored, *, exhaustive: bool) -> Report:
-        return Report(
+    def _told(self, product: Product, explored: Explored, *, exhaustive: bool) -> ExplorationReport:
+        return ExplorationReport(
             Runs(product, explored, self.places),
             pools=tuple(pool.name for pool in self.cast.values()),
             starts=tuple(_starts(local) for local in self.locals),

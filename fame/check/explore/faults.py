@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from fame.check.explore.graph import Explored
 from fame.check.explore.local import Successor
-from fame.check.explore.product import Fault, Product
+from fame.check.explore.product import Product, SingleFault
 from fame.check.explore.stimuli import Stimulus
 from fame.check.explore.transitions import BITS, DEAD, FAULTS, Move, Reactions, Transition
 from fame.check.explore.views import element_of
@@ -22,9 +22,9 @@ class Faults:
 
     def __init__(self, product: Product) -> None:
         self.product = product
-        self._numbers: dict[Fault, int] = {}
+        self._numbers: dict[SingleFault, int] = {}
 
-    def _happens(self, fault: Fault) -> int:
+    def _happens(self, fault: SingleFault) -> int:
         """The difference of a state when a fault happens; what follows on one without a number is not explored."""
         product = self.product
         number = self._numbers.get(fault, FAULTS)
@@ -55,13 +55,13 @@ class Faults:
                 found.append((state + died.difference + fault, robot, died, ()))
             found += self._blocks(state, robot, old)
 
-    def _failure(self, robot: int, move: Move) -> Fault:
+    def _failure(self, robot: int, move: Move) -> SingleFault:
         text = next(what for kind, what in move.successor.flags if kind == "error")
         element, _, error = text.partition("\n")
         code = error.partition(";")[0].removeprefix("error ").removesuffix(" was not caught")
         return ("behaviour", self.product.robots[robot], element, code)
 
-    def _missed(self, topic: object, receiver: int) -> Fault:
+    def _missed(self, topic: object, receiver: int) -> SingleFault:
         """A message does not arrive: a signal that is acknowledged is only late, until its time to live is over."""
         kind = "expiry" if topic in self.product.options.acknowledged else "message"
         return (kind, str(topic), self.product.robots[receiver])
@@ -99,10 +99,10 @@ class Faults:
                     yield state + move.difference + fault, robot, move, ()
 
 
-def outcomes(product: Product, explored: Explored, good: bytearray) -> dict[Fault, int | None]:
+def outcomes(product: Product, explored: Explored, good: bytearray) -> dict[SingleFault, int | None]:
     """Fault -> number of the first state from which the others cannot end any more; None if they always can."""
-    found: dict[Fault, int | None] = {fault: None for fault in product.faults if fault}
-    first: dict[Fault, int] = defaultdict(lambda: len(explored.states))
+    found: dict[SingleFault, int | None] = {fault: None for fault in product.faults if fault}
+    first: dict[SingleFault, int] = defaultdict(lambda: len(explored.states))
     for at in explored.stuck:
         fault = product.fault_of(explored.states[at])
         if fault:

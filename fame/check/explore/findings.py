@@ -22,21 +22,21 @@ from typing import Literal
 
 from fame.check.explore.faults import outcomes
 from fame.check.explore.graph import Explored
-from fame.check.explore.product import Fault, Product
-from fame.check.explore.trace import Place, Run, Runs, Step, waiting
+from fame.check.explore.product import Product, SingleFault
+from fame.check.explore.trace import Place, Runs, Step, TracedRun, waiting
 from fame.check.explore.values import MARK
 
-Kind = Literal[
+FindingKind = Literal[
     "deadlock", "never", "lost", "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition",
     "growth", "fault", "unneeded", "fewer", "run",
 ]  # fmt: skip
-FAILING: tuple[Kind, ...] = ("deadlock", "never", "lost")
+FAILING: tuple[FindingKind, ...] = ("deadlock", "never", "lost")
 """The kinds that always make a check fail: robots wait forever."""
 LEVELS = ("error", "warning", "note")
 """How bad a finding is, the worst first."""
 Cause = frozenset[tuple[str, str]]
 """At which elements robots of which pool wait forever; "" for those that go on."""
-KINDS: tuple[Kind, ...] = (
+KINDS: tuple[FindingKind, ...] = (
     *FAILING, "run", "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition", "growth",
     "fault", "fewer", "unneeded",
 )  # fmt: skip
@@ -58,7 +58,7 @@ class Finding:
     certain   an error that is raised whatever the unknown values are, or without which no run completes
     """
 
-    kind: Kind
+    kind: FindingKind
     text: str
     places: tuple[Place, ...] = ()
     processes: tuple[str, ...] = ()
@@ -96,7 +96,7 @@ class Finding:
 
 
 @dataclass(slots=True)
-class Report:
+class ExplorationReport:
     """What is known of a team beside its states.
 
     pools      the pool of each robot, by place
@@ -170,7 +170,7 @@ class Report:
     def _stuck_states(self) -> frozenset[int]:
         return frozenset(self.explored.stuck)
 
-    def _in_run(self, fault: Fault, at: int) -> Fault:
+    def _in_run(self, fault: SingleFault, at: int) -> SingleFault:
         """The fault with the robot by its name in the run to a state: equal robots change places."""
         steps, after, _ = self.runs.to(at)
         states = self.explored.states
@@ -199,7 +199,7 @@ class Report:
         reason = self._reason(finding.kind, [*(place.element for place in finding.places), *finding.processes])
         return replace(finding, accepted=reason) if reason else finding
 
-    def _reason(self, kind: Kind, elements: Iterable[str]) -> str:
+    def _reason(self, kind: FindingKind, elements: Iterable[str]) -> str:
         """Why one of some elements and processes accepts a finding of a kind; empty if none does."""
         kinds = (kind, "deadlock") if kind == "lost" else (kind,)
         return next((self.accepts[one][each] for one in elements if one in self.accepts
@@ -225,7 +225,7 @@ class Report:
         other = self._waiting("deadlock", way[-1], good, self.runs.along(way)) if way else one
         return one if other.accepted else other
 
-    def _least(self, kind: Kind, causes: Mapping[Cause, int], good: bytearray) -> Iterator[Finding]:
+    def _least(self, kind: FindingKind, causes: Mapping[Cause, int], good: bytearray) -> Iterator[Finding]:
         """The findings of some causes, accepted ones and others, each without those whose cause contains another."""
         found = {cause: self._without_loss(cause, self._waiting(kind, at, good), good) for cause, at in causes.items()}
         for cause, one in found.items():
@@ -253,7 +253,7 @@ class Report:
                 places = tuple(self.runs.place(element) for element, _ in starts)
                 yield Finding("unstarted", text, places, (self.processes[pool[0]],), tuple(self.runs.to(at).steps))
 
-    def _waiting(self, kind: Kind, at: int, good: bytearray, run: Run | None = None) -> Finding:
+    def _waiting(self, kind: FindingKind, at: int, good: bytearray, run: TracedRun | None = None) -> Finding:
         """A finding about a state in which robots wait forever, accepted if for each of them something accepts it."""
         state = self.explored.states[at]
         steps, after, names = run or self.runs.to(at)

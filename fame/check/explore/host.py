@@ -16,7 +16,7 @@ from typing import Any
 
 from fame.bpmn.model import Expression
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
-from fame.check.explore.abstraction import Abstraction, Step, emitted, step_name
+from fame.check.explore.abstraction import Abstraction, AbstractStep, emitted, step_name
 from fame.check.explore.aliases import SHARED, Aliases, shared
 from fame.check.explore.asking import asking, functions
 from fame.check.explore.purity import STEPS, catches, is_certain, is_computable, may_raise, waits
@@ -54,7 +54,7 @@ class OutOfTimeError(Exception):
 class Running:
     """A script, service or behaviour that takes time."""
 
-    def __init__(self, step: Step) -> None:
+    def __init__(self, step: AbstractStep) -> None:
         self.step = step
 
     def close(self) -> None: ...
@@ -109,7 +109,7 @@ class ExplorationHost:
     ) -> None:
         self.robot, self.values, self.robots, self.ordered, self.observed = robot, values, robots, ordered, observed
         self.types, self.fields = model.types, field_names(model.types)
-        self.steps: Mapping[str, Step] = model.steps
+        self.steps: Mapping[str, AbstractStep] = model.steps
         self.matters: Set[str] = model.matters
         self.own_topics: frozenset[str] = frozenset()
         self.decisions: tuple[int, ...] = ()
@@ -337,7 +337,7 @@ class ExplorationHost:
             )
         return lambda variables: self._computed(run, step, element, variables)
 
-    def _computed(self, run: Callable[..., Any], step: Step, element: str, variables: dict[str, Any]) -> None:
+    def _computed(self, run: Callable[..., Any], step: AbstractStep, element: str, variables: dict[str, Any]) -> None:
         """Run a script; one that asks too much of an unknown value counts as not computable."""
         self.compute(element)
         sent, posted = len(self.outcome.sent), len(self.engine.ready)
@@ -365,7 +365,7 @@ class ExplorationHost:
             self.engine.ready.pop()
         self._abstract(step, element, variables)
 
-    def _abstract(self, step: Step, element: str, variables: dict[str, Any]) -> None:
+    def _abstract(self, step: AbstractStep, element: str, variables: dict[str, Any]) -> None:
         """The known effects of a script that is not run."""
         self.compute(element)
         chosen = self.choose(1 + len(step.codes)) if step.codes else 0
@@ -383,7 +383,7 @@ class ExplorationHost:
             variables[variable] = self.values.unknown
         self.engine.script_ended(wait.key, None if code is None else BpmnError(code))
 
-    def end_step(self, step: Step, variables: dict[str, Any], *, failed: bool) -> None:
+    def end_step(self, step: AbstractStep, variables: dict[str, Any], *, failed: bool) -> None:
         """End a step: its results are unknown, and what it does not certainly publish is published or not."""
         self._begin_step(step, variables)
         if not failed:
@@ -393,7 +393,7 @@ class ExplorationHost:
             if topic in self.types and ((certain and not failed) or self.choose(2) == 0):
                 self._emit(topic, self.values.unknown)
 
-    def _begin_step(self, step: Step, variables: dict[str, Any]) -> None:
+    def _begin_step(self, step: AbstractStep, variables: dict[str, Any]) -> None:
         """Make unknown what a script or behaviour may set or change at any time."""
         self.memory.change(step.changes)
         self._set_unknown(step.writes, variables)
@@ -413,7 +413,7 @@ class ExplorationHost:
                     variables[name] = self.values.unknown
 
     def service(self, operation: str, *, element: str, file: str) -> Callable[..., Any]:
-        running = Running(self.steps.get(operation) or self.steps.get(step_name(file, element)) or Step())
+        running = Running(self.steps.get(operation) or self.steps.get(step_name(file, element)) or AbstractStep())
         return self._noted(lambda variables: running, element)
 
     def _noted(self, run: Callable[..., Any], element: str) -> Callable[..., Any]:
@@ -549,19 +549,19 @@ def _is_about_unknown(error: Exception) -> bool:
     return unpacked or isinstance(error, TypeError | AttributeError)
 
 
-def step_under_way(wait: Wait) -> Step:
+def step_under_way(wait: Wait) -> AbstractStep:
     """What takes time where a token waits."""
     made = wait.node.spec.run(wait.scope.variables)
     assert isinstance(made, Running)
     return made.step
 
 
-def step_of(script: Expression) -> Step:
+def step_of(script: Expression) -> AbstractStep:
     """The known effects of a script that is not run."""
     codes = own_codes(script) or ()
     emits = tuple((topic, is_certain(script, topic)) for topic in emitted(script))
     writes, changes = script_writes(script), changed_in_place(script) | may_change(script)
-    return Step(tuple(sorted(writes)), tuple(sorted(changes)), codes=tuple(sorted(codes)), emits=emits)
+    return AbstractStep(tuple(sorted(writes)), tuple(sorted(changes)), codes=tuple(sorted(codes)), emits=emits)
 
 
 def _at(value: Any, path: str) -> Any:

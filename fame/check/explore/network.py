@@ -21,7 +21,7 @@ Sent = tuple[tuple[str, int, str], ...]
 Receivers = Callable[[int, str, str], tuple[int, ...]]
 
 
-class Network:
+class NetworkContents:
     """The contents of a network, by number; 0 is empty. `piles`: the channels in which too many messages were.
 
     All differences are of the number alone.

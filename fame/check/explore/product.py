@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Literal
 from fame.check.explore.broadcast import Broadcast
 from fame.check.explore.host import never
 from fame.check.explore.local import Local, Successor
-from fame.check.explore.network import BEYOND, Network
+from fame.check.explore.network import BEYOND, NetworkContents
 from fame.check.explore.stimuli import Stimulus
 from fame.check.explore.symmetry import Symmetry
 from fame.check.explore.transitions import (
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from fame.check.explore.properties import Monitors
 
 Delivery = Literal["run", "fast", "any"]
-Fault = tuple[str, ...]
+SingleFault = tuple[str, ...]
 """A fault: (``engine``, robot), (``message`` or ``expiry``, topic, receiver) or (``behaviour``, robot, element, code or
 "")."""
 
@@ -99,7 +99,7 @@ class Product:
     cut: bool
     further_faults: bool
     options: Options
-    network: Network
+    network: NetworkContents
 
     def __init__(self, robots: Sequence[str], locals: Sequence[Local], options: Options) -> None:
         self.robots, self.locals, self.options = tuple(robots), tuple(locals), options
@@ -113,8 +113,8 @@ class Product:
             robot: 1 << (self.mark_shift + place) for place, pool in enumerate(options.required) for robot in pool
         }
         self.hearers: dict[tuple[int, str], tuple[int, ...]] = {}
-        self.faults: list[Fault] = [()]
-        self.network = Network(self.receivers)
+        self.faults: list[SingleFault] = [()]
+        self.network = NetworkContents(self.receivers)
         self.broadcast: Broadcast = Broadcast(self.network, self.receivers, self.receive, options.groups)
         self.symmetry: Symmetry = Symmetry(
             options.groups, self.network, self.top, self._exchanged if options.monitors is not None else None
@@ -305,6 +305,6 @@ class Product:
     def locals_of(self, state: int) -> list[int]:
         return [state >> (robot * BITS) & MASK for robot in range(self.count)]
 
-    def fault_of(self, state: int) -> Fault:
+    def fault_of(self, state: int) -> SingleFault:
         """The fault that has happened, () for none."""
         return self.faults[state >> self.fault_shift & FAULTS]

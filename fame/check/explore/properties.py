@@ -25,7 +25,7 @@ from fame.check.explore.trace import Runs, Step
 from fame.check.explore.transitions import THROWN
 from fame.check.explore.values import holds_unknown
 from fame.properties import Monitor, Verdict
-from fame.properties.conditions import LastValues, Source, subjects
+from fame.properties.conditions import LastValues, ValueSource, subjects
 from fame.properties.judge import ABSENT, SEVERAL
 from fame.properties.monitor import OPEN, UNKNOWN, Happening, Part, PartState, State
 
@@ -132,7 +132,8 @@ class Monitors:
             (element, what) for one in self.monitors for _, element, what in one.events
         )
         self._several = several
-        self.sources: tuple[Source, ...] = tuple(sorted({source for one in self.monitors for source in one.sources}))
+        read = {source for one in self.monitors for source in one.sources}
+        self.sources: tuple[ValueSource, ...] = tuple(sorted(read))
         self._places = {(one.subject, one.name): place for place, one in enumerate(self.sources)}
         self._values = next(iter(robots.values())).values
         self._opaque = [f"{name}'s {id}" for name, local in robots.items() for id in sorted(local.host.opaque)]
@@ -272,7 +273,7 @@ def _refuted(monitor: Monitor, states: Sequence[State], explored: Explored) -> t
     return at, "a run goes on for ever without it"
 
 
-def _read(part: Part, state: PartState, values: LastValues, unknown: Set[Source]) -> PartState:
+def _read(part: Part, state: PartState, values: LastValues, unknown: Set[ValueSource]) -> PartState:
     """The state of a part after its condition was read, where it is open."""
     if part.condition is None or state[0] != OPEN:
         return state

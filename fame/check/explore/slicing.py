@@ -23,7 +23,7 @@ from fame.check.expressions import names_of
 from fame.errors import FameError
 from fame.scripting.python import parse_python
 
-Link = tuple[frozenset[str], frozenset[str]]
+Dependency = tuple[frozenset[str], frozenset[str]]
 """(reads, writes): what is written depends on what is read."""
 
 _UNDIVIDED = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Import, ast.ImportFrom, ast.Global, ast.Nonlocal,
@@ -35,7 +35,7 @@ _WITHOUT_EFFECT = frozenset(
 
 
 @lru_cache(maxsize=1024)
-def links(script: Expression) -> tuple[Link, ...]:
+def links(script: Expression) -> tuple[Dependency, ...]:
     """What depends on what in a script: one link for each statement, or one for all if it is taken as a whole."""
     statements = _statements(script)
     if statements is None:
@@ -53,7 +53,7 @@ def sliced(script: Expression, needed: Set[str]) -> Expression:
     return replace(script, text="\n".join(map(ast.unparse, left)) or "pass")
 
 
-def _statements(script: Expression) -> list[tuple[ast.stmt, bool, Link]] | None:
+def _statements(script: Expression) -> list[tuple[ast.stmt, bool, Dependency]] | None:
     """(statement, whether it does more than set variables, its link); None if a script is taken as a whole."""
     tree = _tree(script)
     if tree is None or any(isinstance(node, _UNDIVIDED) for node in ast.walk(tree)) or may_change(script):

@@ -27,7 +27,7 @@ MASK = (1 << BITS) - 1
 CUT = MASK - 1
 """The number of all states that are not explored: too many instances, tokens or ways."""
 
-State = tuple[Form, Timers]
+LocalState = tuple[Form, Timers]
 
 
 class States:
@@ -45,14 +45,14 @@ class States:
 
     def __init__(self, program: Program, host: ExplorationHost, outside: Sequence[str], liveness: Liveness) -> None:
         self.program, self.host = program, host
-        self.all: list[State] = []
+        self.all: list[LocalState] = []
         self.views: list[View] = []
         self.grown: set[tuple[str, str]] = set()
         self.widened: set[str] = set()
         self.values = values = host.values
         self.forms: Forms = Forms(program, values.number, values.value, host.kept, self.variable, values.is_constant)
         self._outside, self._liveness = outside, liveness
-        self._numbers: dict[State, int] = {}
+        self._numbers: dict[LocalState, int] = {}
         self._views: dict[tuple[int, Timers], View] = {}
         self._topic_sets: Interned = {}
         self._dead: dict[int, Dead] = {}  # control state -> variables that nothing reads any more
@@ -106,7 +106,7 @@ class States:
             left.append(found)
         return control, tuple(left)
 
-    def _add(self, state: State, view: View) -> int:
+    def _add(self, state: LocalState, view: View) -> int:
         number = self._numbers[state] = len(self.all)
         self.all.append(state)
         self.views.append(view)

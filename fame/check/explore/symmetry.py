@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
-from fame.check.explore.network import Network
+from fame.check.explore.network import NetworkContents
 from fame.check.explore.transitions import BITS, MASK
 
 
@@ -16,10 +16,10 @@ class Symmetry:
     """
 
     groups: Sequence[tuple[int, ...]]
-    network: Network
+    network: NetworkContents
     top: int
 
-    def __init__(self, groups: Sequence[tuple[int, ...]], network: Network, top: int,
+    def __init__(self, groups: Sequence[tuple[int, ...]], network: NetworkContents, top: int,
                  exchanged: Callable[[int, Mapping[int, int]], int] | None = None) -> None:  # fmt: skip
         self.groups, self.network, self.top, self._exchanged = groups, network, top, exchanged
 

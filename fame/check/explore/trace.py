@@ -63,7 +63,7 @@ class Step:
         return self.text
 
 
-class Run(NamedTuple):
+class TracedRun(NamedTuple):
     """A run: its steps, the numbers of the states after each, and the robot at each place in the end."""
 
     steps: list[Step]
@@ -86,11 +86,11 @@ class Runs:
         """Where an element is."""
         return self.places.get(element) or Place(element)
 
-    def to(self, at: int, last: Transition | None = None) -> Run:
+    def to(self, at: int, last: Transition | None = None) -> TracedRun:
         """The shortest run to a state; `last` follows it."""
         return self.along(self.chain(at), last=last)
 
-    def along(self, chain: Sequence[int], error: str = "", last: Transition | None = None) -> Run:
+    def along(self, chain: Sequence[int], error: str = "", last: Transition | None = None) -> TracedRun:
         """The run through some states; where one needs an uncaught error more, that of the element `error` if it can.
 
         States are several after a step behind which the search went on at once, see `Reduction.settled`.
@@ -111,7 +111,7 @@ class Runs:
             before = self.explored.states[number]
         if last is not None:
             self._add(steps, after, last, names, (), before)
-        return Run(steps, after, names)
+        return TracedRun(steps, after, names)
 
     def seen(self, seen: Seen) -> list[Step]:
         """The run to the first occurrence of something."""
